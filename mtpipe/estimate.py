@@ -1,0 +1,48 @@
+"""An estimate: a number that knows its uncertainty, its unit, and whether it may be trusted."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import Literal
+
+Status = Literal["ok", "fixed", "at_bound", "not_identified", "not_converged"]
+
+
+@dataclass(frozen=True)
+class Estimate:
+    """A value with standard error and central 68 % interval.
+
+    `status` is "ok"; "fixed" (not fitted, taken as known); "at_bound" (the fit ended at a physical
+    limit, such as zero noise: the interval is one-sided); "not_identified" (the data do not
+    determine it: `value` is nan, the interval is what remains possible); "not_converged".
+    """
+
+    value: float
+    stderr: float
+    interval: tuple[float, float]
+    unit: str
+    method: str
+    status: Status = "ok"
+
+    def __post_init__(self) -> None:
+        low, high = self.interval
+        if not (math.isnan(low) or math.isnan(high)) and low > high:
+            raise ValueError(f"interval ({low}, {high}) is upside down")
+
+    @classmethod
+    def missing(cls, unit: str, method: str, status: Status = "not_identified") -> Estimate:
+        """An estimate of something that could not be determined at all."""
+        return cls(math.nan, math.nan, (math.nan, math.nan), unit, method, status)
+
+    def scaled(self, factor: float, unit: str) -> Estimate:
+        """The estimate times an exactly known positive factor."""
+        low, high = self.interval
+        return Estimate(
+            self.value * factor,
+            self.stderr * factor,
+            (low * factor, high * factor),
+            unit,
+            self.method,
+            self.status,
+        )

@@ -1,0 +1,75 @@
+"""Plateaus: the stretches of a recording during which the magnets rest (FORMATS section 1)."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mtpipe.recording import FloatArray, Plateau
+from mtpipe.setup import Plateaus
+
+
+def find_plateaus(
+    time_s: FloatArray,
+    magnet_mm: FloatArray | None,
+    choice: Plateaus,
+    resting: NDArray[np.bool_] | None = None,
+) -> tuple[Plateau, ...]:
+    """Cut a recording into plateaus.
+
+    Parameters
+    ----------
+    time_s : (n_frames,)
+    magnet_mm : (n_frames,) or None, then the whole recording is one plateau. NaN is no position.
+    choice : shortest plateau, tolerance and settling time (`[plateaus]`).
+    resting : (n_frames,) False where something else forbids a plateau (magnets rotating, an
+        all-zero start-up block); None: nowhere.
+
+    Returns
+    -------
+    Plateaus in time order, numbered from 0. With a tolerance, a stretch lasts as long as the
+    position stays within the tolerance of where the stretch began, and its `magnet_mm` is the
+    median; otherwise it is an unbroken stretch of one value.
+    """
+    n = len(time_s)
+    position = np.zeros(n) if magnet_mm is None else magnet_mm
+    allowed = np.isfinite(position) if resting is None else np.isfinite(position) & resting
+    frame_s = float(np.median(np.diff(time_s))) if n > 1 else 0.0
+    found: list[Plateau] = []
+    for start, stop in _stretches(position, allowed, choice.tolerance_mm):
+        begin = start
+        if start > 0 and choice.settle_s > 0:
+            begin = start + int(np.searchsorted(time_s[start:stop], time_s[start] + choice.settle_s))
+        if stop - begin < 2 or time_s[stop - 1] - time_s[begin] + frame_s < choice.minimum_s:
+            continue
+        value = None if magnet_mm is None else float(np.median(position[begin:stop]))
+        found.append(Plateau(len(found), begin, stop, value))
+    return tuple(found)
+
+
+def _stretches(
+    position: FloatArray, allowed: NDArray[np.bool_], tolerance_mm: float
+) -> list[tuple[int, int]]:
+    n = len(position)
+    if tolerance_mm == 0:
+        change = np.flatnonzero((np.diff(position) != 0) | (allowed[1:] != allowed[:-1])) + 1
+        edges = np.concatenate([[0], change, [n]])
+        return [(int(a), int(b)) for a, b in zip(edges[:-1], edges[1:], strict=True) if allowed[a]]
+    stretches = []
+    start = 0
+    block = 4096
+    while start < n:
+        if not allowed[start]:
+            start += 1
+            continue
+        stop = start + 1
+        while stop < n:
+            piece = slice(stop, min(stop + block, n))
+            away = ~allowed[piece] | (np.abs(position[piece] - position[start]) > tolerance_mm)
+            if away.any():
+                stop += int(np.argmax(away))
+                break
+            stop = min(stop + block, n)
+        stretches.append((start, stop))
+        start = stop
+    return stretches

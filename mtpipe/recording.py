@@ -1,0 +1,141 @@
+"""A recording: positions of all beads frame by frame, and its plateaus of constant force.
+
+The same type holds a laboratory's recording, one after drift subtraction, and a simulated one.
+Positions are in nm, times in s. A frame that is absent from the file is absent here too: `frame`
+numbers count on the camera's own regular grid, so gaps show as jumps in it, and lost beads as NaN.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mtpipe.errors import RecordingError
+from mtpipe.notice import Notice
+from mtpipe.setup import Setup
+
+FloatArray = NDArray[np.float64]
+AXES = ("x", "y", "z")
+
+
+@dataclass(frozen=True)
+class Plateau:
+    """A stretch of rows [start, stop) during which the magnets rest.
+
+    `magnet_mm` is None when the recording has no magnet position (then it is one plateau).
+    """
+
+    number: int
+    start: int
+    stop: int
+    magnet_mm: float | None
+
+
+@dataclass(frozen=True)
+class ReferenceUse:
+    """What became of one reference bead.
+
+    `weight` (x, y, z) sums to one over the beads used; 0 for a bead left out, whose `reason` says
+    why. `noise_nm` (x, y, z) is the white tracking noise per frame estimated from the data.
+    """
+
+    bead: str
+    used: bool
+    weight: tuple[float, float, float]
+    noise_nm: tuple[float, float, float]
+    reason: str = ""
+
+
+@dataclass(frozen=True)
+class Drift:
+    """What drift subtraction did.
+
+    Attributes
+    ----------
+    method : as in the setup's `[drift]` table.
+    cutoff_hz : low-pass (or high-pass) frequency per axis; None where frame by frame.
+    references : every reference bead of the recording, used or left out.
+    subtracted_nm : (n_frames, 3) the motion that was subtracted, starting at 0.
+    drift_rms_nm : root mean square, per axis, of what was subtracted.
+    noise_added_nm : root mean square, per axis, of the references' tracking noise that the
+        subtraction carried into every trace.
+    """
+
+    method: Literal["reference", "highpass", "none"]
+    cutoff_hz: tuple[float | None, float | None, float | None]
+    references: tuple[ReferenceUse, ...]
+    subtracted_nm: FloatArray
+    drift_rms_nm: tuple[float, float, float]
+    noise_added_nm: tuple[float, float, float]
+
+
+@dataclass(frozen=True)
+class SourceFile:
+    """One file the recording was read from."""
+
+    name: str
+    sha256: str
+    bytes: int
+
+
+@dataclass(frozen=True)
+class Recording:
+    """Tracked positions with setup and plateaus.
+
+    Attributes
+    ----------
+    name : file name, or name of the series of files.
+    setup : the setup as read.
+    time_s : (n_frames,) start of each frame.
+    frame : (n_frames,) int64, number of each frame on the camera's regular grid, increasing;
+        a jump by more than one is a camera gap.
+    positions_nm : for each bead, (n_frames, 3) float64; NaN where the tracker lost the bead, whole
+        columns of NaN where an axis was not recorded.
+    magnet_mm : (n_frames,) or None.
+    plateaus : in time order.
+    drift : None for a recording as read; else what was subtracted (`mtpipe.subtract_drift`).
+    """
+
+    name: str
+    setup: Setup
+    time_s: FloatArray
+    frame: NDArray[np.int64]
+    positions_nm: Mapping[str, FloatArray]
+    magnet_mm: FloatArray | None
+    plateaus: tuple[Plateau, ...]
+    notices: tuple[Notice, ...] = ()
+    files: tuple[SourceFile, ...] = ()
+    drift: Drift | None = None
+
+    def __post_init__(self) -> None:
+        n = len(self.time_s)
+        for bead, xyz in self.positions_nm.items():
+            if xyz.shape != (n, 3):
+                raise RecordingError(f"bead {bead} has shape {xyz.shape}, expected ({n}, 3)")
+
+    @property
+    def references(self) -> tuple[str, ...]:
+        """Names of the beads fixed to the surface, as far as they are in the recording."""
+        return tuple(b for b in self.positions_nm if b in self.setup.beads.reference)
+
+    @property
+    def tethered(self) -> tuple[str, ...]:
+        """Names of the tethered beads: all that are no reference."""
+        return tuple(b for b in self.positions_nm if b not in self.setup.beads.reference)
+
+    def trace_nm(self, bead: str, plateau: Plateau) -> FloatArray:
+        """Positions of a bead in a plateau on the camera's regular grid.
+
+        Returns
+        -------
+        (n_grid, 3) float64, nm. Frames missing from the file are rows of NaN.
+        """
+        rows = slice(plateau.start, plateau.stop)
+        frame = self.frame[rows] - self.frame[plateau.start]
+        grid = np.full((int(frame[-1]) + 1, 3), np.nan)
+        grid[frame] = self.positions_nm[bead][rows]
+        return grid

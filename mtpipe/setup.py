@@ -1,0 +1,269 @@
+"""The setup: what a laboratory states about an experiment (`setup.toml`, FORMATS section 2).
+
+Plain frozen data, validated on reading, every fault named by its key. A measurable value is a
+`Measured`: with a standard error where the file gives `<name>_stderr`, and without a value where
+the file says "unknown". Nothing has a default that a user can measure.
+"""
+
+from __future__ import annotations
+
+import difflib
+import math
+import tomllib
+from pathlib import Path
+from typing import Annotated, Any, Literal
+
+from pydantic import (
+    AfterValidator,
+    BaseModel,
+    ConfigDict,
+    Field,
+    ValidationError,
+    model_validator,
+)
+
+from mtpipe.errors import SetupError
+from mtpipe.ingest.source import Source
+
+UNKNOWN = "unknown"
+EFFECTS = (
+    "wall_drag", "rotation_coupling", "off_center_attachment", "tracking_noise", "exposure",
+    "drift", "reference_noise", "vibration", "viscosity", "bead_radius", "lateral_scale",
+    "axial_scale", "dropped_frames", "field_rotation", "magnetic_alignment",
+    "lateral_magnet_stiffness", "extensible_tether", "contour_length", "multiple_tethers",
+    "surface_sticking", "hopping", "anharmonic_tether", "pixel_locking", "force_drift",
+    "hydrodynamic_memory",
+)  # fmt: skip
+
+
+class Measured(BaseModel):
+    """A measured value: `value` None means the laboratory does not know it."""
+
+    model_config = ConfigDict(frozen=True)
+    value: float | None
+    stderr: float = Field(default=0.0, ge=0)
+
+    @property
+    def known(self) -> bool:
+        """Whether the laboratory states a value."""
+        return self.value is not None
+
+    @property
+    def relative_stderr(self) -> float:
+        """Standard error over value; nan where the value is unknown."""
+        return math.nan if self.value is None else self.stderr / abs(self.value)
+
+
+def _positive(measured: Measured) -> Measured:
+    if measured.value is not None and not (measured.value > 0 and math.isfinite(measured.value)):
+        raise ValueError(f"must be a positive number, got {measured.value}")
+    return measured
+
+
+def _finite(measured: Measured) -> Measured:
+    if measured.value is not None and not math.isfinite(measured.value):
+        raise ValueError(f"must be a finite number, got {measured.value}")
+    return measured
+
+
+Positive = Annotated[Measured, AfterValidator(_positive)]
+Finite = Annotated[Measured, AfterValidator(_finite)]
+
+
+class Section(BaseModel):
+    """A table of the setup; joins `name` and `name_stderr` into one `Measured`."""
+
+    model_config = ConfigDict(frozen=True, extra="forbid")
+
+    @model_validator(mode="before")
+    @classmethod
+    def _join_standard_errors(cls, data: Any) -> Any:
+        if not isinstance(data, dict):
+            return data
+        joined = dict(data)
+        for name, field in cls.model_fields.items():
+            if field.annotation not in (Measured, Measured | None) or name not in joined:
+                continue
+            value, stderr = joined.pop(name), joined.pop(f"{name}_stderr", 0.0)
+            if isinstance(value, (dict, Measured)):
+                joined[name] = value
+            elif value == UNKNOWN:
+                joined[name] = {"value": None}
+            elif isinstance(value, bool) or not isinstance(value, (int, float)):
+                raise ValueError(f'{name}: a number or "{UNKNOWN}" is needed, got {value!r}')
+            elif isinstance(stderr, bool) or not isinstance(stderr, (int, float)) or stderr < 0:
+                raise ValueError(f"{name}_stderr: a number of at least 0 is needed, got {stderr!r}")
+            else:
+                joined[name] = {"value": float(value), "stderr": float(stderr)}
+        return joined
+
+
+class Camera(Section):
+    """Frame rate, shutter time of a frame and, for files in pixels, the size of a pixel."""
+
+    frame_rate_hz: Positive
+    exposure_s: Positive
+    pixel_size_nm: Positive | None = None
+
+    @model_validator(mode="after")
+    def _exposure_fits_in_a_frame(self) -> Camera:
+        rate, exposure = self.frame_rate_hz.value, self.exposure_s.value
+        if rate is not None and exposure is not None and exposure * rate > 1.001:
+            raise ValueError(
+                f"exposure_s = {exposure:g} s is longer than a frame (1/{rate:g} Hz = "
+                f"{1 / rate:.6g} s); the shutter time of one frame is needed"
+            )
+        return self
+
+
+class Beads(Section):
+    """Bead radius and the names of the beads fixed to the surface."""
+
+    radius_nm: Positive
+    reference: tuple[str, ...] = ()
+
+
+class Tether(Section):
+    """Contour and persistence length of the tether."""
+
+    contour_length_nm: Positive
+    persistence_length_nm: Positive
+
+
+class Buffer(Section):
+    """Temperature and viscosity of the buffer."""
+
+    temperature_K: Positive
+    viscosity_mPa_s: Positive
+
+    @model_validator(mode="after")
+    def _is_kelvin(self) -> Buffer:
+        temperature = self.temperature_K.value
+        if temperature is not None and not 250 < temperature < 400:
+            raise ValueError(f"temperature_K = {temperature:g} is no temperature of a buffer in K")
+        return self
+
+
+class FieldAxis(Section):
+    """Axis of the camera along the magnetic field lines."""
+
+    direction: Literal["x", "y"]
+
+
+class Model(BaseModel):
+    """Effects that the simulation includes beyond the baseline; their pinned parameters."""
+
+    model_config = ConfigDict(frozen=True, extra="allow")
+    effects: tuple[str, ...] = ()
+
+    @model_validator(mode="after")
+    def _effects_exist(self) -> Model:
+        for effect in self.effects:
+            if effect not in EFFECTS:
+                near = difflib.get_close_matches(effect, EFFECTS, n=1)
+                hint = f"; did you mean {near[0]}?" if near else f"; known: {', '.join(EFFECTS)}"
+                raise ValueError(f"effects: there is no effect {effect!r}{hint}")
+        return self
+
+
+class Magnet(Section):
+    """A force known beforehand at a magnet position."""
+
+    position_mm: Finite
+    force_pN: Positive
+
+
+class Plateaus(BaseModel):
+    """What counts as a plateau.
+
+    A stretch of resting magnets shorter than `minimum_s` is a magnet move. Magnet positions that
+    differ by at most `tolerance_mm` are one value (0: exactly one value, as canonical recordings
+    have it); `settle_s` is left out after each move.
+    """
+
+    model_config = ConfigDict(frozen=True, extra="forbid")
+    minimum_s: float = Field(default=5.0, gt=0)
+    tolerance_mm: float = Field(default=0.0, ge=0)
+    settle_s: float = Field(default=0.0, ge=0)
+
+
+class DriftChoice(BaseModel):
+    """How drift is removed (`[drift]`); the default is what the data ask for.
+
+    `method`: "reference" subtracts the reference beads, low-passed at `cutoff_hz` ("auto": the
+    frequency that minimises the noise added; "none": frame by frame). "highpass" removes all
+    motion slower than `cutoff_hz`. "none" leaves the traces as they are.
+    """
+
+    model_config = ConfigDict(frozen=True, extra="forbid")
+    method: Literal["reference", "highpass", "none"] = "reference"
+    cutoff_hz: float | Literal["auto", "none"] = "auto"
+
+    @model_validator(mode="after")
+    def _highpass_has_a_cutoff(self) -> DriftChoice:
+        if isinstance(self.cutoff_hz, float) and not self.cutoff_hz > 0:
+            raise ValueError(f"cutoff_hz must be positive, got {self.cutoff_hz}")
+        if self.method == "highpass" and not isinstance(self.cutoff_hz, float):
+            raise ValueError('method = "highpass" needs cutoff_hz = <number in Hz>')
+        return self
+
+
+class Setup(BaseModel):
+    """A whole setup."""
+
+    model_config = ConfigDict(frozen=True, extra="forbid", populate_by_name=True)
+    version: Literal[1] = Field(alias="schema")
+    camera: Camera
+    beads: Beads
+    tether: Tether
+    buffer: Buffer
+    field: FieldAxis
+    model: Model = Model()
+    magnet: tuple[Magnet, ...] = ()
+    plateaus: Plateaus = Plateaus()
+    drift: DriftChoice = DriftChoice()
+    source: Source | None = None
+
+
+def read_setup(path: Path) -> Setup:
+    """Read and validate a `setup.toml`.
+
+    Raises
+    ------
+    SetupError : the file is missing, is no TOML, or a key is missing, misspelt or impossible.
+    """
+    try:
+        content = tomllib.loads(path.read_text(encoding="utf-8"))
+    except FileNotFoundError:
+        raise SetupError("there is no such setup file", where=str(path)) from None
+    except (OSError, UnicodeDecodeError) as error:
+        raise SetupError(f"cannot be read ({error})", where=str(path)) from None
+    except tomllib.TOMLDecodeError as error:
+        raise SetupError(f"is not valid TOML: {error}", where=str(path)) from None
+    return parse_setup(content, where=str(path))
+
+
+def parse_setup(content: dict[str, Any], *, where: str = "setup") -> Setup:
+    """Validate the content of a setup file.
+
+    Raises
+    ------
+    SetupError : naming every key that is wrong.
+    """
+    try:
+        return Setup.model_validate(content)
+    except ValidationError as error:
+        raise SetupError(_sentence(error), where=where) from None
+
+
+def _sentence(error: ValidationError) -> str:
+    parts = []
+    for one in error.errors():
+        key = ".".join(str(p) for p in one["loc"])
+        text = one["msg"].removeprefix("Value error, ")
+        if one["type"] == "missing":
+            text = f'is missing (write "{UNKNOWN}" for a value that is not known)'
+        elif one["type"] == "extra_forbidden":
+            text = "is not a key of the setup"
+        parts.append(f"[{key}] {text}" if key else text)
+    return "; ".join(parts)
