@@ -39,7 +39,9 @@ def find_plateaus(
     for start, stop in _stretches(position, allowed, choice.tolerance_mm):
         begin = start
         if start > 0 and choice.settle_s > 0:
-            begin = start + int(np.searchsorted(time_s[start:stop], time_s[start] + choice.settle_s))
+            begin = start + int(
+                np.searchsorted(time_s[start:stop], time_s[start] + choice.settle_s)
+            )
         if stop - begin < 2 or time_s[stop - 1] - time_s[begin] + frame_s < choice.minimum_s:
             continue
         value = None if magnet_mm is None else float(np.median(position[begin:stop]))

@@ -1,0 +1,53 @@
+"""Writing files and folders whole or not at all.
+
+Content goes to a temporary neighbour on the same file system first and is then renamed, so that a
+reader never meets half a file, and a run that is stopped leaves the previous result untouched.
+"""
+
+from __future__ import annotations
+
+import os
+import shutil
+import tempfile
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+
+
+def write_atomically(path: Path, content: str | bytes) -> None:
+    """Write a file whole or not at all; text as UTF-8. The folder is made where it is missing."""
+    data = content.encode("utf-8") if isinstance(content, str) else content
+    path.parent.mkdir(parents=True, exist_ok=True)
+    # opened by name and not by `tempfile`, whose files only their owner may read
+    temporary = path.with_name(f".{path.name}.{os.getpid()}.tmp")
+    try:
+        with temporary.open("wb") as stream:
+            stream.write(data)
+            stream.flush()
+            os.fsync(stream.fileno())
+        temporary.replace(path)
+    finally:
+        temporary.unlink(missing_ok=True)
+
+
+@contextmanager
+def folder_written_whole(path: Path) -> Iterator[Path]:
+    """Give an empty folder to fill; on leaving without an error it takes the place of `path`.
+
+    With an error, `path` stays as it was. What `path` held before is removed only after the new
+    folder stands in its place.
+    """
+    path.parent.mkdir(parents=True, exist_ok=True)
+    with tempfile.TemporaryDirectory(prefix=f".{path.name}-", dir=path.parent) as scratch:
+        fresh, previous = Path(scratch) / "new", Path(scratch) / "previous"
+        fresh.mkdir()
+        yield fresh
+        if path.exists():
+            path.rename(previous)
+        try:
+            fresh.rename(path)
+        except OSError:
+            if previous.exists():
+                previous.rename(path)
+            raise
+        shutil.rmtree(previous, ignore_errors=True)

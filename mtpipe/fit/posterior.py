@@ -1,0 +1,210 @@
+"""Posterior of one trace's fit, sampled with emcee.
+
+Walkers start from the Gaussian approximation at the maximum and mostly propose from a heavy-tailed
+version of it (independence proposals, nearly uncorrelated where the posterior is nearly Gaussian);
+every fifth step is a stretch move (Goodman & Weare 2010), which does not need that to be so. The
+chain grows until it is 50 autocorrelation times long; whether it got there is part of the result.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mtpipe.estimate import Estimate, Status
+from mtpipe.fit.trace import NOT_IDENTIFIED_LN, TraceFit
+from mtpipe.physics.camera import FloatArray
+
+METHOD = "spectrum, posterior"
+WALKERS = 32
+STEPS_AT_ONCE = 100
+LONGEST_CHAIN = 2000
+AUTOCORRELATION_TIMES = 50
+R_HAT_LIMIT = 1.05
+TAIL_DEGREES = 5.0
+TAIL_WIDENING = 1.3
+
+
+@dataclass(frozen=True)
+class Posterior:
+    """Samples of a trace's posterior and their convergence.
+
+    Attributes
+    ----------
+    theta : (n_samples, 3) ln stiffness, ln friction, noise variance.
+    r_hat : largest split R-hat over the sampled coordinates (Gelman et al. 2013, section 11.4).
+    effective_samples : smallest number of independent samples over the coordinates.
+    autocorrelation_steps : longest integrated autocorrelation time.
+    converged : chain of at least 50 autocorrelation times and R-hat below 1.05.
+    """
+
+    theta: FloatArray
+    r_hat: float
+    effective_samples: float
+    autocorrelation_steps: float
+    acceptance: float
+    converged: bool
+    fit: TraceFit
+
+    @property
+    def stiffness_pN_per_nm(self) -> FloatArray:
+        """(n_samples,)"""
+        return np.asarray(np.exp(self.theta[:, 0]))
+
+    @property
+    def friction_pN_s_per_nm(self) -> FloatArray:
+        """(n_samples,)"""
+        return np.asarray(np.exp(self.theta[:, 1]))
+
+    @property
+    def noise_nm(self) -> FloatArray:
+        """(n_samples,)"""
+        return np.asarray(np.sqrt(self.theta[:, 2]))
+
+    @property
+    def stiffness(self) -> Estimate:
+        """Stiffness in pN/nm."""
+        return self.summary(self.stiffness_pN_per_nm, "pN/nm")
+
+    @property
+    def friction(self) -> Estimate:
+        """Friction in pN s/nm."""
+        return self.summary(self.friction_pN_s_per_nm, "pN s/nm")
+
+    @property
+    def noise(self) -> Estimate:
+        """Tracking noise in nm."""
+        if self.fit.model.noise_variance_nm2 is not None:
+            return self.fit.noise
+        return self.summary(self.noise_nm, "nm", positive=False)
+
+    @property
+    def corner_frequency(self) -> Estimate:
+        """Corner frequency k/(2πγ) in Hz."""
+        corner = np.exp(self.theta[:, 0] - self.theta[:, 1]) / (2 * math.pi)
+        return self.summary(corner, "Hz")
+
+    def summary(self, sample: FloatArray, unit: str, *, positive: bool = True) -> Estimate:
+        """Median, standard deviation and central 68 % interval of a derived quantity.
+
+        `positive`: a scale, called not identified where it is not known to a factor e^(±0.5).
+        """
+        low, middle, high = np.quantile(sample, [0.1587, 0.5, 0.8413])
+        interval = (float(low), float(high))
+        if positive and 0.5 * math.log(high / low) > NOT_IDENTIFIED_LN:
+            return Estimate(math.nan, math.nan, interval, unit, METHOD, "not_identified")
+        status: Status = "ok" if self.converged else "not_converged"
+        return Estimate(float(middle), float(np.std(sample)), interval, unit, METHOD, status)
+
+
+def sample_posterior(fit: TraceFit, *, seed: int | np.random.Generator = 0) -> Posterior:
+    """Sample the posterior of a fitted trace with emcee.
+
+    Parameters
+    ----------
+    fit : result of `fit_trace`; its model carries the priors.
+    seed : seed or generator; the same seed gives the same chain.
+    """
+    import emcee
+
+    generator = np.random.default_rng(seed)
+    free = list(fit.model.free)
+    proposal = _StudentProposal.at(fit)
+    start = proposal.draw(WALKERS, generator)
+
+    def log_probability(free_theta: FloatArray) -> FloatArray:
+        theta = np.tile(fit.theta, (len(free_theta), 1))
+        theta[:, free] = free_theta
+        return fit.model.log_posterior(theta)
+
+    def propose(walkers: FloatArray, random: object) -> tuple[FloatArray, FloatArray]:
+        drawn = proposal.draw(len(walkers), generator)
+        return drawn, proposal.log_density(walkers) - proposal.log_density(drawn)
+
+    sampler = emcee.EnsembleSampler(
+        WALKERS,
+        len(free),
+        log_probability,
+        vectorize=True,
+        moves=[(emcee.moves.MHMove(propose), 0.8), (emcee.moves.StretchMove(), 0.2)],
+    )
+    sampler.random_state = np.random.RandomState(generator.integers(2**31)).get_state()
+    state, autocorrelation, enough = start, math.inf, False
+    while sampler.iteration < LONGEST_CHAIN and not enough:
+        state = sampler.run_mcmc(state, STEPS_AT_ONCE, skip_initial_state_check=True)
+        chain = sampler.get_chain(discard=_burn_in(sampler.iteration))
+        times = emcee.autocorr.integrated_time(chain, tol=0, quiet=True)
+        autocorrelation = float(np.max(times))
+        enough = len(chain) >= AUTOCORRELATION_TIMES * autocorrelation
+    r_hat = float(np.max(_split_r_hat(chain)))
+    flat = chain.reshape(-1, len(free))
+    theta = np.tile(fit.theta, (len(flat), 1))
+    theta[:, free] = flat
+    return Posterior(
+        theta=theta,
+        r_hat=r_hat,
+        effective_samples=len(flat) / autocorrelation,
+        autocorrelation_steps=autocorrelation,
+        acceptance=float(np.mean(sampler.acceptance_fraction)),
+        converged=bool(enough and r_hat < R_HAT_LIMIT),
+        fit=fit,
+    )
+
+
+def _burn_in(steps: int) -> int:
+    return steps // 5
+
+
+def _split_r_hat(chain: NDArray[np.float64]) -> FloatArray:
+    """Split R-hat per coordinate for a chain (n_steps, n_walkers, n_coordinates)."""
+    half = len(chain) // 2
+    parts = np.concatenate([chain[:half], chain[half : 2 * half]], axis=1)
+    within = parts.var(axis=0, ddof=1).mean(axis=0)
+    between = parts.mean(axis=0).var(axis=0, ddof=1)
+    return np.asarray(np.sqrt((half - 1) / half + between / np.maximum(within, 1e-300)))
+
+
+@dataclass(frozen=True)
+class _StudentProposal:
+    """Multivariate Student law about the maximum; a variance is folded to stay positive."""
+
+    centre: FloatArray
+    root: FloatArray
+    folded: bool
+
+    @classmethod
+    def at(cls, fit: TraceFit) -> _StudentProposal:
+        free = np.ix_(fit.model.free, fit.model.free)
+        covariance = fit.covariance[free]
+        # where the data say nothing the Gaussian approximation is no guide: keep it within reason
+        size = np.sqrt(np.diag(covariance))
+        limit = np.array([3.0, 3.0, fit.model.spectrum.variance_nm2])[: len(size)]
+        shrink = np.minimum(1.0, limit / size)
+        covariance = covariance * np.outer(shrink, shrink)
+        root = np.linalg.cholesky(covariance + 1e-12 * np.diag(np.diag(covariance)))
+        return cls(fit.theta[list(fit.model.free)], TAIL_WIDENING * root, len(size) == 3)
+
+    def draw(self, n: int, generator: np.random.Generator) -> FloatArray:
+        normal = generator.normal(size=(n, len(self.centre)))
+        tail = np.sqrt(TAIL_DEGREES / generator.chisquare(TAIL_DEGREES, size=(n, 1)))
+        drawn = self.centre + (normal * tail) @ self.root.T
+        if self.folded:
+            drawn[:, 2] = np.abs(drawn[:, 2])
+        return np.asarray(drawn)
+
+    def log_density(self, points: FloatArray) -> FloatArray:
+        density = self._log_unfolded(points)
+        if self.folded:
+            mirrored = points * np.array([1.0, 1.0, -1.0])
+            density = np.logaddexp(density, self._log_unfolded(mirrored))
+        return density
+
+    def _log_unfolded(self, points: FloatArray) -> FloatArray:
+        scaled = np.linalg.solve(self.root, (points - self.centre).T)
+        size = len(self.centre)
+        return np.asarray(
+            -0.5 * (TAIL_DEGREES + size) * np.log1p(np.sum(scaled**2, axis=0) / TAIL_DEGREES)
+        )

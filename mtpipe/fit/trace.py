@@ -1,0 +1,217 @@
+"""Maximum-likelihood fit of one trace: stiffness, friction, noise, corner frequency.
+
+The likelihood is that of the binned periodogram (Whittle, with the exact expectation for the frames
+that are there); lmfit minimises its deviance. Nothing here knows of files, beads or plateaus.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, replace
+from typing import Literal
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from mtpipe.estimate import Estimate, Status
+from mtpipe.fit.model import COORDINATES, TraceModel
+from mtpipe.physics.buffer import thermal_energy_pN_nm
+from mtpipe.physics.camera import Camera, FloatArray
+from mtpipe.physics.modes import SINGLE_MODE, Modes
+from mtpipe.spectrum import Spectrum, periodogram
+
+# A parameter known to a factor of no better than e^(±0.5) is not called a measurement.
+NOT_IDENTIFIED_LN = 0.5
+# A noise below this share of the trace's variance is indistinguishable from none.
+AT_ZERO = 1e-7
+METHOD = "spectrum, maximum likelihood"
+
+
+@dataclass(frozen=True)
+class TraceFit:
+    """Result of `fit_trace`.
+
+    Attributes
+    ----------
+    stiffness : pN/nm. friction : pN s/nm. noise : nm. corner_frequency : Hz, k/(2πγ).
+    theta, covariance : (3,) maximum of the likelihood and (3, 3) covariance in the coordinates of
+        `fit.model`; zero rows for what was not fitted.
+    deviance, dof, p_value : quality of the fit of the spectrum; p is uniform for a true model.
+    """
+
+    stiffness: Estimate
+    friction: Estimate
+    noise: Estimate
+    corner_frequency: Estimate
+    theta: FloatArray
+    covariance: FloatArray
+    model: TraceModel
+    deviance: float
+    dof: float
+    p_value: float
+
+    @property
+    def spectrum(self) -> Spectrum:
+        """The binned periodogram that was fitted."""
+        return self.model.spectrum
+
+    @property
+    def expected_power(self) -> FloatArray:
+        """(n_bins,) nm²/Hz, what the fit expects for `spectrum.power`."""
+        return np.asarray(self.model.expected(self.theta[None])[0])
+
+    @property
+    def nyquist_ratio(self) -> float:
+        """Corner frequency over the Nyquist frequency."""
+        return float(np.exp(self.theta[0] - self.theta[1])) / math.pi * self._frame_s
+
+    @property
+    def _frame_s(self) -> float:
+        return self.model.spectrum.window.frame_s
+
+
+def fit_trace(
+    x_nm: ArrayLike,
+    *,
+    frame_rate_hz: float,
+    exposure_s: float,
+    temperature_K: float,
+    tracking_noise_nm: float | Literal["fit"] = 0.0,
+    friction: tuple[float, float] | None = None,
+    modes: Modes = SINGLE_MODE,
+    lowest_hz: float = 0.0,
+) -> TraceFit:
+    """Fit the blurred and aliased spectrum of one trace.
+
+    Parameters
+    ----------
+    x_nm : (n_frames,) positions, one per frame of the camera; NaN where a frame is lost.
+    frame_rate_hz, exposure_s : of the camera; exposure at most one frame.
+    temperature_K : of the buffer.
+    tracking_noise_nm : standard deviation of white tracking noise if known; "fit": estimated.
+    friction : prior knowledge in pN s/nm, value and standard error, or None.
+    modes : relaxation modes of this axis; one unless the bead's rotation couples.
+    lowest_hz : lowest frequency used.
+
+    Returns
+    -------
+    TraceFit. Estimates that the trace does not determine have status "not_identified".
+
+    Raises
+    ------
+    FitError : fewer than 64 frames, or no motion.
+    ValueError : an exposure longer than a frame, or a number that cannot be.
+    """
+    for name, value in (("frame_rate_hz", frame_rate_hz), ("temperature_K", temperature_K)):
+        if not (math.isfinite(value) and value > 0):
+            raise ValueError(f"{name} must be positive, got {value}")
+    camera = Camera(1 / frame_rate_hz, exposure_s)
+    if isinstance(tracking_noise_nm, str):
+        if tracking_noise_nm != "fit":
+            raise ValueError(f'tracking_noise_nm is a number or "fit", got {tracking_noise_nm!r}')
+        known = None
+    elif not (math.isfinite(tracking_noise_nm) and tracking_noise_nm >= 0):
+        raise ValueError(f"tracking_noise_nm must be at least 0, got {tracking_noise_nm}")
+    else:
+        known = tracking_noise_nm**2
+    if friction is not None and not (friction[0] > 0 and friction[1] > 0):
+        raise ValueError(f"friction needs a positive value and standard error, got {friction}")
+    spectrum = periodogram(np.asarray(x_nm, dtype=float), camera.frame_s, lowest_hz=lowest_hz)
+    return fit_model(
+        TraceModel(
+            spectrum,
+            min(exposure_s, camera.frame_s),
+            thermal_energy_pN_nm(temperature_K),
+            known,
+            friction,
+            modes,
+        )
+    )
+
+
+def fit_model(model: TraceModel) -> TraceFit:
+    """Maximise the likelihood of a trace model with lmfit."""
+    import lmfit
+
+    start = model.start()
+    scale = model.spectrum.variance_nm2
+    parameters = lmfit.Parameters()
+    parameters.add(COORDINATES[0], value=start[0], min=start[0] - 25, max=start[0] + 25)
+    parameters.add(COORDINATES[1], value=start[1], min=start[1] - 25, max=start[1] + 25)
+    if model.noise_variance_nm2 is None:
+        # in units of the variance, so that all coordinates are of order one
+        parameters.add(COORDINATES[2], value=max(start[2] / scale, 1e-4), min=0.0)
+
+    def coordinates(values: lmfit.Parameters) -> FloatArray:
+        noise = model.noise_variance_nm2
+        if noise is None:
+            noise = values[COORDINATES[2]].value * scale
+        return np.array([values[COORDINATES[0]].value, values[COORDINATES[1]].value, noise])
+
+    result = lmfit.minimize(
+        lambda values: model.residuals(coordinates(values)[None])[0],
+        parameters,
+        method="leastsq",
+        scale_covar=False,
+        ftol=1e-8,
+        xtol=1e-8,
+    )
+    theta = coordinates(result.params)
+    if model.noise_variance_nm2 is None and theta[2] < AT_ZERO * scale:
+        without = fit_model(replace(model, noise_variance_nm2=0.0))
+        return _describe(model, without.theta, _inverse(model.information(without.theta)))
+    if result.covar is None or not np.all(np.isfinite(result.covar)):
+        return _describe(model, theta, _inverse(model.information(theta)))
+    to_nm2 = np.array([1.0, 1.0, scale])[: len(model.free)]
+    return _describe(model, theta, result.covar * np.outer(to_nm2, to_nm2))
+
+
+def _inverse(information: FloatArray) -> FloatArray:
+    """Inverse of a Fisher matrix; directions that are not determined get a huge variance."""
+    size = np.sqrt(np.maximum(np.diag(information), 1e-300))
+    values, vectors = np.linalg.eigh(information / np.outer(size, size))
+    scaled = (vectors / np.maximum(values, 1e-12)) @ vectors.T
+    return np.asarray(scaled / np.outer(size, size))
+
+
+def _describe(model: TraceModel, theta: FloatArray, free_covariance: FloatArray) -> TraceFit:
+    covariance = np.zeros((3, 3))
+    covariance[np.ix_(model.free, model.free)] = free_covariance
+    signed = model.residuals(theta[None])[0][: len(model.spectrum.power)]
+    deviance = float(np.sum(signed**2))
+    dof, p_value = model.p_value(deviance, len(model.free))
+    corner = np.array([1.0, -1.0, 0.0])
+    return TraceFit(
+        stiffness=_logarithmic(theta[0], covariance[0, 0], "pN/nm"),
+        friction=_logarithmic(theta[1], covariance[1, 1], "pN s/nm"),
+        noise=_noise(model, theta[2], covariance[2, 2]),
+        corner_frequency=_logarithmic(
+            theta[0] - theta[1] - math.log(2 * math.pi), corner @ covariance @ corner, "Hz"
+        ),
+        theta=theta,
+        covariance=covariance,
+        model=model,
+        deviance=deviance,
+        dof=dof,
+        p_value=p_value,
+    )
+
+
+def _logarithmic(ln_value: float, variance: float, unit: str) -> Estimate:
+    sigma = math.sqrt(max(float(variance), 0.0))
+    value = math.exp(ln_value)
+    interval = (math.exp(max(ln_value - sigma, -600.0)), math.exp(min(ln_value + sigma, 600.0)))
+    if sigma > NOT_IDENTIFIED_LN:
+        return Estimate(math.nan, math.nan, interval, unit, METHOD, "not_identified")
+    return Estimate(value, value * sigma, interval, unit, METHOD)
+
+
+def _noise(model: TraceModel, variance_nm2: float, variance_of_it: float) -> Estimate:
+    value = math.sqrt(max(variance_nm2, 0.0))
+    if model.noise_variance_nm2 is not None:
+        return Estimate(value, 0.0, (value, value), "nm", METHOD, "fixed")
+    sigma = math.sqrt(max(variance_of_it, 0.0))
+    low, high = (math.sqrt(max(variance_nm2 + s * sigma, 0.0)) for s in (-1, 1))
+    # half the interval: the standard error of a square root is no derivative near zero
+    status: Status = "at_bound" if variance_nm2 == 0 else "ok"
+    return Estimate(value, (high - low) / 2, (low, high), "nm", METHOD, status)

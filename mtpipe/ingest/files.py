@@ -1,0 +1,195 @@
+"""Which files a recording consists of, what kind each is, and its checksum.
+
+A gzipped file is opened as what it contains. The kind of a file is told by how it begins, never
+by its suffix: text named `.xls` is common in this field.
+"""
+
+from __future__ import annotations
+
+import gzip
+import hashlib
+import io
+import re
+from dataclasses import dataclass
+from pathlib import Path
+from typing import BinaryIO, cast
+
+from mtpipe.errors import RecordingError, SetupError
+from mtpipe.ingest.source import Format, Source
+from mtpipe.recording import SourceFile
+from mtpipe.setup import Setup, read_setup
+
+SETUP_NAME = "setup.toml"
+NO_DATA = {".toml", ".md", ".json", ".py", ".pdf", ".png", ".jpg", ".tif", ".tiff", ".log"}
+HEAD_BYTES = 4096
+FOREIGN = {
+    b"\xd0\xcf\x11\xe0": ("is an Excel workbook", "Save it as text (CSV)."),
+    b"II*\x00": ("is an image stack", "Track the beads first (mtpipe track)."),
+    b"MM\x00*": ("is an image stack", "Track the beads first (mtpipe track)."),
+    b"BZh": ("is compressed with bzip2", "Unpack it or use gzip."),
+    b"\xfd7zXZ": ("is compressed with xz", "Unpack it or use gzip."),
+}
+
+
+@dataclass(frozen=True)
+class Found:
+    """A recording as found on disk: its name, setup and files, in the order of reading."""
+
+    name: str
+    setup: Setup
+    files: tuple[Path, ...]
+    folder: Path
+
+
+def find_recording(path: Path, setup: Path | str | Setup | None) -> Found:
+    """Find the files of a recording and its setup.
+
+    Parameters
+    ----------
+    path : a file, a folder, or a `setup.toml` that names the files (`mtpipe.ingest.load`).
+
+    Raises
+    ------
+    RecordingError : there is no such file or no data file in the folder.
+    SetupError : there is no setup, or it names no files where it must.
+    """
+    if not path.exists():
+        raise RecordingError("there is no such file or folder", where=str(path))
+    if path.suffix == ".toml":
+        parsed = _setup(setup, path)
+        if parsed.source is None or not parsed.source.files:
+            raise SetupError(
+                "names no files to read", where=str(path), mend="Add files to its [source] table."
+            )
+        return Found(path.parent.resolve().name, parsed, _named(path.parent, parsed), path.parent)
+    folder = path if path.is_dir() else path.parent
+    parsed = _setup(setup, folder / SETUP_NAME)
+    if not path.is_dir():
+        return Found(path.name, parsed, (path,), folder)
+    files = _named(folder, parsed) if parsed.source and parsed.source.files else _data(folder, parsed)
+    name = files[0].name if len(files) == 1 else folder.resolve().name
+    return Found(name, parsed, files, folder)
+
+
+def describe(path: Path, folder: Path) -> SourceFile:
+    """Name, checksum and size of a file, read piece by piece."""
+    with path.open("rb") as stream:
+        digest = hashlib.file_digest(stream, "sha256").hexdigest()
+    name = path.relative_to(folder) if path.is_relative_to(folder) else Path(path.name)
+    return SourceFile(name.as_posix(), digest, path.stat().st_size)
+
+
+def open_stream(path: Path) -> BinaryIO:
+    """Open a file for reading bytes, unpacking gzip on the way."""
+    stream = path.open("rb")
+    packed = stream.read(2) == b"\x1f\x8b"
+    stream.seek(0)
+    if not packed:
+        return stream
+    return cast(BinaryIO, io.BufferedReader(cast(io.RawIOBase, gzip.GzipFile(fileobj=stream))))
+
+
+def read_head(path: Path) -> bytes:
+    """The first bytes of a file's content.
+
+    Raises
+    ------
+    RecordingError : the file is empty or its gzip envelope is damaged.
+    """
+    try:
+        with open_stream(path) as stream:
+            head = stream.read(HEAD_BYTES)
+    except (OSError, EOFError) as error:
+        raise RecordingError(f"cannot be read ({error})", where=str(path)) from None
+    if not head:
+        raise RecordingError("is empty", where=str(path))
+    return head
+
+
+def kind_of(path: Path) -> Format:
+    """Format of a file by how it begins; "text" where nothing speaks against it.
+
+    Raises
+    ------
+    RecordingError : empty, damaged, or of a kind that is no recording.
+    """
+    head = read_head(path)
+    for magic, (message, mend) in FOREIGN.items():
+        if head.startswith(magic):
+            raise RecordingError(message, where=str(path), mend=mend)
+    if head.startswith(b"PK\x03\x04"):
+        if b"[Content_Types]" in head or b".npy" not in head:
+            raise RecordingError(
+                "is a zip archive or Excel workbook", where=str(path), mend="Save it as text."
+            )
+        return "npz"
+    magics: dict[bytes, Format] = {
+        b"PAR1": "parquet", b"\x89HDF": "hdf5", b"TDSm": "tdms", b"MATLAB 5.0": "matlab"
+    }  # fmt: skip
+    for magic, kind in magics.items():
+        if head.startswith(magic):
+            return kind
+    if head.startswith(b"MATLAB 7.3"):
+        return "hdf5"
+    if b"\x00" in head and not head.startswith((b"\xff\xfe", b"\xfe\xff")):
+        raise RecordingError("is a binary file of a kind that is not known", where=str(path))
+    return "text"
+
+
+def _setup(setup: Path | str | Setup | None, default: Path) -> Setup:
+    if isinstance(setup, Setup):
+        return setup
+    return read_setup(default if setup is None else Path(setup))
+
+
+def _named(folder: Path, setup: Setup) -> tuple[Path, ...]:
+    assert setup.source is not None
+    found: list[Path] = []
+    for pattern in setup.source.files:
+        if Path(pattern).is_absolute():
+            matches = [Path(pattern)] if Path(pattern).is_file() else []
+        else:
+            # glob does not follow "..": that part of the pattern is a plain folder
+            base, rest = folder, Path(pattern).parts
+            while rest and rest[0] == "..":
+                base, rest = base / "..", rest[1:]
+            matches = [p for p in base.glob(str(Path(*rest))) if p.is_file()] if rest else []
+        if not matches:
+            raise RecordingError(
+                f"there is no file {pattern!r} there, though [source] files names it",
+                where=str(folder),
+            )
+        found += [p for p in sorted(matches, key=_natural) if p not in found]
+    return tuple(found)
+
+
+def _data(folder: Path, setup: Setup) -> tuple[Path, ...]:
+    log = _log_name(setup.source)
+    files = [
+        p
+        for p in folder.iterdir()
+        if p.is_file()
+        and p.suffix.lower() not in NO_DATA
+        and not p.name.startswith(".")
+        and p.name != log
+    ]
+    if not files:
+        raise RecordingError("the folder has no data files", where=str(folder))
+    kinds = sorted({"".join(p.suffixes[-2:]) if p.suffix == ".gz" else p.suffix for p in files})
+    if len(kinds) > 1:
+        raise RecordingError(
+            f"the folder holds files of several kinds ({', '.join(kinds)})",
+            where=str(folder),
+            mend="Name the recording's own with [source] files.",
+        )
+    return tuple(sorted(files, key=_natural))
+
+
+def _log_name(source: Source | None) -> str | None:
+    return source.magnet.file if source is not None and source.magnet is not None else None
+
+
+def _natural(path: Path) -> list[tuple[int, int, str]]:
+    """Sorts by name with numbers by value, so that 2.txt comes before 10.txt."""
+    parts = re.findall(r"\d+|\D+", path.name)
+    return [(0, int(p), "") if p.isdecimal() else (1, 0, p) for p in parts]

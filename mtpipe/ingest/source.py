@@ -1,0 +1,309 @@
+"""The setup's `[source]` table: how a laboratory's own files are laid out.
+
+Plain frozen data, validated on reading; nothing here opens a file. Columns are told by number,
+counted from 1 as a spreadsheet does, or by name; in files that hold arrays instead of a table
+(MATLAB, HDF5, TDMS, npz) the name is the array's, with `[k]` for column k of a two-dimensional
+one. A key that is absent and can be guessed from the file is guessed with a notice; units are
+never guessed. All keys with examples: docs/source-table.md.
+"""
+
+from __future__ import annotations
+
+import math
+import re
+from typing import Annotated, Any, Literal
+
+from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, PlainValidator, model_validator
+
+Format = Literal["canonical", "text", "parquet", "matlab", "hdf5", "tdms", "npz"]
+Delimiter = Literal["comma", "tab", "semicolon", "whitespace"]
+NM_PER_UNIT = {"nm": 1.0, "um": 1e3, "mm": 1e6, "m": 1e9}
+SECONDS_PER_UNIT = {"s": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9, "min": 60.0}
+TURNS_PER_UNIT = {"turn": 1.0, "degree": 1 / 360, "radian": 1 / (2 * math.pi)}
+NUMBER = "{n}"
+
+
+def _column(value: Any) -> int | str:
+    if isinstance(value, str) and value.strip():
+        return value
+    if isinstance(value, int) and not isinstance(value, bool) and value >= 1:
+        return value
+    raise ValueError(f"a column's name or its number, counted from 1, is needed; got {value!r}")
+
+
+def _micro(value: Any) -> Any:
+    return value.replace("µ", "u").replace("μ", "u") if isinstance(value, str) else value
+
+
+def _listed(value: Any) -> Any:
+    return [value] if isinstance(value, (str, dict)) else value
+
+
+Column = Annotated[int | str, PlainValidator(_column)]
+LengthUnit = Annotated[Literal["nm", "um", "mm", "m"], BeforeValidator(_micro)]
+PositionUnit = Annotated[Literal["nm", "um", "mm", "m", "pixel"], BeforeValidator(_micro)]
+TimeUnit = Annotated[Literal["s", "ms", "us", "ns", "min"], BeforeValidator(_micro)]
+Rows = tuple[int, int]
+
+
+class Table(BaseModel):
+    """Base of the tables: frozen, and a misspelt key is an error."""
+
+    model_config = ConfigDict(frozen=True, extra="forbid")
+
+
+class Layout(Table):
+    """What kind of file it is and, for text, how it is written.
+
+    `header` is whether a line of column names precedes the numbers; `skip_lines` lines before
+    that are passed over, and so are lines that start with `comment` and empty ones.
+    """
+
+    format: Format | None = None
+    delimiter: Delimiter | None = None
+    decimal: Literal[".", ","] = "."
+    encoding: str = "utf-8"
+    header: bool | None = None
+    skip_lines: int = Field(default=0, ge=0)
+    comment: str = "#"
+
+    @model_validator(mode="after")
+    def _is_possible(self) -> Layout:
+        if self.delimiter == "comma" and self.decimal == ",":
+            raise ValueError("delimiter and decimal mark cannot both be a comma")
+        try:
+            "".encode(self.encoding)
+        except LookupError:
+            raise ValueError(f"encoding: there is no encoding {self.encoding!r}") from None
+        return self
+
+
+class BeadColumns(Table):
+    """Columns of one bead, or of many by a repeating pattern.
+
+    Three forms: `name` with `x`, `y`, `z` for one bead; the same with `{n}` in names for every
+    number n found; `first_column`, `order` and `names` for columns that repeat bead by bead
+    (`order` such as "xyz", "_" for a column to pass over).
+    """
+
+    name: str | None = None
+    x: Column | None = None
+    y: Column | None = None
+    z: Column | None = None
+    names: tuple[str, ...] = ()
+    first_column: Column | None = None
+    order: str = "xyz"
+
+    @property
+    def axes(self) -> dict[str, int | str]:
+        """Columns by axis, as far as they are named."""
+        pairs = (("x", self.x), ("y", self.y), ("z", self.z))
+        return {axis: column for axis, column in pairs if column is not None}
+
+    @property
+    def is_pattern(self) -> bool:
+        """Whether the columns' names contain `{n}`."""
+        return any(isinstance(c, str) and NUMBER in c for c in self.axes.values())
+
+    @model_validator(mode="after")
+    def _is_one_form(self) -> BeadColumns:
+        if (self.first_column is not None) == bool(self.axes):
+            raise ValueError("give either first_column, order and names, or x, y and z")
+        if self.first_column is not None:
+            axes = self.order.replace("_", "")
+            if not re.fullmatch("[xyz_]+", self.order) or len(set(axes)) < max(1, len(axes)):
+                raise ValueError(f'order: letters x, y, z once each and "_", got {self.order!r}')
+            if self.name is not None:
+                raise ValueError("first_column goes with names (a list), not with name")
+        elif self.names:
+            raise ValueError("names goes with first_column; a single bead has a name")
+        elif self.is_pattern:
+            if not all(isinstance(c, str) and NUMBER in c for c in self.axes.values()):
+                raise ValueError("every column of a pattern needs {n}")
+            if self.name is not None and NUMBER not in self.name:
+                raise ValueError(f"name: {self.name!r} needs {{n}}, as its columns have it")
+        elif self.name is None:
+            raise ValueError("the bead needs a name")
+        return self
+
+
+class Units(Table):
+    """Units of the positions; `position` holds for every axis that has none of its own.
+
+    A pixel is `pixel_size_x_nm`, `pixel_size_y_nm` or else the camera's `pixel_size_nm`.
+    """
+
+    position: PositionUnit | None = None
+    x: PositionUnit | None = None
+    y: PositionUnit | None = None
+    z: PositionUnit | None = None
+    pixel_size_x_nm: float | None = Field(default=None, gt=0)
+    pixel_size_y_nm: float | None = Field(default=None, gt=0)
+
+    def of(self, axis: str) -> str | None:
+        """Unit of an axis, None where the table gives none."""
+        units = {"x": self.x, "y": self.y, "z": self.z}
+        return units[axis] or self.position
+
+    @model_validator(mode="after")
+    def _z_has_no_pixels(self) -> Units:
+        if self.z == "pixel":
+            raise ValueError("z cannot be in pixels")
+        return self
+
+
+class Scale(Table):
+    """Factors on the positions: z for the refraction at the surface, a minus sign to flip."""
+
+    x: float = 1.0
+    y: float = 1.0
+    z: float = 1.0
+
+    @model_validator(mode="after")
+    def _is_no_zero(self) -> Scale:
+        for axis in ("x", "y", "z"):
+            factor = getattr(self, axis)
+            if factor == 0 or not math.isfinite(factor):
+                raise ValueError(f"{axis}: a factor of {factor} leaves no position")
+        return self
+
+
+class Time(Table):
+    """The column of time stamps.
+
+    `rounded`: stamps so coarse that neighbours may be equal; every row is then the next frame,
+    and the stamps serve only for the frame rate. `restarts`: every file of a series begins at 0.
+    """
+
+    column: Column
+    unit: TimeUnit
+    rounded: bool = False
+    restarts: bool = False
+
+
+class Frame(Table):
+    """The column of frame numbers; `restarts`: every file of a series begins anew."""
+
+    column: Column
+    restarts: bool = False
+
+
+class Magnet(Layout):
+    """Magnet position: a column of the recording, or with `time_column` a log with its own clock.
+
+    The log is in `file` (beside the recording), else in the recording's own file. A log's time
+    plus `clock_offset_s` is the recording's time. Positions become `scale` times the value plus
+    `offset_mm`.
+    """
+
+    column: Column
+    unit: LengthUnit = "mm"
+    scale: float = 1.0
+    offset_mm: float = 0.0
+    file: str | None = None
+    time_column: Column | None = None
+    time_unit: TimeUnit = "s"
+    clock_offset_s: float = 0.0
+
+    @model_validator(mode="after")
+    def _log_has_a_clock(self) -> Magnet:
+        if self.file is not None and self.time_column is None:
+            raise ValueError("time_column is missing: a log in its own file needs its own clock")
+        return self
+
+
+class Rotation(Table):
+    """Rotation of the magnets; while it changes by more than `tolerance_turns` in `window_s`
+    there is no plateau. `in_log`: the column is in the magnets' log."""
+
+    column: Column
+    unit: Literal["turn", "degree", "radian"]
+    tolerance_turns: float = Field(default=0.01, gt=0)
+    window_s: float = Field(default=0.5, gt=0)
+    in_log: bool = False
+
+
+class Lost(Table):
+    """What means that the tracker lost a bead, beyond empty cells, NaN and infinite values.
+
+    `tokens`: words in a text file; `values`: numbers in a position column;
+    `all_zero_rows`: rows in which every position is 0, such as a start-up block.
+    """
+
+    tokens: tuple[str, ...] = ()
+    values: tuple[float, ...] = ()
+    all_zero_rows: bool = False
+
+
+class ZZero(Table):
+    """Where a bead's z is 0, in one of four ways.
+
+    `value_nm`: the z that the file gives at the surface (after unit and scale); `touch_rows`
+    or `touch_time_s`: a stretch in which the bead touches the surface; `unknown = true`.
+    """
+
+    value_nm: float | None = None
+    touch_rows: Rows | None = None
+    touch_time_s: tuple[float, float] | None = None
+    unknown: Literal[True] | None = None
+
+    @model_validator(mode="after")
+    def _is_one_way(self) -> ZZero:
+        if len(self.model_fields_set) != 1:
+            raise ValueError("give one of value_nm, touch_rows, touch_time_s, unknown = true")
+        for stretch in (self.touch_rows, self.touch_time_s):
+            if stretch is not None and not stretch[0] < stretch[1]:
+                raise ValueError(f"the stretch {list(stretch)} ends before it begins")
+        return self
+
+
+class Source(Layout):
+    """Layout of files that are not canonical.
+
+    Without `beads` the files are canonical, and the table only says which files, rows and beads
+    to take. Rows count from 1 through all files, both ends included, before any is left out.
+    """
+
+    files: Annotated[tuple[str, ...], BeforeValidator(_listed)] = ()
+    beads: Annotated[tuple[BeadColumns, ...], BeforeValidator(_listed)] = ()
+    leave_out: tuple[str, ...] = ()
+    units: Units = Units()
+    scale: Scale = Scale()
+    time: Time | None = None
+    frame: Frame | None = None
+    magnet: Magnet | None = None
+    rotation: Rotation | None = None
+    lost: Lost = Lost()
+    keep_rows: tuple[Rows, ...] = ()
+    skip_rows: tuple[Rows, ...] = ()
+    z_zero: ZZero | None = None
+    z_zero_of: dict[str, ZZero] = Field(default_factory=dict)
+
+    @model_validator(mode="after")
+    def _is_complete(self) -> Source:
+        for key, ranges in (("keep_rows", self.keep_rows), ("skip_rows", self.skip_rows)):
+            for first, last in ranges:
+                if not 1 <= first <= last:
+                    raise ValueError(f"{key}: [{first}, {last}] is no range of rows (from 1)")
+        if self.rotation is not None and self.rotation.in_log:
+            if self.magnet is None or self.magnet.time_column is None:
+                raise ValueError("rotation.in_log needs a magnet log ([source.magnet] time_column)")
+        if self.beads:
+            self._axes_have_units()
+        elif self.format not in (None, "canonical"):
+            raise ValueError(f'beads is missing: which columns of the "{self.format}" file are they?')
+        elif {"time", "frame", "magnet", "units", "scale"} & self.model_fields_set:
+            raise ValueError("beads is missing: which columns are the beads' positions?")
+        return self
+
+    def _axes_have_units(self) -> None:
+        if self.format == "canonical":
+            raise ValueError('beads: a "canonical" file names its beads itself')
+        axes = {a for b in self.beads for a in (b.axes or b.order.replace("_", ""))}
+        for axis in sorted(axes):
+            if self.units.of(axis) is None:
+                raise ValueError(
+                    f'units: the unit of {axis} is missing ("nm", "um", "mm", "m" or "pixel")'
+                )
+            if axis == "z" and self.units.of("z") == "pixel":
+                raise ValueError("units: z cannot be in pixels; give units.z")

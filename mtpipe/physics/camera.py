@@ -1,0 +1,127 @@
+"""The camera: what averaging over the exposure and sampling once a frame make of a motion.
+
+Everything is for one overdamped (Ornstein–Uhlenbeck) mode of variance s² and relaxation time τ,
+seen as y_j = (1/W) ∫ x dt over the exposure W at the start of each frame of length D ≥ W. The
+expressions are exact for any τ, any 0 < W ≤ D and all aliases (PHYSICS section 1); motions of
+several modes are sums. Spectra are one-sided, per Hz. All functions broadcast over their arguments.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+FloatArray = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class Camera:
+    """Frame interval D and exposure W, in s.
+
+    An exposure of zero is an instantaneous sample.
+    """
+
+    frame_s: float
+    exposure_s: float
+
+    def __post_init__(self) -> None:
+        if not self.frame_s > 0:
+            raise ValueError(f"the frame interval must be positive, got {self.frame_s} s")
+        if not 0 <= self.exposure_s <= self.frame_s * 1.001:
+            raise ValueError(
+                f"the exposure must lie between 0 and the frame interval {self.frame_s:g} s, "
+                f"got {self.exposure_s:g} s"
+            )
+
+    @property
+    def nyquist_hz(self) -> float:
+        """Half the frame rate."""
+        return 0.5 / self.frame_s
+
+
+def blur_factor(alpha: ArrayLike) -> FloatArray:
+    """Variance of a blurred sample over s²: 2 (α − 1 + e^−α)/α², α = W/τ.
+
+    Source: Wong & Halvorsen 2006, Eq 4; Savin & Doyle 2005.
+    """
+    a = np.asarray(alpha, dtype=float)
+    small = a < 0.1
+    safe = np.where(small, 1.0, a)
+    exact = 2 * (safe + np.expm1(-safe)) / safe**2
+    # 2 Σ (−α)^j/(j+2)!: the closed form cancels for short exposures
+    series = 1 - a / 3 * (1 - a / 4 * (1 - a / 5 * (1 - a / 6 * (1 - a / 7 * (1 - a / 8)))))
+    return np.where(small, series, exact)
+
+
+def edge_factor(alpha: ArrayLike) -> FloatArray:
+    """Correlation of a blurred sample with the position at its exposure's edge: (1 − e^−α)/α."""
+    a = np.asarray(alpha, dtype=float)
+    safe = np.where(a == 0, 1.0, a)
+    return np.where(a == 0, 1.0, -np.expm1(-safe) / safe)
+
+
+def frame_variance(variance: ArrayLike, tau_s: ArrayLike, camera: Camera) -> FloatArray:
+    """Variance c₀ of the recorded positions, in units of `variance`."""
+    return np.asarray(variance, dtype=float) * blur_factor(camera.exposure_s / np.asarray(tau_s))
+
+
+def lag_one_covariance(variance: ArrayLike, tau_s: ArrayLike, camera: Camera) -> FloatArray:
+    """Covariance c₁ of successive recorded positions; c_m = c₁ exp(−(m−1) D/τ) for m ≥ 1."""
+    tau = np.asarray(tau_s, dtype=float)
+    edge = edge_factor(camera.exposure_s / tau)
+    dead = np.exp(-(camera.frame_s - camera.exposure_s) / tau)
+    return np.asarray(variance, dtype=float) * edge**2 * dead
+
+
+def white_deficit(alpha: ArrayLike) -> FloatArray:
+    """2 (sinh α − α)/α²: the white part that blur takes from the spectrum (form B), α ≤ 1."""
+    a = np.asarray(alpha, dtype=float)
+    total = np.zeros_like(a)
+    term = a / 6.0
+    for j in range(1, 12):
+        total = total + term
+        term = term * a * a / ((2 * j + 2) * (2 * j + 3))
+    return 2 * total
+
+
+def edge_gain(alpha: ArrayLike) -> FloatArray:
+    """h² with h = sinh(α/2)/(α/2), the gain of the correlated part (form B), α ≤ 1."""
+    half = np.asarray(alpha, dtype=float) / 2
+    safe = np.where(half == 0, 1.0, half)
+    return np.where(half == 0, 1.0, np.sinh(safe) / safe) ** 2
+
+
+def power_spectrum(
+    frequency_hz: ArrayLike, variance: ArrayLike, tau_s: ArrayLike, camera: Camera
+) -> FloatArray:
+    """One-sided spectrum of the recorded positions, blurred and with all aliases.
+
+    Parameters
+    ----------
+    frequency_hz : 0 to Nyquist.
+    variance : s², e.g. kT/k in nm².
+    tau_s : relaxation time γ/k.
+
+    Returns
+    -------
+    In units of `variance` per Hz; ∫ S df from 0 to Nyquist is `frame_variance`.
+
+    Source: PHYSICS section 1, forms A (τ < D) and B; for W = D identical to twice the two-sided
+    Eq 7 of Lansdorp & Saleh 2012; for W → 0 to Berg-Sørensen & Flyvbjerg 2004.
+    """
+    f, s2, tau = np.broadcast_arrays(
+        np.asarray(frequency_hz, dtype=float), np.asarray(variance, dtype=float), np.asarray(tau_s)
+    )
+    slow = tau >= camera.frame_s
+    half_sine = np.sin(np.pi * f * camera.frame_s) ** 2
+    decay = -camera.frame_s / tau
+    q, one_minus_q = np.exp(decay), -np.expm1(decay)
+    denominator = one_minus_q**2 + 4 * q * half_sine
+    alpha = np.where(slow, camera.exposure_s / tau, 0.0)
+    correlated = edge_gain(alpha) * -np.expm1(2 * decay) / denominator
+    form_b = s2 * (correlated - white_deficit(alpha))
+    geometric = (one_minus_q - 2 * half_sine) / denominator
+    form_a = frame_variance(s2, tau, camera) + 2 * geometric * lag_one_covariance(s2, tau, camera)
+    return 2 * camera.frame_s * np.where(slow, form_b, form_a)

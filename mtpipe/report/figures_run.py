@@ -1,0 +1,106 @@
+"""The charts of the whole run: forces of all beads, and the drift that was subtracted."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+
+from mtpipe.report.folder import RunFolder
+from mtpipe.report.plotly_json import (
+    AXIS_COLOUR,
+    AXIS_SYMBOL,
+    GREY,
+    PALETTE,
+    Arrays,
+    Figure,
+    axis,
+    layout,
+    log_axis,
+    positive,
+)
+
+SYMBOLS = ("circle", "square", "diamond", "triangle-up", "triangle-down", "cross", "x", "star")
+
+
+def forces_figure(arrays: Arrays, folder: RunFolder, beads: list[str]) -> Figure:
+    """Force against magnet position (or plateau) of every bead, from x and from y.
+
+    Up to eight beads have a colour and a sign each; more are drawn alike, named under the pointer.
+    """
+    forces = folder.forces[folder.forces["force_pN"].notna() & folder.forces["axis"].isin(["x", "y"])]
+    by_magnet = bool(len(forces)) and bool(forces["magnet_mm"].notna().all())
+    across = "magnet_mm" if by_magnet else "plateau"
+    data: list[dict[str, Any]] = []
+    named = [bead for bead in beads if (forces["bead"] == bead).any()]
+    distinct = len(named) <= len(PALETTE)
+    for number, bead in enumerate(named):
+        colour = PALETTE[number] if distinct else GREY
+        for name, panel in (("x", ""), ("y", "2")):
+            table = forces[(forces["bead"] == bead) & (forces["axis"] == name)].sort_values(across)
+            data.append(
+                {
+                    "type": "scatter",
+                    "mode": "lines+markers",
+                    "name": escaped(bead),
+                    "legendgroup": str(number),
+                    "showlegend": distinct and name == "x",
+                    "x": arrays.add(table[across]),
+                    "y": arrays.add(table["force_pN"]),
+                    "error_y": {"type": "data", "array": arrays.add(table["force_stderr_pN"])}
+                    | {"color": colour, "thickness": 1, "width": 2},
+                    "line": {"color": colour, "width": 1},
+                    "marker": {"symbol": SYMBOLS[number % len(SYMBOLS)], "size": 6, "color": colour},
+                    "xaxis": f"x{panel}",
+                    "yaxis": f"y{panel}",
+                    "hovertemplate": f"{escaped(bead)}, {name}<br>%{{x}}: %{{y:.3g}} pN<extra></extra>",
+                }
+            )
+    title = "magnet position / mm" if by_magnet else "plateau"
+    seen = positive(forces["force_pN"])
+    ends = {} if by_magnet else {"dtick": 1}
+    return {
+        "data": data,
+        "layout": layout(
+            380,
+            xaxis=axis(title, domain=[0, 0.48], **ends),
+            xaxis2=axis(title, domain=[0.52, 1], anchor="y2", matches="x", **ends),
+            yaxis=log_axis("force / pN", seen),
+            yaxis2=log_axis("", seen, anchor="x2", matches="y", showticklabels=False),
+            annotations=[
+                {"text": f"from {name}", "xref": f"{panel} domain", "yref": "paper", "x": 0.02}
+                | {"y": 0.98, "xanchor": "left", "yanchor": "top", "showarrow": False}
+                for name, panel in (("x", "x"), ("y", "x2"))
+            ],
+        ),
+    }
+
+
+def drift_figure(arrays: Arrays, folder: RunFolder) -> Figure:
+    """What was subtracted from every trace, per axis."""
+    data = []
+    for name in "xyz":
+        table = folder.drift[folder.drift["axis"] == name].sort_values("time_s")
+        data.append(
+            {
+                "type": "scatter",
+                "mode": "lines",
+                "name": name,
+                "x": arrays.add(table["time_s"]),
+                "y": arrays.add(table["drift_nm"].to_numpy(np.float64)),
+                "line": {"color": AXIS_COLOUR[name], "width": 1.3}
+                | {"dash": {"x": "solid", "y": "dash", "z": "dot"}[name]},
+                "marker": {"symbol": AXIS_SYMBOL[name]},
+                "hovertemplate": f"%{{x:.1f}} s: {name} %{{y:.1f}} nm<extra></extra>",
+            }
+        )
+    return {
+        "data": data,
+        "layout": layout(320, xaxis=axis("time / s"), yaxis=axis("drift subtracted / nm")),
+    }
+
+
+def escaped(name: str) -> str:
+    """A name for plotly, which reads some HTML in its texts and `%{...}` in its templates."""
+    safe = name.replace("&", "&amp;").replace("<", "&lt;").replace(">", "&gt;")
+    return safe.replace("%{", "% {")

@@ -1,0 +1,157 @@
+"""Reading a run folder (docs/run-folder.md): its tables, setup and notices, checked for columns."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import pandas as pd
+
+from mtpipe.errors import MtpipeError
+from mtpipe.notice import Notice
+from mtpipe.setup import Setup, parse_setup
+
+
+class RunFolderError(MtpipeError):
+    """The folder is no run folder, or one of its files is missing or of another version."""
+
+
+def _four(quantity: str, unit: str) -> tuple[str, ...]:
+    return tuple(f"{quantity}{part}_{unit}" for part in ("", "_stderr", "_low", "_high"))
+
+
+COLUMNS: Mapping[str, tuple[str, ...]] = {
+    "forces.parquet": (
+        *("bead", "plateau", "axis", "magnet_mm", "start_s", "duration_s", "frames"),
+        *("lost_frames", "extension_nm", "extension_stderr_nm"),
+        *_four("force", "pN"),
+        *_four("stiffness", "pN_per_nm"),
+        *_four("friction", "pN_s_per_nm"),
+        *_four("corner_frequency", "hz"),
+        *_four("effective_radius", "nm"),
+        *_four("noise", "nm"),
+        *("status", "method", "fit_deviance", "fit_dof", "fit_p_value"),
+        *("posterior_rhat", "posterior_ess", "posterior_converged", "nyquist_ratio"),
+        *("flags", "refusal"),
+    ),
+    "beads.parquet": (
+        *("bead", "verdict", "reasons", "plateaus", "plateaus_used"),
+        *("force_min_pN", "force_max_pN", "tether_model"),
+        *_four("contour_length", "nm"),
+        *_four("persistence_length", "nm"),
+        *_four("stretch_modulus", "pN"),
+        *("friction_ratio", "friction_ratio_stderr"),
+    ),
+    "details/spectra.parquet": (
+        *("bead", "plateau", "axis", "frequency_hz", "ordinates"),
+        *("power_nm2_per_hz", "model_nm2_per_hz"),
+    ),
+    "details/traces.parquet": (
+        *("bead", "axis", "stage", "time_s", "low_nm", "mean_nm", "high_nm"),
+    ),
+    "details/drift.parquet": ("time_s", "axis", "drift_nm"),
+    "details/references.parquet": (
+        *("bead", "used", "reason", "weight_x", "weight_y", "weight_z"),
+        *("noise_x_nm", "noise_y_nm", "noise_z_nm"),
+    ),
+    "details/posteriors.parquet": (
+        *("bead", "plateau", "axis", "force_pN", "stiffness_pN_per_nm"),
+        *("friction_pN_s_per_nm", "noise_nm"),
+    ),
+    "details/force_extension.parquet": (
+        *("bead", "model"),
+        *_four("contour_length", "nm"),
+        *_four("persistence_length", "nm"),
+        *_four("stretch_modulus", "pN"),
+        *("force_low_pN", "force_high_pN", "points", "chi2", "dof", "p_value", "recommended"),
+    ),
+}  # fmt: skip
+
+
+@dataclass(frozen=True)
+class RunFolder:
+    """Everything a report is drawn from; tables with the columns of docs/run-folder.md."""
+
+    run: Mapping[str, Any]
+    setup: Setup
+    notices: tuple[Notice, ...]
+    forces: pd.DataFrame
+    beads: pd.DataFrame
+    spectra: pd.DataFrame
+    traces: pd.DataFrame
+    drift: pd.DataFrame
+    references: pd.DataFrame
+    posteriors: pd.DataFrame
+    force_extension: pd.DataFrame
+
+    def notices_of(self, bead: str) -> tuple[Notice, ...]:
+        """The notices that concern one bead."""
+        return tuple(n for n in self.notices if n.bead == bead)
+
+
+def read_run_folder(folder: Path) -> RunFolder:
+    """Read a run folder.
+
+    Raises
+    ------
+    RunFolderError : a file is missing or damaged, or lacks a column; names file and column.
+    SetupError : the setup in `run.json` is none.
+    """
+    run = _read_json(folder / "run.json")
+    tables = {name: _read_table(folder / name, columns) for name, columns in COLUMNS.items()}
+    return RunFolder(
+        run=run,
+        setup=parse_setup(_without_absent(run["setup"]), where=str(folder / "run.json")),
+        notices=tuple(Notice(**notice) for notice in run["notices"]),
+        **{Path(name).stem: table for name, table in tables.items()},
+    )
+
+
+def records(table: pd.DataFrame) -> list[dict[str, Any]]:
+    """Rows of a table as dictionaries by column name."""
+    return [{str(key): value for key, value in row.items()} for row in table.to_dict("records")]
+
+
+def _read_json(path: Path) -> dict[str, Any]:
+    try:
+        content = json.loads(path.read_text(encoding="utf-8"))
+    except FileNotFoundError:
+        raise RunFolderError(
+            "there is no such file, so this is no folder that mtpipe run has written",
+            where=str(path),
+        ) from None
+    except (OSError, ValueError) as error:
+        raise RunFolderError(f"cannot be read ({error}).", where=str(path)) from None
+    missing = [key for key in ("recording", "setup", "drift", "notices") if key not in content]
+    if missing:
+        raise RunFolderError(f"lacks {', '.join(missing)}.", where=str(path), mend=_AGAIN)
+    return dict(content)
+
+
+def _read_table(path: Path, columns: tuple[str, ...]) -> pd.DataFrame:
+    try:
+        table = pd.read_parquet(path)
+    except FileNotFoundError:
+        raise RunFolderError("is missing.", where=str(path), mend=_AGAIN) from None
+    except (OSError, ValueError) as error:
+        raise RunFolderError(f"cannot be read ({error}).", where=str(path), mend=_AGAIN) from None
+    missing = [name for name in columns if name not in table.columns]
+    if missing:
+        text = f"lacks the column{'s' * (len(missing) > 1)} {', '.join(missing)}."
+        raise RunFolderError(text, where=str(path), mend=_AGAIN)
+    return table
+
+
+def _without_absent(setup: Mapping[str, Any]) -> dict[str, Any]:
+    """Drop the keys of optional values, which a dumped setup holds as null."""
+    return {
+        name: {k: v for k, v in table.items() if v is not None} if isinstance(table, dict) else table
+        for name, table in setup.items()
+        if table is not None
+    }
+
+
+_AGAIN = "Analyse the recording again with this version of mtpipe."

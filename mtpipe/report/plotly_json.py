@@ -1,0 +1,129 @@
+"""Figures as plotly reads them: plain dictionaries, their arrays packed and shared within a page.
+
+The figures are not built with the plotly package, whose validation takes longer than the fits; a
+test checks them against it. Arrays go into the page once each, as base64 of little-endian numbers
+in single precision, which plotly reads directly. `report.js` puts them back where a figure says
+`{"array": i}`.
+"""
+
+from __future__ import annotations
+
+import base64
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+Figure = dict[str, Any]
+
+# Okabe and Ito's palette: told apart by the colour-blind and, by lightness, in grey print.
+AXIS_COLOUR = {"x": "#0072b2", "y": "#d55e00", "z": "#009e73"}
+AXIS_SYMBOL = {"x": "circle", "y": "square", "z": "diamond"}
+PALETTE = ("#0072b2", "#d55e00", "#009e73", "#cc79a7", "#56b4e9", "#e69f00", "#000000", "#8c6d1f")
+INK, GREY, PALE, PALER = "#222222", "#767676", "#d5d9de", "#eceef1"
+
+
+class Arrays:
+    """The arrays of a page, each kept once."""
+
+    def __init__(self) -> None:
+        self._index: dict[bytes, int] = {}
+
+    def add(self, values: ArrayLike) -> dict[str, int]:
+        """Keep an array (any numbers, one dimension); NaN becomes a gap in the line."""
+        packed = np.asarray(values, dtype="<f4").tobytes()
+        return {"array": self._index.setdefault(packed, len(self._index))}
+
+    def packed(self) -> list[dict[str, str]]:
+        """The arrays in plotly's own notation for typed arrays."""
+        return [
+            {"dtype": "f4", "bdata": base64.b64encode(data).decode("ascii")} for data in self._index
+        ]
+
+
+def layout(height: int, **extra: Any) -> dict[str, Any]:
+    """What all figures have in common."""
+    return {
+        "height": height,
+        "autosize": True,
+        "margin": {"l": 68, "r": 16, "t": 34, "b": 50},
+        "font": {"family": "system-ui, sans-serif", "size": 13, "color": INK},
+        "paper_bgcolor": "#ffffff",
+        "plot_bgcolor": "#ffffff",
+        "hoverlabel": {"bgcolor": "#ffffff", "font": {"color": INK}},
+        "legend": {"orientation": "h", "x": 0, "y": 1, "yanchor": "bottom", "font": {"size": 12}},
+        "dragmode": "zoom",
+        **extra,
+    }
+
+
+def axis(title: str = "", **extra: Any) -> dict[str, Any]:
+    """An axis with title, ticks outside and a pale grid."""
+    made: dict[str, Any] = {
+        "title": {"text": title, "standoff": 8, "font": {"size": 13}},
+        "gridcolor": PALER,
+        "linecolor": GREY,
+        "showline": True,
+        "ticks": "outside",
+        "tickcolor": GREY,
+        "zeroline": False,
+        "automargin": True,
+        **extra,
+    }
+    if made.get("type") == "log":
+        made.update(exponentformat="power", minor={"ticks": "outside", "ticklen": 3})
+        made.setdefault("dtick", 1)
+    return made
+
+
+def log_axis(title: str, values: ArrayLike, **extra: Any) -> dict[str, Any]:
+    """A logarithmic axis; over less than 1.5 decades it is labelled at 1, 2 and 5 as well."""
+    span = positive(values)
+    decades = np.log10(span.max() / span.min()) if len(span) else 0.0
+    ticks: dict[str, Any] = {} if decades > 1.5 else {"dtick": "D2"}
+    return axis(title, type="log", **{**ticks, **extra})
+
+
+def positive(values: ArrayLike) -> NDArray[np.float64]:
+    """The positive finite values."""
+    array = np.asarray(values, dtype=np.float64)
+    return array[np.isfinite(array) & (array > 0)]
+
+
+def outline(
+    x: NDArray[np.float64], low: NDArray[np.float64], high: NDArray[np.float64]
+) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Closed outlines around low and high, one for each stretch without NaN, parted by NaN."""
+    good = np.isfinite(low) & np.isfinite(high)
+    edges = np.flatnonzero(np.diff(np.concatenate([[False], good, [False]]).astype(np.int8)))
+    xs, ys = [], []
+    for start, stop in zip(edges[::2], edges[1::2], strict=True):
+        there = slice(start, stop)
+        xs += [x[there], x[there][::-1], [np.nan]]
+        ys += [low[there], high[there][::-1], [np.nan]]
+    if not xs:
+        return np.empty(0), np.empty(0)
+    return np.concatenate(xs[:-1]), np.concatenate(ys[:-1])
+
+
+def band(
+    arrays: Arrays,
+    x: NDArray[np.float64],
+    low: NDArray[np.float64],
+    high: NDArray[np.float64],
+    colour: str,
+    **extra: Any,
+) -> dict[str, Any]:
+    """A filled band without hover."""
+    xs, ys = outline(x, low, high)
+    return {
+        "type": "scatter",
+        "mode": "lines",
+        "x": arrays.add(xs),
+        "y": arrays.add(ys),
+        "fill": "toself",
+        "fillcolor": colour,
+        "line": {"width": 0},
+        "hoverinfo": "skip",
+        **extra,
+    }

@@ -1,0 +1,308 @@
+"""Rows of the report's tables: every cell with the text shown, its explanation and its sort key."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+from mtpipe.notice import Notice
+from mtpipe.report import words
+from mtpipe.report.folder import RunFolder, records
+
+VERDICTS = ("good", "caution", "refused")
+
+
+@dataclass(frozen=True)
+class Cell:
+    """What a cell shows; `note` is its interval, or the reason why it is empty."""
+
+    shown: str
+    note: str = ""
+    sort: float | None = None
+
+    @property
+    def empty(self) -> bool:
+        """Whether there is no value to show."""
+        return self.shown == words.EMPTY
+
+
+@dataclass(frozen=True)
+class BeadRow:
+    """One bead of the overview and the head of its own page."""
+
+    bead: str
+    verdict: str
+    reasons: tuple[str, ...]
+    plateaus: str
+    forces: Cell
+    contour_length: Cell
+    persistence_length: Cell
+    stretch_modulus: Cell
+    friction_ratio: Cell
+    tether_model: str
+
+    @property
+    def mark(self) -> str:
+        """Sign of the verdict, so that it does not rest on colour."""
+        return words.VERDICT_MARK[self.verdict]
+
+    @property
+    def rank(self) -> int:
+        """Sort key of the verdict: good first."""
+        return VERDICTS.index(self.verdict)
+
+
+@dataclass(frozen=True)
+class ForceRow:
+    """One axis of one plateau."""
+
+    key: str
+    axis: str
+    lost: str
+    extension: Cell
+    force: Cell
+    stiffness: Cell
+    friction: Cell
+    corner: Cell
+    radius: Cell
+    noise: Cell
+    fit: Cell
+    status: str
+    flags: tuple[str, ...]
+    remarks: tuple[str, ...]
+
+
+@dataclass(frozen=True)
+class PlateauRows:
+    """The axes of one plateau."""
+
+    plateau: int
+    magnet: Cell
+    start: str
+    duration: str
+    axes: tuple[ForceRow, ...]
+
+
+@dataclass(frozen=True)
+class NoticeGroup:
+    """All notices of one code; `items` are (bead, place, message), `beads` those concerned."""
+
+    code: str
+    severity: str
+    items: tuple[tuple[str, str, str], ...]
+    beads: tuple[str, ...]
+
+    @property
+    def label(self) -> str:
+        """The code in words."""
+        return words.label(self.code)
+
+
+@dataclass(frozen=True)
+class ModelRow:
+    """One model of the force–extension curve."""
+
+    model: str
+    recommended: bool
+    forces: str
+    points: str
+    contour_length: Cell
+    persistence_length: Cell
+    stretch_modulus: Cell
+    fit: str
+
+
+def bead_rows(folder: RunFolder) -> list[BeadRow]:
+    """Rows of the overview, good beads first, then by name (numbers in names in their order)."""
+    rows = [_bead_row(row) for row in records(folder.beads)]
+    return sorted(rows, key=lambda row: (row.rank, words.natural(row.bead)))
+
+
+def plateau_rows(folder: RunFolder, bead: str) -> list[PlateauRows]:
+    """The forces table of a bead: its plateaus in order, each with its axes."""
+    table = folder.forces[folder.forces["bead"] == bead].sort_values(["plateau", "axis"])
+    groups: dict[int, list[dict[str, Any]]] = {}
+    for row in records(table):
+        groups.setdefault(int(row["plateau"]), []).append(row)
+    return [
+        PlateauRows(
+            plateau=plateau,
+            magnet=_plain(rows[0]["magnet_mm"], "the recording has no magnet position"),
+            start=words.number(rows[0]["start_s"], 4),
+            duration=words.number(rows[0]["duration_s"], 3),
+            axes=tuple(_force_row(row) for row in rows),
+        )
+        for plateau, rows in groups.items()
+    ]
+
+
+def model_rows(folder: RunFolder, bead: str) -> list[ModelRow]:
+    """The force–extension models fitted to a bead."""
+    table = folder.force_extension[folder.force_extension["bead"] == bead]
+    return [
+        ModelRow(
+            model=words.MODEL.get(row["model"], row["model"]),
+            recommended=bool(row["recommended"]),
+            forces=words.span(row["force_low_pN"], row["force_high_pN"]),
+            points=words.number(row["points"]),
+            contour_length=_estimate(row, "contour_length", "nm", "the fit does not determine it"),
+            persistence_length=_estimate(
+                row, "persistence_length", "nm", "the fit does not determine it"
+            ),
+            stretch_modulus=_estimate(
+                row,
+                "stretch_modulus",
+                "pN",
+                "the fit does not determine it"
+                if row["model"] == "extensible"
+                else "this model is inextensible",
+            ),
+            fit=_quality(row["chi2"], row["dof"], row["p_value"], "χ²"),
+        )
+        for row in records(table)
+    ]
+
+
+def notice_groups(notices: Iterable[Notice]) -> list[NoticeGroup]:
+    """Notices by code, the most severe first; a group is as severe as its worst notice."""
+    groups: dict[str, list[Notice]] = {}
+    for notice in notices:
+        groups.setdefault(notice.code, []).append(notice)
+    made = [
+        NoticeGroup(
+            code=code,
+            severity=min((n.severity for n in group), key=words.SEVERITY_ORDER.__getitem__),
+            items=tuple(
+                (n.bead or "", words.place(n.plateau, n.axis) if n.bead else "", n.message)
+                for n in group
+            ),
+            beads=tuple(sorted({n.bead for n in group if n.bead}, key=words.natural)),
+        )
+        for code, group in groups.items()
+    ]
+    return sorted(made, key=lambda group: (words.SEVERITY_ORDER[group.severity], group.code))
+
+
+def drift_rows(drift: Mapping[str, Any]) -> list[tuple[str, str, str, str]]:
+    """(axis, cutoff, what was subtracted, noise added) of each axis."""
+    none: Sequence[None] = (None, None, None)
+    cutoffs = drift.get("cutoff_hz") or none
+    removed = drift.get("drift_rms_nm") or none
+    added = drift.get("noise_added_nm") or none
+    return [
+        (
+            axis,
+            "frame by frame" if cutoff is None else words.number(cutoff),
+            words.number(rms),
+            words.number(noise),
+        )
+        for axis, cutoff, rms, noise in zip("xyz", cutoffs, removed, added, strict=True)
+    ]
+
+
+def reference_rows(folder: RunFolder) -> list[dict[str, Any]]:
+    """Reference beads: used or left out, with weight and noise per axis."""
+    return [
+        {
+            "bead": row["bead"],
+            "used": bool(row["used"]),
+            "reason": words.text(row["reason"]),
+            "weights": [words.number(row[f"weight_{axis}"], 2) for axis in "xyz"],
+            "noises": [words.number(row[f"noise_{axis}_nm"], 2) for axis in "xyz"],
+        }
+        for row in records(folder.references)
+    ]
+
+
+def _bead_row(row: Mapping[str, Any]) -> BeadRow:
+    no_curve = "no force–extension fit; the reasons say why"
+    low, high = row["force_min_pN"], row["force_max_pN"]
+    return BeadRow(
+        bead=row["bead"],
+        verdict=row["verdict"],
+        reasons=tuple(r.strip() for r in words.text(row["reasons"]).split("|") if r.strip()),
+        plateaus=f"{int(row['plateaus_used'])} of {int(row['plateaus'])}",
+        forces=Cell(
+            words.span(low, high),
+            "" if words.is_number(high) else "no plateau gave a force; the reasons say why",
+            high if words.is_number(high) else None,
+        ),
+        contour_length=_estimate(row, "contour_length", "nm", no_curve),
+        persistence_length=_estimate(row, "persistence_length", "nm", no_curve),
+        stretch_modulus=_estimate(row, "stretch_modulus", "pN", "only the extensible model has it"),
+        friction_ratio=Cell(
+            words.with_error(row["friction_ratio"], row["friction_ratio_stderr"]),
+            "" if words.is_number(row["friction_ratio"]) else "no friction was determined",
+            row["friction_ratio"] if words.is_number(row["friction_ratio"]) else None,
+        ),
+        tether_model=words.MODEL.get(words.text(row["tether_model"]), ""),
+    )
+
+
+def _force_row(row: Mapping[str, Any]) -> ForceRow:
+    status, axis = words.text(row["status"]), row["axis"]
+    why = {
+        "refused": "the trace was refused",
+        "not_identified": "the data do not determine it",
+        "not_converged": "the fit did not converge",
+    }.get(status, "not determined")
+    remarks = [] if status in ("ok", "refused") else [words.STATUS.get(status, words.label(status))]
+    if row["posterior_converged"] is False:
+        remarks.append("posterior not converged")
+    if status != "refused" and axis != "z" and not words.is_number(row["force_pN"]):
+        remarks.append(f"no force: {why}")
+    frames, lost = row["frames"], row["lost_frames"]
+    return ForceRow(
+        key=f"{int(row['plateau'])}/{axis}",
+        axis=axis,
+        lost=f"{100 * lost / frames:.2g} %" if words.is_number(lost) and frames else words.EMPTY,
+        extension=Cell(
+            words.with_error(row["extension_nm"], row["extension_stderr_nm"]),
+            "" if words.is_number(row["extension_nm"]) else "z was not recorded or has no zero",
+        ),
+        force=_estimate(row, "force", "pN", "no force is taken from z" if axis == "z" else why),
+        stiffness=_estimate(row, "stiffness", "pN_per_nm", why, 1e3),
+        friction=_estimate(row, "friction", "pN_s_per_nm", why, 1e6),
+        corner=_estimate(row, "corner_frequency", "hz", why),
+        radius=_estimate(row, "effective_radius", "nm", why),
+        noise=_estimate(row, "noise", "nm", why),
+        fit=Cell(
+            words.number(row["fit_p_value"], 2),
+            _quality(row["fit_deviance"], row["fit_dof"], row["fit_p_value"], "deviance"),
+        ),
+        status=status,
+        flags=tuple(words.flags(row["flags"])),
+        remarks=(*remarks, *([words.text(row["refusal"])] if words.text(row["refusal"]) else [])),
+    )
+
+
+def _estimate(
+    row: Mapping[str, Any], quantity: str, unit: str, why_empty: str, factor: float = 1.0
+) -> Cell:
+    value, stderr, low, high = (
+        row[f"{quantity}{part}_{unit}"] * factor
+        if words.is_number(row[f"{quantity}{part}_{unit}"])
+        else None
+        for part in ("", "_stderr", "_low", "_high")
+    )
+    if value is None:
+        remains = words.interval(low, high, "")
+        return Cell(words.EMPTY, f"{why_empty}; {remains}" if remains else why_empty)
+    shown = words.with_arms(value, stderr, low, high)
+    return Cell(shown, words.interval(low, high, _SYMBOL.get(unit, unit)), value)
+
+
+def _plain(value: Any, why_empty: str) -> Cell:
+    shown = words.number(value, 4)
+    return Cell(shown, why_empty if shown == words.EMPTY else "")
+
+
+def _quality(statistic: Any, dof: Any, p_value: Any, name: str) -> str:
+    if not (words.is_number(statistic) and words.is_number(dof)):
+        return ""
+    shown = f"{name} {words.number(statistic, 4)} for {words.number(dof, 4)} degrees of freedom"
+    return shown + (f", p = {words.number(p_value, 2)}" if words.is_number(p_value) else "")
+
+
+_SYMBOL = {"pN_per_nm": "× 10⁻³ pN/nm", "pN_s_per_nm": "× 10⁻⁶ pN·s/nm", "hz": "Hz"}

@@ -1,0 +1,180 @@
+"""Numbers and codes in words: how an estimate, a status, a flag or a setup reads in the report.
+
+Every function returns plain text; escaping is the templates' matter. A number that is missing is
+"—" and never NaN.
+"""
+
+from __future__ import annotations
+
+import math
+import re
+from typing import Any
+
+from mtpipe.setup import Measured, Setup
+
+EMPTY = "—"
+
+STATUS = {
+    "ok": "ok",
+    "fixed": "held fixed",
+    "at_bound": "at a bound: the fit ended at a physical limit, so the interval is one-sided",
+    "not_identified": "not identified: the data do not determine it",
+    "not_converged": "not converged: the fit found no minimum",
+    "refused": "refused",
+}
+MODEL = {
+    "marko-siggia": "Marko–Siggia",
+    "bouchiat": "Bouchiat",
+    "extensible": "extensible worm-like chain",
+}
+VERDICT_MARK = {"good": "✓", "caution": "△", "refused": "✕"}
+SEVERITY_ORDER = {"warning": 0, "caution": 1, "info": 2}
+
+
+def is_number(value: Any) -> bool:
+    """Whether a cell of a table holds a finite number."""
+    return isinstance(value, (int, float)) and math.isfinite(value)
+
+
+def text(value: Any) -> str:
+    """A cell of text; empty where the table has none."""
+    return value if isinstance(value, str) else ""
+
+
+def flags(value: Any) -> list[str]:
+    """The codes of a `flags` cell."""
+    return [code.strip() for code in text(value).split(";") if code.strip()]
+
+
+def label(code: str) -> str:
+    """A code as words: `near_nyquist` becomes "near nyquist"."""
+    return code.replace("_", " ")
+
+
+def number(value: Any, digits: int = 3) -> str:
+    """A number to significant digits, without trailing noise; "—" where missing."""
+    if not is_number(value):
+        return EMPTY
+    if value == 0:
+        return "0"
+    exponent = math.floor(math.log10(abs(float(f"{value:.{digits - 1}e}"))))
+    if exponent < -4 or exponent >= 7:
+        mantissa = f"{value / 10.0**exponent:.{digits - 1}f}"
+        return _minus(mantissa) + f" × 10{_superscript(exponent)}"
+    return _minus(f"{value:.{max(digits - 1 - exponent, 0)}f}")
+
+
+def with_error(value: Any, stderr: Any) -> str:
+    """Value ± standard error, the error to one or two digits, the value to the same decimals.
+
+    Two digits where the error starts with 1, 2 or 3 (so that rounding changes it by less than
+    15 %), else one. Without an error: four significant digits.
+    """
+    if not is_number(value):
+        return EMPTY
+    if not is_number(stderr) or stderr <= 0:
+        return number(value, 4)
+    decimals = _decimals(stderr)
+    largest = max(abs(value), stderr)
+    exponent = math.floor(math.log10(largest))
+    if exponent < -4 or exponent >= 7:
+        places = max(decimals + exponent, 0)
+        scale = 10.0**exponent
+        mantissa = f"({value / scale:.{places}f} ± {stderr / scale:.{places}f})"
+        return _minus(mantissa) + f" × 10{_superscript(exponent)}"
+    return _minus(f"{_round(value, decimals)} ± {_round(stderr, decimals)}")
+
+
+def with_arms(value: Any, stderr: Any, low: Any, high: Any) -> str:
+    """Value with its 68 % interval: ± where it is about even, else "+above −below"."""
+    if not (is_number(value) and is_number(low) and is_number(high) and low <= value <= high):
+        return with_error(value, stderr)
+    above, below = high - value, value - low
+    if min(above, below) >= 0.75 * max(above, below) or max(above, below) == 0:
+        return with_error(value, stderr if is_number(stderr) and stderr > 0 else (high - low) / 2)
+    decimals = _decimals(max(min(above, below), 0.1 * max(above, below)))
+    rounded = [_round(number_, decimals) for number_ in (value, above, below)]
+    return _minus(rounded[0]) + f" +{rounded[1]} −{rounded[2]}"
+
+
+def interval(low: Any, high: Any, unit: str) -> str:
+    """The 68 % interval in words; empty where there is none."""
+    if not (is_number(low) and is_number(high)):
+        return ""
+    return f"68 % interval {number(low, 4)} to {number(high, 4)} {unit}"
+
+
+def span(low: Any, high: Any) -> str:
+    """A range of a quantity; "—" where missing."""
+    if not (is_number(low) and is_number(high)):
+        return EMPTY
+    return number(low) if number(low) == number(high) else f"{number(low)} – {number(high)}"
+
+
+def measured(value: Measured, unit: str) -> str:
+    """A value of the setup with its unit, or that the laboratory does not know it."""
+    if value.value is None:
+        return "not known to the laboratory"
+    # the digits the laboratory wrote, not a rounding of them
+    shown = with_error(value.value, value.stderr) if value.stderr else f"{value.value:.10g}"
+    return f"{shown} {unit}"
+
+
+def setup_in_words(setup: Setup) -> list[tuple[str, str]]:
+    """The setup as pairs of a name and a phrase."""
+    camera, across = setup.camera, "y" if setup.field.direction == "x" else "x"
+    exposure = measured(camera.exposure_s, "s")
+    if camera.exposure_s.value is not None and camera.frame_rate_hz.value is not None:
+        share = 100 * camera.exposure_s.value * camera.frame_rate_hz.value
+        exposure += f" ({share:.4g} % of a frame)"
+    known = "; ".join(
+        f"{measured(m.force_pN, 'pN')} at {measured(m.position_mm, 'mm')}" for m in setup.magnet
+    )
+    effects = ", ".join(label(effect) for effect in setup.model.effects)
+    return [
+        ("Frame rate", measured(camera.frame_rate_hz, "Hz")),
+        ("Exposure", exposure),
+        ("Bead radius", measured(setup.beads.radius_nm, "nm")),
+        ("Reference beads", ", ".join(setup.beads.reference) or "none named"),
+        ("Contour length", measured(setup.tether.contour_length_nm, "nm")),
+        ("Persistence length", measured(setup.tether.persistence_length_nm, "nm")),
+        ("Temperature", measured(setup.buffer.temperature_K, "K")),
+        ("Viscosity", measured(setup.buffer.viscosity_mPa_s, "mPa·s")),
+        ("Magnetic field", f"along {setup.field.direction}; the bead rotates freely in {across}"),
+        ("Effects in the model", effects or "none beyond the baseline"),
+        *([("Forces known beforehand", known)] if known else []),
+    ]
+
+
+def place(plateau: int | None, axis: str | None) -> str:
+    """Where in a bead a notice applies."""
+    parts = ([] if plateau is None else [f"plateau {plateau}"]) + ([] if axis is None else [axis])
+    return ", ".join(parts) or "whole trace"
+
+
+def natural(name: str) -> list[tuple[int, int, str]]:
+    """Sort key that puts bead 10 after bead 9."""
+    parts = re.split(r"([0-9]+)", name)
+    return [(0, int(p), "") if i % 2 else (1, 0, p.casefold()) for i, p in enumerate(parts)]
+
+
+def count(amount: int, noun: str) -> str:
+    """`1 bead`, `2 beads`."""
+    return f"{amount} {noun}{'' if amount == 1 else 's'}"
+
+
+def _decimals(error: float) -> int:
+    exponent = math.floor(math.log10(error))
+    return (1 if error / 10.0**exponent < 3.95 else 0) - exponent
+
+
+def _round(value: float, decimals: int) -> str:
+    return f"{round(value, decimals) + 0.0:.{max(decimals, 0)}f}"
+
+
+def _minus(shown: str) -> str:
+    return shown.replace("-", "−")
+
+
+def _superscript(exponent: int) -> str:
+    return str(exponent).translate(str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹"))
