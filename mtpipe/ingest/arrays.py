@@ -1,4 +1,4 @@
-"""Files that hold arrays: Parquet, MATLAB v5, HDF5, LabVIEW TDMS, npz.
+"""Files that hold arrays: MATLAB v5, HDF5, LabVIEW TDMS, npz.
 
 Each is presented as a table of one-dimensional columns with names. An array `a` of two dimensions
 becomes `a[1]`, `a[2]`, ... along its shorter side, as frames are its longer one; an array of
@@ -10,10 +10,11 @@ from __future__ import annotations
 
 import io
 from collections.abc import Callable, Iterator, Sequence
-from contextlib import AbstractContextManager, nullcontext
+from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass
+from functools import cache, partial
 from pathlib import Path
-from typing import Any, BinaryIO
+from typing import IO, Any, BinaryIO, cast
 
 import numpy as np
 
@@ -23,6 +24,7 @@ from mtpipe.ingest.source import Format
 from mtpipe.recording import FloatArray
 
 BLOCK_ROWS = 1 << 18
+NUMERIC = "biuf"
 Getter = Callable[[int, int], Any]  # rows [start, stop) of one column
 
 
@@ -96,28 +98,105 @@ def _damaged(path: Path, kind: Format, error: Exception) -> RecordingError:
     return RecordingError(f"cannot be read as {kind} ({reason})", where=str(path))
 
 
-def _open(path: Path, kind: Format) -> AbstractContextManager[list[Column]]:
-    stream = open_stream(path)
-    if isinstance(stream, io.BufferedReader) and not isinstance(stream.raw, io.FileIO):
-        with stream:  # gzipped: these formats jump about in the file
-            stream = io.BytesIO(stream.read())
-    openers = {"parquet": _parquet, "matlab": _matlab, "hdf5": _hdf5, "tdms": _tdms, "npz": _npz}
-    return _Opened(stream, openers[kind])
+@contextmanager
+def _open(path: Path, kind: Format) -> Iterator[list[Column]]:
+    openers = {"matlab": _matlab, "hdf5": _hdf5, "tdms": _tdms, "npz": _npz}
+    with ExitStack() as stack:
+        stream = stack.enter_context(open_stream(path))
+        if isinstance(stream, io.BufferedReader) and not isinstance(stream.raw, io.FileIO):
+            stream = io.BytesIO(stream.read())  # gzipped: these formats jump about in the file
+        yield openers[kind](stream, stack)
 
 
-class _Opened(AbstractContextManager[list[Column]]):
-    """Columns of a stream that is closed afterwards."""
+def _matlab(stream: BinaryIO, stack: ExitStack) -> list[Column]:
+    import scipy.io
 
-    def __init__(self, stream: BinaryIO, opener: Callable[[BinaryIO], list[Column]]) -> None:
-        self._stream = stream
-        self._opener = opener
+    content: dict[str, Any] = scipy.io.loadmat(cast(Any, stream), chars_as_strings=False)
+    columns: list[Column] = []
+    for name, value in content.items():
+        if isinstance(value, np.ndarray) and not name.startswith("__"):
+            columns += _expand(name, value.shape, value.dtype, value.__getitem__)
+    return columns
 
-    def __enter__(self) -> list[Column]:
-        try:
-            return self._opener(self._stream)
-        except BaseException:
-            self._stream.close()
-            raise
 
-    def __exit__(self, *error: object) -> None:
-        self._stream.close()
+def _hdf5(stream: BinaryIO, stack: ExitStack) -> list[Column]:
+    import h5py  # type: ignore[import-untyped]
+
+    file = stack.enter_context(h5py.File(stream, "r"))
+    columns: list[Column] = []
+
+    def visit(name: str, node: object) -> None:
+        if isinstance(node, h5py.Dataset) and node.shape:
+            columns.extend(_expand(name, node.shape, node.dtype, node.__getitem__))
+
+    file.visititems(visit)
+    return columns
+
+
+def _tdms(stream: BinaryIO, stack: ExitStack) -> list[Column]:
+    import nptdms  # type: ignore[import-untyped]
+
+    file = stack.enter_context(nptdms.TdmsFile.open(stream))
+    alone = len(file.groups()) == 1
+    columns: list[Column] = []
+    for group in file.groups():
+        for channel in group.channels():
+            name = channel.name if alone else f"{group.name}/{channel.name}"
+            shape = (len(channel),)
+            columns += _expand(name, shape, np.dtype(channel.dtype), channel.__getitem__)
+    return columns
+
+
+def _npz(stream: BinaryIO, stack: ExitStack) -> list[Column]:
+    archive = stack.enter_context(np.load(stream, allow_pickle=False))
+    columns: list[Column] = []
+    for member in archive.zip.namelist():
+        with archive.zip.open(member) as piece:
+            old = np.lib.format.read_magic(piece) == (1, 0)
+            read = np.lib.format.read_array_header_1_0 if old else _npy_header_2
+            shape, _, dtype = read(piece)
+        name = member.removesuffix(".npy")
+        whole = cache(partial(archive.__getitem__, name))
+        columns += _expand(name, shape, dtype, partial(_indexed, whole))
+    return columns
+
+
+def _npy_header_2(piece: IO[bytes]) -> tuple[tuple[int, ...], bool, np.dtype[Any]]:
+    return np.lib.format.read_array_header_2_0(piece)
+
+
+def _expand(
+    name: str, shape: tuple[int, ...], dtype: np.dtype[Any], get: Callable[[Any], Any]
+) -> list[Column]:
+    """The columns of one array; none of what is no table of numbers."""
+    if dtype.names is not None and len(shape) == 1:
+        fields = [f for f in dtype.names if dtype[f].kind in NUMERIC and not dtype[f].shape]
+        return [Column(f"{name}/{f}", shape[0], partial(_field, get, f)) for f in fields]
+    if dtype.kind not in NUMERIC or 0 in shape or len(shape) not in (1, 2):
+        return []
+    if len(shape) == 1:
+        return [Column(name, shape[0], partial(_piece, get))]
+    get_one = _of_columns if shape[0] >= shape[1] else _of_rows
+    across = min(shape)
+    labels = [name] if across == 1 else [f"{name}[{k + 1}]" for k in range(across)]
+    return [Column(label, max(shape), partial(get_one, get, k)) for k, label in enumerate(labels)]
+
+
+def _indexed(whole: Callable[[], Any], index: Any) -> Any:
+    return whole()[index]
+
+
+def _piece(get: Callable[[Any], Any], start: int, stop: int) -> Any:
+    return get(slice(start, stop))
+
+
+def _field(get: Callable[[Any], Any], field: str, start: int, stop: int) -> Any:
+    return get(slice(start, stop))[field]
+
+
+def _of_columns(get: Callable[[Any], Any], k: int, start: int, stop: int) -> Any:
+    return get((slice(start, stop), k))
+
+
+def _of_rows(get: Callable[[Any], Any], k: int, start: int, stop: int) -> Any:
+    return get((k, slice(start, stop)))

@@ -66,7 +66,9 @@ def find_recording(path: Path, setup: Path | str | Setup | None) -> Found:
     parsed = _setup(setup, folder / SETUP_NAME)
     if not path.is_dir():
         return Found(path.name, parsed, (path,), folder)
-    files = _named(folder, parsed) if parsed.source and parsed.source.files else _data(folder, parsed)
+    files = (
+        _named(folder, parsed) if parsed.source and parsed.source.files else _data(folder, parsed)
+    )
     name = files[0].name if len(files) == 1 else folder.resolve().name
     return Found(name, parsed, files, folder)
 

@@ -285,13 +285,15 @@ class Source(Layout):
             for first, last in ranges:
                 if not 1 <= first <= last:
                     raise ValueError(f"{key}: [{first}, {last}] is no range of rows (from 1)")
-        if self.rotation is not None and self.rotation.in_log:
-            if self.magnet is None or self.magnet.time_column is None:
-                raise ValueError("rotation.in_log needs a magnet log ([source.magnet] time_column)")
+        has_log = self.magnet is not None and self.magnet.time_column is not None
+        if self.rotation is not None and self.rotation.in_log and not has_log:
+            raise ValueError("rotation.in_log needs a magnet log ([source.magnet] time_column)")
         if self.beads:
             self._axes_have_units()
         elif self.format not in (None, "canonical"):
-            raise ValueError(f'beads is missing: which columns of the "{self.format}" file are they?')
+            raise ValueError(
+                f'beads is missing: which columns of the "{self.format}" file are they?'
+            )
         elif {"time", "frame", "magnet", "units", "scale"} & self.model_fields_set:
             raise ValueError("beads is missing: which columns are the beads' positions?")
         return self

@@ -16,8 +16,8 @@ from pathlib import Path
 from typing import BinaryIO, cast
 
 import numpy as np
-import pyarrow as pa
-import pyarrow.csv as arrow_csv
+import pyarrow as pa  # type: ignore[import-untyped]
+import pyarrow.csv as arrow_csv  # type: ignore[import-untyped]
 
 from mtpipe.errors import RecordingError
 from mtpipe.ingest.files import open_stream
@@ -109,7 +109,9 @@ class TextTable:
                         continue
                     fault = self._fault(line, wanted, lost)
                     if fault is not None:
-                        return RecordingError(fault[1], where=f"{self.path}, line {number}{fault[0]}")
+                        return RecordingError(
+                            fault[1], where=f"{self.path}, line {number}{fault[0]}"
+                        )
         except (*DAMAGE, csv.Error) as damage:
             return RecordingError(f"is damaged ({damage})", where=str(self.path))
         reason = str(error).splitlines()[0][:200]

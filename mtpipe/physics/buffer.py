@@ -32,9 +32,9 @@ def viscosity_pN_s_per_nm2(viscosity_mPa_s: ArrayLike) -> NDArray[np.float64]:
 def water_viscosity_mPa_s(temperature_K: ArrayLike) -> NDArray[np.float64]:
     """Viscosity of pure water, 0.02414 · 10^(247.8 / (T - 140)) mPa s.
 
-    Vogel's equation with the constants of Al-Shemmeri 2012 (Engineering Fluid Mechanics). Within
-    0.3 % of the correlation of Huber et al. 2009 (IAPWS R12-08) from 285 to 335 K, within 2 %
-    from freezing to boiling.
+    Vogel's equation with the constants of Al-Shemmeri 2012 (Engineering Fluid Mechanics). Against
+    the correlation of Huber et al. 2009 (IAPWS R12-08): within 0.2 % from 288 to 310 K, 0.4 %
+    from 285 to 320 K, 2 % from freezing to boiling.
 
     Raises
     ------

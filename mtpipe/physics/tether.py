@@ -60,6 +60,8 @@ _BOUCHIAT = np.polynomial.Polynomial(
 )
 _MARKO_SIGGIA = np.polynomial.Polynomial([0.0, 1.0])
 
+_NODES, _NODE_WEIGHTS = np.polynomial.legendre.leggauss(80)
+
 
 @dataclass(frozen=True)
 class Chain:
@@ -156,8 +158,7 @@ def mean_extension_nm(chain: Chain, force_pN: ArrayLike) -> FloatArray:
     slope = _reduced_slope(chain, peak)
     width = 1 / np.sqrt(units * slope * (1 + c * slope))
     low, high = np.maximum(peak - 14 * width, 0.0), np.minimum(peak + 10 * width, 1.0)
-    nodes, node_weights = np.polynomial.legendre.leggauss(160)
-    y = low + (high - low) * (nodes + 1) / 2
+    y = low + (high - low) * (_NODES + 1) / 2
 
     g = _reduced_force(chain, y)
     r = y + c * g
@@ -165,7 +166,7 @@ def mean_extension_nm(chain: Chain, force_pN: ArrayLike) -> FloatArray:
     log_weight = pull - units * (_reduced_work(chain, y) + c * g**2 / 2)
     # Over the half sphere e^(pull cos) integrates to e^pull (1 - e^-pull)/pull.
     density = r**2 * (1 + c * _reduced_slope(chain, y)) * exprel(-pull)
-    weight = node_weights * density * np.exp(log_weight - log_weight.max(axis=-1, keepdims=True))
+    weight = _NODE_WEIGHTS * density * np.exp(log_weight - log_weight.max(axis=-1, keepdims=True))
     height = np.sum(weight * r * _mean_cosine(pull), axis=-1) / np.sum(weight, axis=-1)
     return np.asarray(chain.contour_length_nm * height)
 
@@ -199,7 +200,7 @@ def _solve(chain: Chain, target: FloatArray, *, linear: float, weight: float) ->
         high, low = np.where(excess > 0, y, high), np.where(excess > 0, low, y)
         step = y - excess / (linear + weight * _reduced_slope(chain, y))
         following = np.where((step >= low) & (step <= high), step, (low + high) / 2)
-        if np.all(np.abs(following - y) <= 4e-16 * following):
+        if np.all(np.abs(following - y) <= 1e-15 * following):
             break
         y = following
     return following
@@ -212,7 +213,7 @@ def _terms(chain: Chain) -> np.polynomial.Polynomial:
 def _reduced_force(chain: Chain, y: FloatArray) -> FloatArray:
     """The force g(y) = F Lp/kT, y in [0, 1]; infinite at 1."""
     with np.errstate(divide="ignore"):
-        return np.asarray(0.25 / (1 - y) ** 2 - 0.25 + _terms(chain)(y))
+        return np.asarray(0.25 * y * (2 - y) / (1 - y) ** 2 + _terms(chain)(y))
 
 
 def _reduced_slope(chain: Chain, y: FloatArray) -> FloatArray:

@@ -68,8 +68,8 @@ def forces_figure(arrays: Arrays, folder: RunFolder, beads: list[str]) -> Figure
             yaxis=log_axis("force / pN", seen),
             yaxis2=log_axis("", seen, anchor="x2", matches="y", showticklabels=False),
             annotations=[
-                {"text": f"from {name}", "xref": f"{panel} domain", "yref": "paper", "x": 0.02}
-                | {"y": 0.98, "xanchor": "left", "yanchor": "top", "showarrow": False}
+                {"text": f"from {name}", "xref": f"{panel} domain", "yref": "paper", "x": 1}
+                | {"y": 1, "xanchor": "right", "yanchor": "bottom", "showarrow": False}
                 for name, panel in (("x", "x"), ("y", "x2"))
             ],
         ),

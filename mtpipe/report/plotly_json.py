@@ -2,8 +2,7 @@
 
 The figures are not built with the plotly package, whose validation takes longer than the fits; a
 test checks them against it. Arrays go into the page once each, as base64 of little-endian numbers
-in single precision, which plotly reads directly. `report.js` puts them back where a figure says
-`{"array": i}`.
+in single precision; `report.js` puts them back where a figure says `{"array": i}`.
 """
 
 from __future__ import annotations
@@ -34,11 +33,9 @@ class Arrays:
         packed = np.asarray(values, dtype="<f4").tobytes()
         return {"array": self._index.setdefault(packed, len(self._index))}
 
-    def packed(self) -> list[dict[str, str]]:
-        """The arrays in plotly's own notation for typed arrays."""
-        return [
-            {"dtype": "f4", "bdata": base64.b64encode(data).decode("ascii")} for data in self._index
-        ]
+    def packed(self) -> list[str]:
+        """The arrays in base64, in the order of their numbers."""
+        return [base64.b64encode(data).decode("ascii") for data in self._index]
 
 
 def layout(height: int, **extra: Any) -> dict[str, Any]:
@@ -70,18 +67,19 @@ def axis(title: str = "", **extra: Any) -> dict[str, Any]:
         "automargin": True,
         **extra,
     }
-    if made.get("type") == "log":
-        made.update(exponentformat="power", minor={"ticks": "outside", "ticklen": 3})
-        made.setdefault("dtick", 1)
     return made
 
 
 def log_axis(title: str, values: ArrayLike, **extra: Any) -> dict[str, Any]:
-    """A logarithmic axis; over less than 1.5 decades it is labelled at 1, 2 and 5 as well."""
-    span = positive(values)
-    decades = np.log10(span.max() / span.min()) if len(span) else 0.0
-    ticks: dict[str, Any] = {} if decades > 1.5 else {"dtick": "D2"}
-    return axis(title, type="log", **{**ticks, **extra})
+    """A logarithmic axis, labelled in full (0.2, 0.5, 1) where its values are short to write.
+
+    Else as powers of ten: plotly would label 0.2 as "2" between the decades.
+    """
+    seen = positive(values)
+    short = not len(seen) or (seen.min() > 1e-4 and seen.max() < 2e4)
+    ticks = {"tickformat": "~g"} if short else {"exponentformat": "power", "dtick": 1}
+    minor = {"ticks": "outside", "ticklen": 3}
+    return axis(title, type="log", minor=minor, **{**ticks, **extra})
 
 
 def positive(values: ArrayLike) -> NDArray[np.float64]:

@@ -59,7 +59,6 @@ class ForceRow:
 
     key: str
     axis: str
-    lost: str
     extension: Cell
     force: Cell
     stiffness: Cell
@@ -79,8 +78,7 @@ class PlateauRows:
 
     plateau: int
     magnet: Cell
-    start: str
-    duration: str
+    times: str
     axes: tuple[ForceRow, ...]
 
 
@@ -129,8 +127,7 @@ def plateau_rows(folder: RunFolder, bead: str) -> list[PlateauRows]:
         PlateauRows(
             plateau=plateau,
             magnet=_plain(rows[0]["magnet_mm"], "the recording has no magnet position"),
-            start=words.number(rows[0]["start_s"], 4),
-            duration=words.number(rows[0]["duration_s"], 3),
+            times=_times(rows[0]["start_s"], rows[0]["duration_s"]),
             axes=tuple(_force_row(row) for row in rows),
         )
         for plateau, rows in groups.items()
@@ -253,10 +250,11 @@ def _force_row(row: Mapping[str, Any]) -> ForceRow:
     if status != "refused" and axis != "z" and not words.is_number(row["force_pN"]):
         remarks.append(f"no force: {why}")
     frames, lost = row["frames"], row["lost_frames"]
+    if words.is_number(lost) and lost > 0:
+        remarks.append(f"{words.number(100 * lost / frames, 2)} % of frames lost")
     return ForceRow(
         key=f"{int(row['plateau'])}/{axis}",
         axis=axis,
-        lost=f"{100 * lost / frames:.2g} %" if words.is_number(lost) and frames else words.EMPTY,
         extension=Cell(
             words.with_error(row["extension_nm"], row["extension_stderr_nm"]),
             "" if words.is_number(row["extension_nm"]) else "z was not recorded or has no zero",
@@ -291,6 +289,12 @@ def _estimate(
         return Cell(words.EMPTY, f"{why_empty}; {remains}" if remains else why_empty)
     shown = words.with_arms(value, stderr, low, high)
     return Cell(shown, words.interval(low, high, _SYMBOL.get(unit, unit)), value)
+
+
+def _times(start_s: Any, duration_s: Any) -> str:
+    if not (words.is_number(start_s) and words.is_number(duration_s)):
+        return words.EMPTY
+    return f"{start_s:.0f} – {start_s + duration_s:.0f}"
 
 
 def _plain(value: Any, why_empty: str) -> Cell:

@@ -17,10 +17,15 @@ EMPTY = "—"
 STATUS = {
     "ok": "ok",
     "fixed": "held fixed",
-    "at_bound": "at a bound: the fit ended at a physical limit, so the interval is one-sided",
-    "not_identified": "not identified: the data do not determine it",
-    "not_converged": "not converged: the fit found no minimum",
+    "at_bound": "at a bound",
+    "not_identified": "not identified",
+    "not_converged": "fit not converged",
     "refused": "refused",
+}
+STATUS_MEANING = {
+    "at_bound": "the fit ended at a physical limit, so an interval is one-sided",
+    "not_identified": "the data do not determine a parameter",
+    "not_converged": "the fit found no minimum",
 }
 MODEL = {
     "marko-siggia": "Marko–Siggia",
@@ -52,7 +57,7 @@ def label(code: str) -> str:
 
 
 def number(value: Any, digits: int = 3) -> str:
-    """A number to significant digits, without trailing noise; "—" where missing."""
+    """A number to significant digits, without trailing zeros; "—" where missing."""
     if not is_number(value):
         return EMPTY
     if value == 0:
@@ -61,7 +66,8 @@ def number(value: Any, digits: int = 3) -> str:
     if exponent < -4 or exponent >= 7:
         mantissa = f"{value / 10.0**exponent:.{digits - 1}f}"
         return _minus(mantissa) + f" × 10{_superscript(exponent)}"
-    return _minus(f"{value:.{max(digits - 1 - exponent, 0)}f}")
+    shown = f"{value:.{max(digits - 1 - exponent, 0)}f}"
+    return _minus(shown.rstrip("0").rstrip(".") if "." in shown else shown)
 
 
 def with_error(value: Any, stderr: Any) -> str:

@@ -1,0 +1,122 @@
+"""The command line: what `mtpipe --help` lists.
+
+Exit codes: 0 done, 1 the data could not be processed, 2 the call was wrong. Errors are one or a few
+plain lines on standard error; a traceback appears only with MTPIPE_DEBUG set in the environment.
+"""
+
+from __future__ import annotations
+
+import os
+import sys
+import traceback
+from pathlib import Path
+from typing import Annotated
+
+import click
+import typer
+
+import mtpipe
+from mtpipe.errors import MtpipeError
+from mtpipe.terminal import progress_bar, summary
+
+app = typer.Typer(
+    add_completion=False,
+    no_args_is_help=True,
+    pretty_exceptions_enable=False,
+    help="Force calibration for magnetic tweezers: from tracked beads to forces you can defend.",
+)
+
+Recording = Annotated[
+    Path,
+    typer.Argument(
+        help="Recording (CSV, Parquet, or a laboratory's own file), a folder with a series of "
+        "files, or a setup.toml whose [source] names its files.",
+        exists=True,
+    ),
+]
+SetupFile = Annotated[
+    Path | None,
+    typer.Option("--setup", help="Setup; default: setup.toml beside the recording.", exists=True),
+]
+Seed = Annotated[int, typer.Option(help="Seed of the posteriors.", min=0)]
+Workers = Annotated[int | None, typer.Option(help="Processes; default: one per core.", min=1)]
+
+
+@app.callback(invoke_without_command=True)
+def about(
+    version: Annotated[bool, typer.Option("--version", help="Print the version and stop.")] = False,
+) -> None:
+    """Force calibration for magnetic tweezers: from tracked beads to forces you can defend."""
+    if version:
+        typer.echo(f"mtpipe {mtpipe.__version__}")
+        raise typer.Exit
+
+
+@app.command()
+def run(
+    recording: Recording,
+    out: Annotated[Path, typer.Option("--out", help="Folder to write.", file_okay=False)],
+    setup: SetupFile = None,
+    seed: Seed = 0,
+    workers: Workers = None,
+) -> None:
+    """Calibrate a recording: forces, force-extension curves and a report."""
+    from mtpipe import pipeline
+
+    with progress_bar() as progress:
+        result = pipeline.run(
+            recording, out, setup=setup, seed=seed, workers=workers, progress=progress
+        )
+    summary(result, out)
+
+
+@app.command()
+def report(
+    folder: Annotated[
+        Path, typer.Argument(metavar="DIR", help="Folder of a run.", exists=True, file_okay=False)
+    ],
+) -> None:
+    """Write the report of a run again, from the run's files."""
+    from mtpipe.report import write_report
+
+    typer.echo(f"Report: {write_report(folder)}")
+
+
+@app.command()
+def demo(
+    out: Annotated[Path, typer.Option("--out", help="Folder to write.", file_okay=False)] = Path(
+        "mtpipe-demo"
+    ),
+    workers: Workers = None,
+) -> None:
+    """Run on the bundled recordings and compare with the forces that made them."""
+    from mtpipe.demo import run_demo
+
+    with progress_bar() as progress:
+        text = run_demo(out, workers=workers, progress=progress)
+    typer.echo(text)
+
+
+def main() -> None:
+    """Run the command line; every fault ends in a sentence and an exit code."""
+    try:
+        code = app(standalone_mode=False)
+    except click.UsageError as error:
+        error.show()
+        code = 2
+    except (click.exceptions.Abort, KeyboardInterrupt):
+        typer.echo("mtpipe: stopped.", err=True)
+        code = 1
+    except MtpipeError as error:
+        typer.echo(f"mtpipe: {error}", err=True)
+        code = 1
+    except Exception as error:
+        if os.environ.get("MTPIPE_DEBUG"):
+            traceback.print_exc()
+        typer.echo(
+            f"mtpipe: a defect of mtpipe itself: {type(error).__name__}: {error}\n"
+            "Set MTPIPE_DEBUG=1 to see where, and please report it.",
+            err=True,
+        )
+        code = 1
+    sys.exit(code if isinstance(code, int) else 0)

@@ -1,0 +1,212 @@
+"""Which reference beads can be trusted, how noisy they are, and what they weigh.
+
+A reference is left out when it jumps, moves on its own, is mostly lost, or was not tracked along
+an axis that others have. When no trustworthy one remains, the least faulty is kept: subtracting
+it can add its faults to a trace, but leaving all drift in every trace is worse, and its own motion
+is counted as noise when the low-pass is chosen.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mtpipe.drift.combine import inverse_variance
+from mtpipe.drift.faults import NO_JUMPS, Jumps, jumps_alone, jumps_among, mistracked
+from mtpipe.drift.grid import Grid, piece_coefficients
+from mtpipe.drift.noise import (
+    OwnMotion,
+    own_motion,
+    white_noise_alone_nm,
+    white_noise_shared_nm,
+)
+from mtpipe.notice import Notice
+from mtpipe.recording import AXES, FloatArray, Recording, ReferenceUse
+
+MOSTLY_LOST = 0.5
+# A bead is loose when its own motion has more than four times the variance of its noise, beyond
+# doubt, and more than a fifth of the motion it shares (so much may be a difference of scales).
+LOOSE_NOISES = 4.0
+LOOSE_SIGMA = 5.0
+LOOSE_SHARE = 0.2
+MISTRACKED_CAUTION = 0.01
+
+
+@dataclass(frozen=True)
+class ReferenceAxis:
+    """One axis of one reference: its series without mistracked frames, and what is known of it."""
+
+    series_nm: FloatArray
+    mistracked: NDArray[np.bool_]
+    noise_nm: float
+    own: OwnMotion
+    jumps: Jumps
+
+    @property
+    def loose(self) -> bool:
+        """Whether the bead moves on its own beside its tracking noise."""
+        excess = self.own.variance_nm2 - self.noise_nm**2
+        shared = self.own.total_nm2 - self.own.variance_nm2
+        return bool(
+            excess > LOOSE_NOISES * self.noise_nm**2
+            and excess > LOOSE_SIGMA * self.own.stderr_nm2
+            and excess > LOOSE_SHARE * shared
+        )
+
+    @property
+    def own_share(self) -> float:
+        """Part of the motion above the tracking noise that is the bead's own; 0 if not loose."""
+        if not self.loose:
+            return 0.0
+        noise_nm2 = self.noise_nm**2
+        moving = self.own.total_nm2 - noise_nm2
+        return min(1.0, (self.own.variance_nm2 - noise_nm2) / moving) if moving > 0 else 1.0
+
+
+@dataclass(frozen=True)
+class Assessment:
+    """All references of a recording: `axes[bead]` are its x, y, z."""
+
+    axes: Mapping[str, tuple[ReferenceAxis, ReferenceAxis, ReferenceAxis]]
+    uses: tuple[ReferenceUse, ...]
+    notices: tuple[Notice, ...]
+
+
+def assess(recording: Recording, grid: Grid) -> Assessment:
+    """Examine every reference bead of a recording."""
+    by_axis = [_assess_axis(recording, grid, axis) for axis in range(3)]
+    axes = {bead: (by_axis[0][bead], by_axis[1][bead], by_axis[2][bead]) for bead in by_axis[0]}
+    faults = {bead: _faults(bead, axes, recording, grid) for bead in axes}
+    used = [bead for bead in axes if not faults[bead]]
+    notices = [_mistracked_notice(bead, axes[bead]) for bead in axes]
+    if axes and not used:
+        best = min(axes, key=lambda b: (len(faults[b]), sum(a.jumps.number for a in axes[b])))
+        used = [best]
+    for bead, sentences in faults.items():
+        text = "; ".join(sentences)
+        if sentences and bead in used:
+            message = (
+                f"reference bead {bead} {text}; there is no better one, so it is subtracted all "
+                "the same and its faults are in every trace"
+            )
+            notices.append(Notice("reference_moves", "warning", message, bead))
+        elif sentences:
+            message = f"reference bead {bead} is left out: it {text}"
+            notices.append(Notice("reference_left_out", "caution", message, bead))
+    weights = _weights(axes, used)
+    uses = tuple(
+        ReferenceUse(
+            bead,
+            bead in used,
+            weights[bead],
+            _three([a.noise_nm for a in axes[bead]]),
+            "; ".join(faults[bead]),
+        )
+        for bead in axes
+    )
+    return Assessment(axes, uses, tuple(n for n in notices if n is not None))
+
+
+def _assess_axis(recording: Recording, grid: Grid, axis: int) -> dict[str, ReferenceAxis]:
+    series = {b: grid.series_nm(recording, b, axis) for b in recording.references}
+    alone = sum(np.isfinite(y).any() for y in series.values()) == 1
+    tethered = [grid.series_nm(recording, b, axis) for b in recording.tethered] if alone else []
+    wrong: dict[str, NDArray[np.bool_]] = {}
+    for bead, y in series.items():
+        others = [o for b, o in series.items() if b != bead and np.isfinite(o).any()]
+        wrong[bead] = mistracked(y, others or tethered, grid.rate_hz)
+    for bead, y in series.items():
+        y[wrong[bead]] = np.nan
+    result = {}
+    for bead, y in series.items():
+        others = [o for b, o in series.items() if b != bead and np.isfinite(o).any()]
+        result[bead] = _assess_series(y, others, tethered, wrong[bead], grid)
+    return result
+
+
+def _assess_series(
+    y: FloatArray,
+    others: Sequence[FloatArray],
+    tethered: Sequence[FloatArray],
+    wrong: NDArray[np.bool_],
+    grid: Grid,
+) -> ReferenceAxis:
+    rate_hz = grid.rate_hz
+    known = np.isfinite(y)
+    pieces = grid.known_pieces(np.logical_and.reduce([known, *(np.isfinite(o) for o in others)]))
+    if not pieces:
+        others, pieces = [], grid.known_pieces(known)
+    if not pieces:
+        unknown = OwnMotion(math.nan, math.inf, math.nan)
+        return ReferenceAxis(y, wrong, math.nan, unknown, NO_JUMPS)
+    own = piece_coefficients(y, pieces)
+    beside = [piece_coefficients(o, pieces) for o in (others or tethered)]
+    if others:
+        noise_nm = white_noise_shared_nm([own, *beside], rate_hz)
+        jumps = jumps_among(y, others, pieces, rate_hz, noise_nm)
+    else:
+        noise_nm = white_noise_alone_nm(own, rate_hz)
+        jumps = jumps_alone(y, tethered, pieces, rate_hz, noise_nm)
+    return ReferenceAxis(y, wrong, noise_nm, own_motion(own, beside, rate_hz), jumps)
+
+
+def _faults(
+    bead: str,
+    axes: Mapping[str, tuple[ReferenceAxis, ReferenceAxis, ReferenceAxis]],
+    recording: Recording,
+    grid: Grid,
+) -> list[str]:
+    sentences = []
+    for name, axis in zip(AXES, axes[bead], strict=True):
+        known = float(np.mean(np.isfinite(axis.series_nm[grid.row])))
+        recorded = any(math.isfinite(a[AXES.index(name)].noise_nm) for a in axes.values())
+        if recorded and known < 1 - MOSTLY_LOST:
+            sentences.append(f"is lost along {name} in {1 - known:.0%} of the frames")
+        if axis.jumps.number:
+            at = int(np.searchsorted(grid.row, axis.jumps.first))
+            times = "once" if axis.jumps.number == 1 else f"{axis.jumps.number} times"
+            sentences.append(
+                f"jumps {times} along {name}, first at {recording.time_s[at]:.1f} s, "
+                f"by up to {axis.jumps.largest_nm:.3g} nm"
+            )
+        if axis.loose:
+            moves = math.sqrt(axis.own.variance_nm2 - axis.noise_nm**2)
+            sentences.append(
+                f"is loosely attached: it moves on its own by {moves:.3g} nm rms along {name}"
+            )
+    return sentences
+
+
+def _weights(
+    axes: Mapping[str, tuple[ReferenceAxis, ReferenceAxis, ReferenceAxis]], used: Sequence[str]
+) -> dict[str, tuple[float, float, float]]:
+    table = {bead: [0.0, 0.0, 0.0] for bead in axes}
+    for axis in range(3):
+        tracked = [b for b in used if math.isfinite(axes[b][axis].noise_nm)]
+        noise = np.array([axes[b][axis].noise_nm for b in tracked])
+        for bead, weight in zip(tracked, inverse_variance(noise), strict=True):
+            table[bead][axis] = float(weight)
+    return {bead: _three(w) for bead, w in table.items()}
+
+
+def _mistracked_notice(bead: str, axes: Sequence[ReferenceAxis]) -> Notice | None:
+    number = int(np.sum(np.logical_or.reduce([a.mistracked for a in axes])))
+    if not number:
+        return None
+    share = number / len(axes[0].mistracked)
+    return Notice(
+        "reference_mistracked",
+        "caution" if share > MISTRACKED_CAUTION else "info",
+        f"reference bead {bead} was mistracked in {number} frames ({share:.2%}), which are left "
+        "out of the drift",
+        bead,
+    )
+
+
+def _three(values: Sequence[float]) -> tuple[float, float, float]:
+    x, y, z = values
+    return (x, y, z)

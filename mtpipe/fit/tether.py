@@ -1,0 +1,356 @@
+"""Fit of one worm-like chain to one bead's forces and mean extensions, both with errors.
+
+Every point has a true force that nobody knows. It is profiled out: for given chain the most likely
+true force of each point lies on the curve between the measured force and the force at the measured
+extension, and what is left of the point is one residual. The sum of squares is then exactly the
+deviance of the errors-in-both problem, and lmfit's least squares applies. Errors of forces are
+taken as relative (a force comes from a stiffness whose logarithm is what is Gaussian).
+
+Parameters are fitted as logarithms and the stretch modulus as its inverse, which is what the data
+determine linearly; intervals are symmetric there and not in the value.
+
+Which height of a tether belongs to a force is a choice (`Relation`):
+
+- "potential" (default): the chain is a potential about its anchor, as in mtpipe's baseline
+  experiment, so contour and persistence length mean what they mean in a setup;
+- "long-chain": the formula itself, the mean height of an infinitely long chain, as the literature
+  fits it. A real chain of finite length with freely turning ends lies kT/(2F) below, with clamped
+  ends kT/(2F) above (Seol, Li, Nelson, Perkins & Betterton 2007, Biophys J 93:4360).
+
+They differ by about 7 kT/(4F), 7 nm at 1 pN: about 4 % in the persistence length.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any, Literal
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+from scipy import stats
+from scipy.interpolate import CubicSpline
+
+from mtpipe.errors import FitError
+from mtpipe.estimate import Estimate, Status
+from mtpipe.physics import tether
+from mtpipe.physics.buffer import thermal_energy_pN_nm
+from mtpipe.physics.tether import Chain, Formula
+
+FloatArray = NDArray[np.float64]
+Relation = Literal["potential", "long-chain"]
+
+_LARGEST_RELATIVE_ERROR = 0.5
+_NEAR_ONE = 0.98
+
+
+@dataclass(frozen=True)
+class ExtensionPoints:
+    """Forces and mean extensions of one bead, one per plateau; all arrays of the same length.
+
+    `lever_nm` is the length the lateral stiffness was multiplied by to give the force (extension
+    along the field, extension + radius across). It matters only where the zero of z is unknown:
+    the force then moves with it. None: the force was measured otherwise.
+    """
+
+    plateau: NDArray[np.int64]
+    force_pN: FloatArray
+    force_stderr_pN: FloatArray
+    extension_nm: FloatArray
+    extension_stderr_nm: FloatArray
+    lever_nm: FloatArray | None = None
+
+    def __len__(self) -> int:
+        return len(self.force_pN)
+
+    def select(self, keep: NDArray[np.bool_]) -> ExtensionPoints:
+        """The points where `keep` is True."""
+        return ExtensionPoints(
+            self.plateau[keep],
+            self.force_pN[keep],
+            self.force_stderr_pN[keep],
+            self.extension_nm[keep],
+            self.extension_stderr_nm[keep],
+            None if self.lever_nm is None else self.lever_nm[keep],
+        )
+
+    def usable(self) -> NDArray[np.bool_]:
+        """Which points have a positive force and extension and positive errors of both."""
+        columns = (
+            self.force_pN, self.force_stderr_pN, self.extension_nm, self.extension_stderr_nm
+        )  # fmt: skip
+        return np.logical_and.reduce([np.isfinite(c) & (c > 0) for c in columns])
+
+
+@dataclass(frozen=True)
+class Assay:
+    """How extensions and forces came about.
+
+    Attributes
+    ----------
+    relation : see the module's text.
+    bead_turns : the bead turns freely about the field's axis and its attachment swings, which
+        lowers its centre by kT/(2F) (effect `rotation_coupling`).
+    offset_unknown : the zero of z is unknown; an offset is fitted and forces follow it.
+    """
+
+    temperature_K: float
+    relation: Relation = "potential"
+    bead_turns: bool = False
+    offset_unknown: bool = False
+
+
+@dataclass(frozen=True)
+class TetherFit:
+    """A chain fitted to the points of one bead.
+
+    Attributes
+    ----------
+    force_range_pN : lowest and highest measured force that was fitted.
+    stretch_modulus_pN : None for inextensible chains; "not_identified" with a lower limit where
+        the data do not tell it from infinity by two standard errors.
+    offset_nm : what has to be added to the extensions; None where the zero of z is known.
+    correlation : the most strongly correlated pair of parameters, and its coefficient.
+    chi2, dof, p_value : of the residuals; a small p-value says that the errors are understated or
+        the model is wrong.
+    """
+
+    model: Formula
+    relation: Relation
+    contour_length_nm: Estimate
+    persistence_length_nm: Estimate
+    stretch_modulus_pN: Estimate | None
+    offset_nm: Estimate | None
+    force_range_pN: tuple[float, float]
+    points: int
+    chi2: float
+    dof: int
+    p_value: float
+    correlation: tuple[str, str, float] | None
+    chain: Chain | None
+
+    @property
+    def identified(self) -> bool:
+        """Whether contour and persistence length are determined."""
+        return self.contour_length_nm.status == self.persistence_length_nm.status == "ok"
+
+    @property
+    def bic(self) -> float:
+        """Bayesian information criterion; comparable between fits of the same points."""
+        return self.chi2 + (self.points - self.dof) * math.log(self.points)
+
+
+def expected_extension_nm(chain: Chain, force_pN: ArrayLike, assay: Assay) -> FloatArray:
+    """Mean extension that the assay shows for a chain at true forces (any shape, positive)."""
+    force = np.asarray(force_pN, dtype=np.float64)
+    if assay.relation == "potential":
+        height = tether.mean_extension_nm(chain, force)
+    else:
+        height = tether.extension_nm(chain, force)
+    if assay.bead_turns:
+        height = height - thermal_energy_pN_nm(assay.temperature_K) / (2 * force)
+    return height
+
+
+def parameters_of(formula: Formula, assay: Assay) -> int:
+    """How many parameters a fit has; it takes one point more."""
+    return 2 + (formula == "extensible") + assay.offset_unknown
+
+
+def fit_tether(points: ExtensionPoints, formula: Formula, assay: Assay) -> TetherFit:
+    """Fit a chain to all the points given.
+
+    Returns
+    -------
+    TetherFit; its estimates are "not_identified" where the fit does not determine them, for
+    instance because all forces are alike.
+
+    Raises
+    ------
+    FitError : a point is not usable, or there are no more points than parameters.
+    """
+    import lmfit
+
+    if not np.all(points.usable()):
+        raise FitError("a force or an extension, or the error of one, is not a positive number")
+    if len(points) <= parameters_of(formula, assay):
+        raise FitError(
+            f"{len(points)} forces do not determine {parameters_of(formula, assay)} parameters"
+        )
+    contour, persistence = _start(points, assay)
+    start = lmfit.Parameters()
+    start.add("ln_contour", math.log(contour), min=0.0, max=math.log(1e6))
+    start.add("ln_persistence", math.log(persistence), min=math.log(0.05), max=math.log(1e5))
+    if formula == "extensible":
+        start.add("compliance", 1e-3, min=0.0, max=0.1)
+    if assay.offset_unknown:
+        start.add("offset", 0.0)
+    result: Any = lmfit.minimize(
+        _residuals, start, args=(points, formula, assay), scale_covar=False, max_nfev=500
+    )
+    if formula == "extensible" and not result.params["compliance"].value > 1e-8:
+        # At its limit the compliance has no standard error and spoils those of the others.
+        start = result.params
+        start["compliance"].set(value=0.0, vary=False)
+        result = lmfit.minimize(
+            _residuals, start, args=(points, formula, assay), scale_covar=False, max_nfev=500
+        )
+    return _collect(result, points, formula, assay)
+
+
+def _start(points: ExtensionPoints, assay: Assay) -> tuple[float, float]:
+    """Contour and persistence length from L = L0 (1 - sqrt(kT/(4 F Lp))), true above 0.3 pN."""
+    root = 1 / np.sqrt(points.force_pN)
+    highest = points.extension_nm.max()
+    if np.ptp(root) > 0:
+        slope, contour = np.polyfit(root, points.extension_nm, 1)
+        if slope < 0 and highest < contour < 2 * highest:
+            kT = float(thermal_energy_pN_nm(assay.temperature_K))
+            return float(contour), float(np.clip(kT * (contour / slope) ** 2 / 4, 5.0, 500.0))
+    return 1.1 * float(highest), 50.0
+
+
+def _chain(values: Mapping[str, Any], formula: Formula, temperature_K: float) -> Chain:
+    modulus = 1 / max(values["compliance"], 1e-9) if formula == "extensible" else None
+    contour, persistence = math.exp(values["ln_contour"]), math.exp(values["ln_persistence"])
+    return Chain(contour, persistence, temperature_K, formula, modulus)
+
+
+def _residuals(
+    parameters: Any, points: ExtensionPoints, formula: Formula, assay: Assay
+) -> FloatArray:
+    """(points,) signed distances of the points from the curve, in standard errors."""
+    values = parameters.valuesdict()
+    offset = values.get("offset", 0.0)
+    extension = points.extension_nm + offset
+    log_force = np.log(points.force_pN)
+    if points.lever_nm is not None:
+        log_force = log_force + np.log(np.maximum(1 + offset / points.lever_nm, 1e-3))
+    relative_error = points.force_stderr_pN / points.force_pN
+
+    margin = 0.1 + 6 * relative_error.max()
+    grid = np.linspace(log_force.min() - margin, log_force.max() + margin, 64)
+    chain = _chain(values, formula, assay.temperature_K)
+    heights = expected_extension_nm(chain, np.exp(grid), assay)
+    curve = CubicSpline(grid, heights)
+    true = _most_likely(
+        curve,
+        log_force,
+        relative_error,
+        extension,
+        points.extension_stderr_nm,
+        np.interp(extension, heights, grid),
+    )
+    along = (log_force - true) / relative_error
+    across = (extension - curve(true)) / points.extension_stderr_nm
+    return np.asarray(np.copysign(np.hypot(along, across), across))
+
+
+def _most_likely(
+    curve: CubicSpline,
+    log_force: FloatArray,
+    log_force_error: FloatArray,
+    extension: FloatArray,
+    extension_error: FloatArray,
+    log_force_at_extension: FloatArray,
+) -> FloatArray:
+    """(points,) true log forces: the points of the curve nearest to the measured ones.
+
+    Between the measured force and the force at the measured extension the distance has its
+    minimum; Newton steps that leave this bracket are replaced by bisection.
+    """
+    low = np.minimum(log_force, log_force_at_extension) - 0.1
+    high = np.maximum(log_force, log_force_at_extension) + 0.1
+    slope_of = curve.derivative()
+    u = log_force
+    for _ in range(60):
+        slope = slope_of(u)
+        gradient = (u - log_force) / log_force_error**2 - slope * (
+            extension - curve(u)
+        ) / extension_error**2
+        high, low = np.where(gradient > 0, u, high), np.where(gradient > 0, low, u)
+        step = u - gradient / (1 / log_force_error**2 + (slope / extension_error) ** 2)
+        following = np.where((step > low) & (step < high), step, (low + high) / 2)
+        if np.all(np.abs(following - u) < 1e-12):
+            break
+        u = following
+    return u
+
+
+def _collect(result: Any, points: ExtensionPoints, formula: Formula, assay: Assay) -> TetherFit:
+    values = result.params.valuesdict()
+    dof = len(points) - parameters_of(formula, assay)
+    chi2 = float(result.chisqr)
+    done: Status = "ok" if result.success else "not_converged"
+    method = f"{formula} chain, {assay.relation} relation, errors in both"
+    error = {
+        name: float(p.stderr) if result.errorbars and p.stderr is not None else math.inf
+        for name, p in result.params.items()
+    }
+    return TetherFit(
+        model=formula,
+        relation=assay.relation,
+        contour_length_nm=_exponential(
+            values["ln_contour"], error["ln_contour"], "nm", method, done
+        ),
+        persistence_length_nm=_exponential(
+            values["ln_persistence"], error["ln_persistence"], "nm", method, done
+        ),
+        stretch_modulus_pN=(
+            _inverse(values["compliance"], error["compliance"], "pN", method, done)
+            if formula == "extensible"
+            else None
+        ),
+        offset_nm=(
+            _linear(values["offset"], error["offset"], "nm", method, done)
+            if assay.offset_unknown
+            else None
+        ),
+        force_range_pN=(float(points.force_pN.min()), float(points.force_pN.max())),
+        points=len(points),
+        chi2=chi2,
+        dof=dof,
+        p_value=float(stats.chi2.sf(chi2, dof)),
+        correlation=_strongest(result),
+        chain=_chain(values, formula, assay.temperature_K),
+    )
+
+
+def _exponential(mean: float, error: float, unit: str, method: str, status: Status) -> Estimate:
+    """The estimate of exp(x); not identified when its relative error exceeds one half."""
+    if not error < _LARGEST_RELATIVE_ERROR:
+        return Estimate.missing(unit, method)
+    value = math.exp(mean)
+    interval = (math.exp(mean - error), math.exp(mean + error))
+    return Estimate(value, value * error, interval, unit, method, status)
+
+
+def _inverse(mean: float, error: float, unit: str, method: str, status: Status) -> Estimate:
+    """The estimate of 1/x; only a lower limit when x is within two standard errors of zero."""
+    if not math.isfinite(error):
+        return Estimate.missing(unit, method)
+    if not mean > 2 * error or mean <= 0:
+        limit = 1 / (mean + error) if mean + error > 0 else math.nan
+        return Estimate(
+            math.nan, math.nan, (limit, math.inf), unit, method, status="not_identified"
+        )
+    interval = (1 / (mean + error), 1 / (mean - error))
+    return Estimate(1 / mean, error / mean**2, interval, unit, method, status)
+
+
+def _linear(mean: float, error: float, unit: str, method: str, status: Status) -> Estimate:
+    if not math.isfinite(error):
+        return Estimate.missing(unit, method)
+    return Estimate(mean, error, (mean - error, mean + error), unit, method, status)
+
+
+def _strongest(result: Any) -> tuple[str, str, float] | None:
+    """The pair of parameters with the largest correlation in magnitude."""
+    names, covariance = result.var_names, getattr(result, "covar", None)
+    if covariance is None or len(names) < 2:
+        return None
+    scale = np.sqrt(np.diag(covariance))
+    correlation = np.triu(covariance / np.outer(scale, scale), 1)
+    i, j = np.unravel_index(np.argmax(np.abs(correlation)), correlation.shape)
+    return names[i], names[j], float(correlation[i, j])

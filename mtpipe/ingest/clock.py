@@ -1,0 +1,246 @@
+"""The camera's clock: frame numbers on a regular grid, times, and the frame rate.
+
+A frame that the camera lost leaves a jump in the frame numbers, and never shortens the time.
+The rate comes from the ends of the recording, (frames between)/(time between): the median of the
+differences misleads by percents when stamps are rounded.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mtpipe.errors import RecordingError
+from mtpipe.ingest.collect import Collected
+from mtpipe.ingest.source import Source
+from mtpipe.notice import Notice
+from mtpipe.recording import FloatArray
+
+RATE_TOLERANCE = 0.005
+JITTER_FRAMES = 0.1
+LONG_GAP_FRAMES = 5.5
+FEWEST_STAMPS = 10
+
+
+@dataclass(frozen=True)
+class Clock:
+    """Times and frame numbers, (n_frames,) each, and the frame rate that they have."""
+
+    time_s: FloatArray
+    frame: NDArray[np.int64]
+    rate_hz: float
+    notices: tuple[Notice, ...]
+
+
+def read_clock(
+    data: Collected, source: Source | None, stated_hz: float | None, locate: Callable[[int], str]
+) -> Clock:
+    """Number the frames.
+
+    Parameters
+    ----------
+    stated_hz : the setup's frame rate, None where it is unknown.
+    locate : file and line of a row (from 0), for messages.
+
+    Raises
+    ------
+    RecordingError : stamps or numbers that repeat, go backward or are missing, a frame rate that
+        contradicts them by more than 0.5 %, or no frame rate at all.
+    """
+    if data.frame is not None:
+        return _from_frames(data, source, stated_hz, locate)
+    if data.time_s is not None:
+        return _from_stamps(data, data.time_s, source, stated_hz, locate)
+    rate = _needed(stated_hz)
+    n = len(next(iter(data.positions_nm.values())))
+    frame = np.arange(n, dtype=np.int64)
+    said = f"no time column: every row is taken for the next frame at {rate:g} Hz"
+    if len(data.starts) > 1:
+        said += f"; gaps between the {len(data.starts)} files would not show"
+    return Clock(frame / rate, frame, rate, (Notice("rows_are_frames", "info", said + "."),))
+
+
+def _from_frames(
+    data: Collected, source: Source | None, stated_hz: float | None, locate: Callable[[int], str]
+) -> Clock:
+    assert data.frame is not None
+    numbers = data.frame
+    bad = np.flatnonzero(~np.isfinite(numbers) | (numbers != np.rint(numbers)))
+    if len(bad):
+        raise RecordingError(
+            f"the frame number {numbers[bad[0]]:g} is no whole number",
+            where=locate(int(bad[0])),
+        )
+    notices: list[Notice] = []
+    if source is not None and source.frame is not None and source.frame.restarts:
+        numbers = _continued(numbers, data.starts, 1.0)
+        notices.append(_restarted(len(data.starts)))
+    frame = numbers.astype(np.int64)
+    _increasing(frame, "frame number", locate)
+    stamps = data.time_s
+    if stamps is None or not np.isfinite(stamps).all() or len(stamps) < 2:
+        rate = _needed(stated_hz)
+        return Clock(frame / rate, frame, rate, tuple(notices))
+    _increasing(stamps, "time", locate, repeats=source is not None and _rounded(source))
+    rate = float((frame[-1] - frame[0]) / (stamps[-1] - stamps[0]))
+    rate = _agreed(rate, stated_hz, len(stamps), stamps, notices)
+    return Clock(stamps, frame, rate, tuple(notices))
+
+
+def _from_stamps(
+    data: Collected,
+    stamps: FloatArray,
+    source: Source | None,
+    stated_hz: float | None,
+    locate: Callable[[int], str],
+) -> Clock:
+    missing = np.flatnonzero(~np.isfinite(stamps))
+    if len(missing):
+        raise RecordingError(
+            f"{len(missing)} of {len(stamps)} time stamps are missing or infinite",
+            where=locate(int(missing[0])),
+            mend="Leave those rows out, or describe the file without its time column.",
+        )
+    notices: list[Notice] = []
+    if source is not None and source.time is not None and source.time.restarts:
+        stamps = _continued(stamps, data.starts, 1 / _needed(stated_hz))
+        notices.append(_restarted(len(data.starts)))
+    rounded = source is not None and _rounded(source)
+    _increasing(stamps, "time", locate, repeats=rounded)
+    n = len(stamps)
+    if n < 2:
+        return Clock(stamps, np.zeros(n, dtype=np.int64), _needed(stated_hz), tuple(notices))
+    if rounded:
+        derived = (n - 1) / (stamps[-1] - stamps[0]) if stamps[-1] > stamps[0] else 0.0
+        steps = np.ones(n - 1, dtype=np.int64)
+    else:
+        between = np.diff(stamps)
+        derived = _rate(between)
+        steps = _steps(between, stated_hz if stated_hz is not None else derived)
+    rate = _agreed(float(derived), stated_hz, n, stamps, notices)
+    frame = np.zeros(n, dtype=np.int64)
+    np.cumsum(steps, out=frame[1:])
+    notices += _irregular(stamps, frame, rate, rounded)
+    time_s = stamps[0] + frame / rate if rounded else stamps
+    return Clock(time_s, frame, rate, tuple(notices))
+
+
+def _steps(between_s: FloatArray, rate_hz: float) -> NDArray[np.int64]:
+    """Frames from one stamp to the next, at least one."""
+    return np.maximum(1, np.rint(between_s * rate_hz)).astype(np.int64)
+
+
+def _rate(between_s: FloatArray) -> float:
+    """Frames per second over all but long gaps, whose number of frames is not yet known."""
+    median = float(np.median(between_s))
+    short = between_s[between_s < LONG_GAP_FRAMES * median]
+    return float(_steps(short, 1 / median).sum() / short.sum())
+
+
+def _rounded(source: Source) -> bool:
+    return source.time is not None and source.time.rounded
+
+
+def _needed(stated_hz: float | None) -> float:
+    if stated_hz is None:
+        raise RecordingError(
+            "the frame rate is unknown, and the recording has no time stamps to take it from",
+            mend="Give camera.frame_rate_hz in the setup.",
+        )
+    return stated_hz
+
+
+def _agreed(
+    derived_hz: float, stated_hz: float | None, n: int, stamps: FloatArray, notices: list[Notice]
+) -> float:
+    """The rate to go on with; notes one that was derived, refuses one that contradicts."""
+    if stated_hz is None:
+        if n < FEWEST_STAMPS:
+            return _needed(None)
+        notices.append(
+            Notice(
+                "frame_rate_derived",
+                "info",
+                f"The frame rate, {derived_hz:.6g} Hz, was taken from the time stamps "
+                f"({n} frames in {stamps[-1] - stamps[0]:.6g} s).",
+            )
+        )
+        return derived_hz
+    if n >= FEWEST_STAMPS and abs(derived_hz / stated_hz - 1) > RATE_TOLERANCE:
+        raise RecordingError(
+            f"the setup says {stated_hz:g} frames per second, the time stamps say "
+            f"{derived_hz:.6g} ({100 * (derived_hz / stated_hz - 1):+.2g} %)",
+            mend='Correct camera.frame_rate_hz (or write "unknown" to use the stamps).',
+        )
+    return stated_hz
+
+
+def _increasing(
+    values: FloatArray | NDArray[np.int64],
+    what: str,
+    locate: Callable[[int], str],
+    repeats: bool = False,
+) -> None:
+    back = np.flatnonzero(values[1:] < values[:-1])
+    if len(back):
+        row = int(back[0]) + 1
+        raise RecordingError(
+            f"the {what} goes backward, from {values[row - 1]:.10g} to {values[row]:.10g}",
+            where=locate(row),
+            mend="Put the rows in order, or leave out those that are wrong ([source] skip_rows).",
+        )
+    same = np.flatnonzero(values[1:] == values[:-1])
+    if len(same) and not repeats:
+        row = int(same[0]) + 1
+        more = f" ({len(same)} such rows)" if len(same) > 1 else ""
+        raise RecordingError(
+            f"the {what} {values[row]:.10g} occurs twice{more}",
+            where=locate(row),
+            mend="Leave out the row that is double; if the stamps are only rounded, describe the "
+            "time column in [source.time] with rounded = true.",
+        )
+
+
+def _irregular(
+    stamps: FloatArray, frame: NDArray[np.int64], rate_hz: float, rounded: bool
+) -> list[Notice]:
+    """Says how far stamps lie from the regular grid of the frames."""
+    if len(stamps) < FEWEST_STAMPS:
+        return []
+    if rounded:
+        away = (stamps - stamps[0]) * rate_hz - frame
+        worst = float(np.max(np.abs(away)))
+        coarse = float(np.max(np.diff(stamps))) * rate_hz
+        if worst <= 1 + coarse:
+            return []
+        said = (
+            f"The rounded time stamps depart from a regular grid by up to {worst:.3g} frames; "
+            "frames may be missing."
+        )
+        return [Notice("irregular_stamps", "warning", said)]
+    away = np.diff(stamps) * rate_hz - np.diff(frame)
+    jitter = float(np.sqrt(np.mean(np.square(away))))
+    if jitter <= JITTER_FRAMES:
+        return []
+    said = (
+        f"Time stamps are irregular: their spacing scatters by {100 * jitter:.3g} % of a frame "
+        "about the camera's grid. Frames are taken to be regular."
+    )
+    return [Notice("irregular_stamps", "caution", said)]
+
+
+def _continued(values: FloatArray, starts: tuple[int, ...], step: float) -> FloatArray:
+    """Values that begin anew in each file, carried on from file to file."""
+    joined = values.copy()
+    for start in starts[1:]:
+        if 0 < start < len(joined):
+            joined[start:] += joined[start - 1] + step - joined[start]
+    return joined
+
+
+def _restarted(files: int) -> Notice:
+    said = f"The clock begins anew in each of {files} files; gaps between them do not show."
+    return Notice("clock_restarts", "info", said)

@@ -1,0 +1,224 @@
+"""Filling a recording's arrays from batches of columns.
+
+Every number is written once, into its place: no table of the whole file ever exists beside the
+arrays. Arrays grow by doubling; memory that is not yet written costs nothing. Which rows are
+left out, and what means lost, is decided here batch by batch.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mtpipe.errors import RecordingError
+from mtpipe.ingest.columns import Assignment, Names
+from mtpipe.ingest.source import Lost, Rows
+from mtpipe.recording import FloatArray
+
+FIRST_ROWS = 1 << 16
+
+
+class OpenTable(Protocol):
+    """A file seen as a table of columns: `TextTable`, `ParquetTable`, `ArrayTable`.
+
+    `names` of the columns, or their numbers where the file has none; `guesses` are sentences on
+    what the setup left open; `batches` yields the wanted columns (positions from 0) piecewise.
+    """
+
+    @property
+    def path(self) -> Path: ...  # noqa: D102
+    @property
+    def names(self) -> tuple[str, ...]: ...  # noqa: D102
+    @property
+    def has_names(self) -> bool: ...  # noqa: D102
+    @property
+    def guesses(self) -> tuple[str, ...]: ...  # noqa: D102
+    def batches(self, wanted: Sequence[int]) -> Iterator[list[FloatArray]]: ...  # noqa: D102
+
+
+@dataclass(frozen=True)
+class Collected:
+    """What stands in the files, in nm, s, mm and turns; None for what they do not have.
+
+    Attributes
+    ----------
+    positions_nm : (n_rows, 3) for each bead.
+    time_s, frame, magnet_mm, turns : (n_rows,) or None.
+    starts : first row (from 0) of each file.
+    zero_rows : rows whose positions were all 0 and were taken as lost.
+    infinite : number of infinite positions by bead, now NaN.
+    """
+
+    positions_nm: dict[str, FloatArray]
+    time_s: FloatArray | None
+    frame: FloatArray | None
+    magnet_mm: FloatArray | None
+    turns: FloatArray | None
+    starts: tuple[int, ...]
+    zero_rows: int
+    infinite: dict[str, int]
+
+
+@dataclass(frozen=True)
+class RowChoice:
+    """Rows kept and left out, counted from 1 through all files, both ends included."""
+
+    keep: tuple[Rows, ...] = ()
+    skip: tuple[Rows, ...] = ()
+
+    def mask(self, first: int, count: int) -> NDArray[np.bool_] | None:
+        """Which of `count` rows from row `first` (from 0) are kept; None for all of them."""
+        if not self.keep and not self.skip:
+            return None
+        kept = np.full(count, not self.keep)
+        for wanted, ranges in ((True, self.keep), (False, self.skip)):
+            for a, b in ranges:
+                kept[max(0, a - 1 - first) : max(0, b - first)] = wanted
+        return kept
+
+    def position(self, row: int) -> int:
+        """Where a row of the files (from 1) stands among the rows kept (from 0)."""
+        mask = self.mask(0, row - 1)
+        return row - 1 if mask is None else int(np.count_nonzero(mask))
+
+
+def collect(
+    tables: Sequence[OpenTable],
+    assign: Callable[[Names], Assignment],
+    lost: Lost,
+    rows: RowChoice,
+    progress: Callable[[int], None] = lambda done: None,
+) -> Collected:
+    """Read files one after another into one set of arrays.
+
+    Parameters
+    ----------
+    tables : the files in order; all must have the same columns.
+    assign : says which column is what.
+    progress : called with the number of files done.
+
+    Raises
+    ------
+    RecordingError : files that differ in their beads, a damaged file, or no row at all.
+    """
+    arrays: _Arrays | None = None
+    seen = 0
+    starts = []
+    for done, table in enumerate(tables, start=1):
+        plan = assign(Names(table.names, table.has_names, str(table.path)))
+        if arrays is None:
+            arrays = _Arrays(plan, lost)
+        arrays.check_same(plan, table.path)
+        starts.append(arrays.filled)
+        for batch in table.batches(arrays.wanted):
+            count = len(batch[0])
+            mask = rows.mask(seen, count)
+            arrays.add(batch if mask is None else [c[mask] for c in batch])
+            seen += count
+        progress(done)
+    if arrays is None or arrays.filled == 0:
+        where = str(tables[0].path) if tables else None
+        what = "has no rows" if seen == 0 else f"none of its {seen} rows is kept"
+        raise RecordingError(what, where=where)
+    return arrays.result(tuple(starts))
+
+
+class _Arrays:
+    """The arrays while they are filled."""
+
+    def __init__(self, plan: Assignment, lost: Lost) -> None:
+        self.plan = plan
+        self.lost = lost
+        self.filled = 0
+        self.zero_rows = 0
+        self.infinite = dict.fromkeys(plan.beads, 0)
+        self.scalars = [c for c in (plan.time, plan.frame, plan.magnet, plan.rotation) if c >= 0]
+        self.places = [
+            (bead, axis, column)
+            for bead, columns in plan.beads.items()
+            for axis, column in enumerate(columns)
+        ]
+        self.wanted = self.scalars + [c for _, _, c in self.places if c >= 0]
+        self.values = {column: np.empty(FIRST_ROWS) for column in self.scalars}
+        self.positions = {bead: np.empty((FIRST_ROWS, 3)) for bead in plan.beads}
+
+    def check_same(self, plan: Assignment, path: Path) -> None:
+        if list(plan.beads) != list(self.plan.beads):
+            raise RecordingError(
+                f"has beads {', '.join(plan.beads)} where the files before it have "
+                f"{', '.join(self.plan.beads)}",
+                where=str(path),
+            )
+        if plan != self.plan:
+            raise RecordingError("has other columns than the files before it", where=str(path))
+
+    def add(self, batch: list[FloatArray]) -> None:
+        start, stop = self.filled, self.filled + len(batch[0])
+        self._make_room(stop)
+        columns = dict(zip(self.wanted, batch, strict=True))
+        for column in self.scalars:
+            self.values[column][start:stop] = columns[column]
+        for bead, axis, column in self.places:
+            target = self.positions[bead][start:stop, axis]
+            if column < 0:
+                target[:] = np.nan
+                continue
+            np.multiply(columns[column], self.plan.factors[axis], out=target)
+            for value in self.lost.values:
+                target[columns[column] == value] = np.nan
+            infinite = np.isinf(target)
+            if infinite.any():
+                self.infinite[bead] += int(np.count_nonzero(infinite))
+                target[infinite] = np.nan
+        if self.lost.all_zero_rows:
+            zero = np.logical_and.reduce([columns[c] == 0 for _, _, c in self.places if c >= 0])
+            if zero.any():
+                self.zero_rows += int(np.count_nonzero(zero))
+                for xyz in self.positions.values():
+                    xyz[start:stop][zero] = np.nan
+                for column in (self.plan.magnet, self.plan.rotation):
+                    if column >= 0:
+                        self.values[column][start:stop][zero] = np.nan
+        self.filled = stop
+
+    def result(self, starts: tuple[int, ...]) -> Collected:
+        n, plan = self.filled, self.plan
+
+        def scalar(column: int, factor: float, offset: float = 0.0) -> FloatArray | None:
+            if column < 0:
+                return None
+            values = self.values[column][:n]
+            if factor != 1.0:
+                values *= factor
+            return values + offset if offset else values
+
+        return Collected(
+            positions_nm={bead: xyz[:n] for bead, xyz in self.positions.items()},
+            time_s=scalar(plan.time, plan.time_s),
+            frame=scalar(plan.frame, 1.0),
+            magnet_mm=scalar(plan.magnet, plan.magnet_mm, plan.magnet_offset_mm),
+            turns=scalar(plan.rotation, plan.turns),
+            starts=starts,
+            zero_rows=self.zero_rows,
+            infinite={bead: count for bead, count in self.infinite.items() if count},
+        )
+
+    def _make_room(self, rows: int) -> None:
+        for column, values in self.values.items():
+            self.values[column] = _grown(values, self.filled, rows)
+        for bead, xyz in self.positions.items():
+            self.positions[bead] = _grown(xyz, self.filled, rows)
+
+
+def _grown(array: FloatArray, filled: int, rows: int) -> FloatArray:
+    """An array with room for `rows` rows, holding the `filled` rows there are."""
+    if len(array) >= rows:
+        return array
+    larger = np.empty((max(rows, 2 * len(array)), *array.shape[1:]))
+    larger[:filled] = array[:filled]
+    return larger

@@ -1,0 +1,210 @@
+"""From files to a `Recording`: the steps of reading in their order."""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Callable
+from functools import partial
+from pathlib import Path
+
+import numpy as np
+from pydantic import ValidationError
+
+from mtpipe.errors import MtpipeError, RecordingError, SetupError
+from mtpipe.ingest.arrays import open_arrays
+from mtpipe.ingest.checks import check_beads, check_gaps
+from mtpipe.ingest.clock import read_clock
+from mtpipe.ingest.collect import Collected, OpenTable, RowChoice, collect
+from mtpipe.ingest.columns import Assignment, Names, canonical_columns, source_columns
+from mtpipe.ingest.files import describe, find_recording, kind_of
+from mtpipe.ingest.magnets import read_magnets
+from mtpipe.ingest.parquet import open_parquet
+from mtpipe.ingest.source import Format, Layout, Lost, Source
+from mtpipe.ingest.surface import surface_heights
+from mtpipe.ingest.text import TextTable, open_text
+from mtpipe.notice import Notice
+from mtpipe.plateaus import find_plateaus
+from mtpipe.recording import Recording
+from mtpipe.setup import Camera, Measured, Setup
+
+CANONICAL_TEXT = Layout(format="text", delimiter="comma", header=True)
+
+
+def read_recording(path: Path, setup: Path | str | Setup | None) -> Recording:
+    """Read a recording; parameters and errors as in `mtpipe.ingest.load`."""
+    found = find_recording(path, setup)
+    source = found.setup.source
+    lost = source.lost if source is not None else Lost()
+    layout = source if source is not None and source.beads else CANONICAL_TEXT
+    tables = [open_table(file, layout, lost.tokens) for file in found.files]
+    rows = RowChoice(source.keep_rows, source.skip_rows) if source is not None else RowChoice()
+    data = collect(tables, partial(_assign, found.setup), lost, rows)
+    locate = _locator(tables, data, rows)
+    try:
+        return _assembled(found.name, found.setup, data, found.files, found.folder, tables, locate)
+    except MtpipeError as error:
+        if error.where is None and not isinstance(error, SetupError):
+            error.where = found.name
+        raise
+
+
+def open_table(path: Path, layout: Layout, lost_tokens: tuple[str, ...] = ()) -> OpenTable:
+    """Open a file as a table of columns, by its kind and the layout.
+
+    Raises
+    ------
+    RecordingError : there is no such file, it is damaged, or of another kind than stated.
+    """
+    if not path.is_file():
+        raise RecordingError("there is no such file", where=str(path))
+    kind = kind_of(path)
+    stated = layout.format
+    table: OpenTable
+    if stated not in (None, "canonical", kind) and layout is not CANONICAL_TEXT:
+        raise RecordingError(
+            f"is {_KINDS[kind]}, not {stated}", where=str(path), mend="Correct [source] format."
+        )
+    if layout is CANONICAL_TEXT and kind not in ("text", "parquet"):
+        raise RecordingError(
+            f"is {_KINDS[kind]}", where=str(path), mend="Describe it in a [source] table."
+        )
+    if kind == "text":
+        return open_text(path, layout, lost_tokens)
+    table = open_parquet(path) if kind == "parquet" else open_arrays(path, kind)
+    return table
+
+
+_KINDS: dict[Format, str] = {
+    "text": "text",
+    "parquet": "a Parquet file",
+    "matlab": "a MATLAB v5 file",
+    "hdf5": "an HDF5 file",
+    "tdms": "a LabVIEW TDMS file",
+    "npz": "a numpy archive",
+}
+
+
+def _assign(setup: Setup, names: Names) -> Assignment:
+    if setup.source is None or not setup.source.beads:
+        return canonical_columns(names)
+    return source_columns(names, setup.source, setup)
+
+
+def _assembled(
+    name: str,
+    setup: Setup,
+    data: Collected,
+    files: tuple[Path, ...],
+    folder: Path,
+    tables: list[OpenTable],
+    locate: Callable[[int], str],
+) -> Recording:
+    source = setup.source
+    clock = read_clock(data, source, setup.camera.frame_rate_hz.value, locate)
+    magnets = read_magnets(data, clock.time_s, clock.rate_hz, source, files, folder, open_table)
+    positions = _without(data, source)
+    sound = check_beads(positions, setup, clock.rate_hz)
+    plateaus = find_plateaus(
+        clock.time_s, magnets.position_mm, setup.plateaus, resting=magnets.resting
+    )
+    recording = Recording(
+        name=name,
+        setup=_with_rate(setup, clock.rate_hz),
+        time_s=clock.time_s,
+        frame=clock.frame,
+        positions_nm=sound.positions_nm,
+        magnet_mm=magnets.position_mm,
+        plateaus=plateaus,
+        files=tuple(describe(file, folder) for file in files),
+    )
+    if not plateaus:
+        raise _no_plateau(recording)
+    heights, said = surface_heights(recording)
+    for bead, height in heights.items():
+        sound.positions_nm[bead][:, 2] -= height
+    notices = (
+        *_guesses(tables, source),
+        *_remarks(data, sound.positions_nm),
+        *clock.notices,
+        *check_gaps(clock.frame),
+        *magnets.notices,
+        *sound.notices,
+        *said,
+    )
+    return dataclasses.replace(recording, notices=notices)
+
+
+def _without(data: Collected, source: Source | None) -> dict[str, np.ndarray]:
+    out = source.leave_out if source is not None else ()
+    absent = [bead for bead in out if bead not in data.positions_nm]
+    if absent:
+        raise SetupError(f"[source] leave_out names {absent[0]!r}, which is not in the recording")
+    return {bead: xyz for bead, xyz in data.positions_nm.items() if bead not in out}
+
+
+def _with_rate(setup: Setup, rate_hz: float) -> Setup:
+    """The setup with the frame rate that was derived where it was unknown."""
+    if setup.camera.frame_rate_hz.known:
+        return setup
+    fields = {name: getattr(setup.camera, name) for name in Camera.model_fields}
+    try:
+        camera = Camera.model_validate(fields | {"frame_rate_hz": Measured(value=rate_hz)})
+    except ValidationError as error:
+        text = error.errors()[0]["msg"].removeprefix("Value error, ")
+        raise SetupError(f"[camera] {text}") from None
+    return setup.model_copy(update={"camera": camera})
+
+
+def _no_plateau(recording: Recording) -> RecordingError:
+    choice = recording.setup.plateaus
+    total = recording.time_s[-1] - recording.time_s[0]
+    if recording.magnet_mm is None or total < choice.minimum_s:
+        return RecordingError(
+            f"the recording lasts {total:.3g} s, a plateau at least {choice.minimum_s:g} s",
+            mend="Lower [plateaus] minimum_s.",
+        )
+    jitter = float(np.nanmedian(np.abs(np.diff(recording.magnet_mm))))
+    return RecordingError(
+        f"no stretch of resting magnets lasts {choice.minimum_s:g} s "
+        f"(the position changes by {jitter:.2g} mm from frame to frame)",
+        mend="Raise [plateaus] tolerance_mm above the motor's noise, or lower minimum_s.",
+    )
+
+
+def _guesses(tables: list[OpenTable], source: Source | None) -> list[Notice]:
+    said = dict.fromkeys(g for table in tables for g in table.guesses)
+    notices = [Notice("guessed_layout", "info", f"{g[0].upper()}{g[1:]}.") for g in said]
+    if source is not None and source.beads and source.format is None:
+        kind = "text" if isinstance(tables[0], TextTable) else kind_of(tables[0].path)
+        notices.append(Notice("guessed_layout", "info", f"The file is taken for {_KINDS[kind]}."))
+    return notices
+
+
+def _remarks(data: Collected, positions: dict[str, np.ndarray]) -> list[Notice]:
+    notices = []
+    if data.zero_rows:
+        said = f"{data.zero_rows} rows in which every position is 0 are taken as lost."
+        notices.append(Notice("all_zero_rows", "info", said))
+    for bead, count in data.infinite.items():
+        said = f"{count} infinite positions of bead {bead} are taken as lost."
+        notices.append(Notice("infinite", "caution", said, bead=bead))
+    for axis, k in (("x", 0), ("y", 1), ("z", 2)):
+        absent = [b for b, xyz in positions.items() if np.isnan(xyz[:, k]).all()]
+        if absent:
+            who = "any bead" if len(absent) == len(positions) else ", ".join(absent[:12])
+            said = f"There is no {axis} of {who}."
+            notices.append(Notice("no_axis", "info", said, axis=axis))
+    return notices
+
+
+def _locator(tables: list[OpenTable], data: Collected, rows: RowChoice) -> Callable[[int], str]:
+    def locate(row: int) -> str:
+        k = int(np.searchsorted(data.starts, row, side="right")) - 1
+        table, within = tables[k], row - data.starts[k] + 1
+        if rows.keep or rows.skip:
+            return f"{table.path}, row {within} of those kept"
+        if isinstance(table, TextTable):
+            return f"{table.path}, line {table.skip + within}"
+        return f"{table.path}, row {within}"
+
+    return locate

@@ -1,0 +1,176 @@
+"""Where z = 0 is: the surface, found from a stretch in which the bead touches it.
+
+The lowest value of a noisy trace depends on how long one waits; what does not is the edge of its
+distribution. Near the surface the height u >= 0 of a bead has a density that is locally
+exponential, exp(a u) with a of either sign, and the tracker adds Gaussian noise. The edge is
+fitted to the lower half of the values by maximum likelihood, all three (edge, noise, a) free.
+Stage drift is taken out first, as the stretch and the plateaus lie at different times.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+
+import numpy as np
+from scipy.optimize import minimize
+from scipy.special import log_ndtr
+
+from mtpipe.errors import RecordingError
+from mtpipe.ingest.collect import RowChoice
+from mtpipe.ingest.source import Source, ZZero
+from mtpipe.notice import Notice
+from mtpipe.recording import FloatArray, Recording
+
+LOWER_PART = 0.5
+FARTHEST_BELOW = 4.0
+FEWEST_VALUES = 200
+BINS = 250
+BLOCKS = 5
+START_S = 1.0
+
+
+def put_surface_at_zero(recording: Recording) -> Recording:
+    """Shift z of every bead so that the surface is at 0, as the setup's `z_zero` says.
+
+    Reading does so with drift taken out for the purpose; after `subtract_drift` it may be done
+    again, which corrects for what the two took as the drift's beginning (some nm). Canonical
+    recordings, whose z is the extension already, come back unchanged.
+
+    Raises
+    ------
+    RecordingError : the stretch of touching is outside the recording or holds too few values.
+    """
+    heights, notices = surface_heights(recording)
+    positions = dict(recording.positions_nm)
+    for bead, height in heights.items():
+        positions[bead] = positions[bead] - np.array([0.0, 0.0, height])
+    new = tuple(n for n in notices if n not in recording.notices)
+    return dataclasses.replace(recording, positions_nm=positions, notices=recording.notices + new)
+
+
+def surface_heights(recording: Recording) -> tuple[dict[str, float], tuple[Notice, ...]]:
+    """Heights, in nm, at which the recording has each bead's z = 0; and remarks.
+
+    Beads whose z = 0 is unknown, and a canonical recording's, are not among them.
+    """
+    source = recording.setup.source
+    if source is None or not source.beads:
+        return {}, ()
+    heights: dict[str, float] = {}
+    notices: list[Notice] = []
+    unknown: list[str] = []
+    drift = _stage_nm(recording) if recording.drift is None else np.zeros(1)
+    for bead in recording.tethered:
+        z = recording.positions_nm[bead][:, 2]
+        if not np.isfinite(z).any():
+            continue
+        choice = source.z_zero_of.get(bead, source.z_zero)
+        if choice is None or choice.unknown:
+            unknown.append(bead)
+        elif choice.value_nm is not None:
+            if recording.drift is None:  # a fixed value is subtracted once, on reading
+                heights[bead] = choice.value_nm
+        else:
+            rows = _stretch(recording, source, choice)
+            try:
+                edge, stderr = edge_nm((z - drift)[rows])
+            except ValueError as error:
+                raise RecordingError(
+                    f"where bead {bead} touches the surface: {error}",
+                    mend="Choose another stretch in [source.z_zero], or unknown = true.",
+                ) from None
+            heights[bead] = edge
+            if recording.drift is None:
+                said = f"z = 0 from the edge of its distribution, to {stderr:.2g} nm."
+                notices.append(Notice("z_zero_from_touch", "info", said, bead=bead))
+    if unknown:
+        beads = f"bead {unknown[0]}" if len(unknown) == 1 else f"{len(unknown)} beads"
+        said = (
+            f"Where z = 0 is for {beads} is unknown ([source.z_zero]): z is left as it stands in "
+            "the file, so the extension, and with it the force, has an unknown offset."
+        )
+        only = unknown[0] if len(unknown) == 1 else None
+        notices.append(Notice("z_zero_unknown", "warning", said, bead=only))
+    return heights, tuple(notices)
+
+
+def edge_nm(z_nm: FloatArray) -> tuple[float, float]:
+    """Lower edge of a distribution of heights blurred by Gaussian noise, and its standard error.
+
+    Parameters
+    ----------
+    z_nm : (n,), NaN ignored. The error comes from the scatter among successive fifths of the
+        trace, as neighbouring heights are correlated.
+
+    Raises
+    ------
+    ValueError : fewer than 200 values.
+    """
+    values = z_nm[np.isfinite(z_nm)]
+    if len(values) < FEWEST_VALUES:
+        raise ValueError(f"{len(values)} values are too few, {FEWEST_VALUES} are needed")
+    edge = _fitted_edge(values)
+    blocks = [_fitted_edge(block) for block in np.array_split(values, BLOCKS)]
+    return edge, float(np.std(blocks, ddof=1) / math.sqrt(BLOCKS))
+
+
+def _fitted_edge(values: FloatArray) -> float:
+    top = float(np.quantile(values, LOWER_PART))
+    width = top - float(np.quantile(values, 0.1 * LOWER_PART))
+    if width == 0:
+        return top
+    low = values[(values <= top) & (values > top - FARTHEST_BELOW * width)]
+    counts, edges = np.histogram((low - top) / width, bins=BINS)
+    centre = 0.5 * (edges[1:] + edges[:-1])
+    weight = counts / counts.sum()
+
+    def cost(parameters: FloatArray) -> float:
+        edge, log_noise, slope = parameters
+        noise = math.exp(log_noise)
+        distance = centre - edge
+        log_density = slope * distance + 0.5 * (slope * noise) ** 2
+        log_density += log_ndtr(distance / noise + slope * noise)
+        log_norm = np.logaddexp.reduce(log_density)
+        # a weak prior keeps the slope from running away where edge and noise are one (a bead at
+        # rest on the surface: its distribution is the noise alone)
+        return float(log_norm - weight @ log_density + 1e-4 * (slope**2 + log_noise**2))
+
+    starts = ([-1.0, math.log(0.2), 0.0], [-0.3, math.log(0.5), -2.0])
+    fits = [minimize(cost, start, method="Nelder-Mead") for start in starts]
+    best = min(fits, key=lambda fit: float(fit.fun))
+    return top + width * float(best.x[0])
+
+
+def _stage_nm(recording: Recording) -> FloatArray:
+    """Motion of the reference beads in z since the recording's first second; 0 without any."""
+    n = len(recording.time_s)
+    begin = int(np.searchsorted(recording.time_s, recording.time_s[0] + START_S, side="right"))
+    total, count = np.zeros(n), 0
+    for bead in recording.references:
+        z = recording.positions_nm[bead][:, 2]
+        known = np.flatnonzero(np.isfinite(z))
+        if len(known):
+            first = int(known[0])
+            total += z - np.nanmedian(z[first : first + max(begin, 1)])
+            count += 1
+    return total / max(count, 1)
+
+
+def _stretch(recording: Recording, source: Source, choice: ZZero) -> slice:
+    if choice.touch_rows is not None:
+        rows = RowChoice(source.keep_rows, source.skip_rows)
+        first, last = choice.touch_rows
+        found = slice(rows.position(first), rows.position(last + 1))
+        told = f"rows {first} to {last}"
+    else:
+        assert choice.touch_time_s is not None
+        begin, end = choice.touch_time_s
+        at = np.searchsorted(recording.time_s, [begin, end])
+        found = slice(int(at[0]), int(at[1]))
+        told = f"{begin:g} to {end:g} s"
+    if found.start >= min(found.stop, len(recording.time_s)):
+        raise RecordingError(
+            f"the stretch of touching ({told}) is not in the recording", mend="Correct z_zero."
+        )
+    return found

@@ -1,0 +1,208 @@
+"""The main job: a recording in, a folder of forces, curves and a report out.
+
+Each step is a function that can be called alone; this module only calls them in order, keeps the
+clock, and writes the files that `docs/run-folder.md` describes, `run.json` last.
+"""
+
+from __future__ import annotations
+
+import io
+import json
+import math
+import os
+import time
+from collections.abc import Callable
+from dataclasses import asdict, dataclass
+from datetime import UTC, datetime
+from pathlib import Path
+
+import pandas as pd
+
+import mtpipe
+from mtpipe import tables
+from mtpipe.calibration import Calibration, calibrate
+from mtpipe.drift import subtract_drift
+from mtpipe.files import write_atomically
+from mtpipe.force_extension import ForceExtension
+from mtpipe.ingest import load
+from mtpipe.notice import Notice
+from mtpipe.quality import BeadVerdict, bead_verdict, trace_flags
+from mtpipe.recording import Recording
+from mtpipe.tether_fit import tether_curves
+
+Progress = Callable[[str, int, int], None]
+
+
+@dataclass(frozen=True)
+class Run:
+    """Everything a run found out.
+
+    `flags` are per bead, about its traces; `curves` exist for beads with enough forces.
+    """
+
+    recording: Recording
+    calibration: Calibration
+    flags: dict[str, tuple[Notice, ...]]
+    verdicts: tuple[BeadVerdict, ...]
+    curves: dict[str, ForceExtension]
+    seed: int
+    started: str
+    seconds: dict[str, float]
+
+    @property
+    def notices(self) -> tuple[Notice, ...]:
+        """All notices, in the order in which they arose."""
+        flags = [notice for bead in self.flags.values() for notice in bead]
+        return (*self.recording.notices, *self.calibration.notices, *flags)
+
+
+def run(
+    path: Path,
+    out: Path,
+    *,
+    setup: Path | None = None,
+    seed: int = 0,
+    workers: int | None = None,
+    progress: Progress | None = None,
+) -> Run:
+    """Run the whole pipeline and write its folder.
+
+    Parameters
+    ----------
+    path : recording, folder of a series of files, or a setup.toml that names its files.
+    out : folder to write; files of an earlier run in it are replaced.
+    setup : setup.toml; default: beside the recording.
+    seed : of the posteriors.
+    workers : processes; default: one per core.
+    progress : called with (step, done, of how many).
+
+    Raises
+    ------
+    MtpipeError : what a user can mend, in one sentence.
+    """
+    from mtpipe.report import write_report
+
+    say = progress or (lambda step, done, total: None)
+    started = datetime.now(UTC).isoformat(timespec="seconds")
+    clock = _Clock()
+    say("reading", 0, 1)
+    raw = load(path, setup)
+    clock.lap("read")
+    say("subtracting drift", 0, 1)
+    recording = subtract_drift(raw)
+    clock.lap("drift")
+    beads = len(recording.tethered)
+    say("calibrating beads", 0, beads)
+    calibration = calibrate(
+        recording,
+        seed=seed,
+        workers=workers or os.cpu_count() or 1,
+        progress=lambda done, total: say("calibrating beads", done, total),
+    )
+    clock.lap("calibrate")
+    say("fitting tethers", 0, beads)
+    curves = tether_curves(calibration, recording.setup)
+    clock.lap("force-extension")
+    flags = {
+        bead.bead: tuple(
+            notice
+            for plateau in bead.plateaus
+            for notice in trace_flags(calibration, bead, plateau, recording.setup)
+        )
+        for bead in calibration.beads
+    }
+    verdicts = tuple(
+        bead_verdict(bead, flags[bead.bead], curves.get(bead.bead), recording.setup)
+        for bead in calibration.beads
+    )
+    result = Run(
+        recording, calibration, flags, verdicts, curves, seed, started, dict(clock.seconds)
+    )
+    say("writing", 0, 1)
+    _write_tables(result, raw, out)
+    clock.lap("tables")
+    write_report(out)
+    clock.lap("report")
+    _write_json(out, {"seconds": clock.seconds})
+    return result
+
+
+def _write_tables(result: Run, raw: Recording, out: Path) -> None:
+    calibration = result.calibration
+    forces = tables.forces_table(calibration, result.flags)
+    beads = tables.beads_table(calibration, result.verdicts, result.curves)
+    details = {
+        "spectra": tables.spectra_table(calibration),
+        "traces": tables.traces_table(raw, result.recording),
+        "drift": tables.drift_table(result.recording),
+        "references": tables.references_table(result.recording),
+        "posteriors": tables.posteriors_table(calibration),
+        "force_extension": tables.force_extension_table(result.curves),
+    }
+    for name, table in {"forces": forces, "beads": beads}.items():
+        write_atomically(out / f"{name}.parquet", _parquet(table))
+        write_atomically(out / f"{name}.csv", table.to_csv(index=False))
+    for name, table in details.items():
+        write_atomically(out / "details" / f"{name}.parquet", _parquet(table))
+    write_atomically(out / "run.json", _run_json(result))
+
+
+def _parquet(table: pd.DataFrame) -> bytes:
+    buffer = io.BytesIO()
+    table.to_parquet(buffer, index=False)
+    return buffer.getvalue()
+
+
+def _run_json(result: Run) -> str:
+    recording = result.recording
+    drift = recording.drift
+    conditions = result.calibration.conditions
+    content = {
+        "version": mtpipe.__version__,
+        "recording": recording.name,
+        "setup": recording.setup.model_dump(mode="json", by_alias=True),
+        "inputs": [asdict(file) for file in recording.files],
+        "conditions": asdict(conditions),
+        "drift": None
+        if drift is None
+        else {
+            "method": drift.method,
+            "cutoff_hz": drift.cutoff_hz,
+            "drift_rms_nm": drift.drift_rms_nm,
+            "noise_added_nm": drift.noise_added_nm,
+        },
+        "notices": [asdict(notice) for notice in result.notices],
+        "seed": result.seed,
+        "started": result.started,
+        "seconds": result.seconds,
+    }
+    return json.dumps(_without_nan(content), indent=2, ensure_ascii=False, allow_nan=False)
+
+
+def _write_json(out: Path, more: dict[str, object]) -> None:
+    content = json.loads((out / "run.json").read_text(encoding="utf-8"))
+    write_atomically(out / "run.json", json.dumps(content | more, indent=2, ensure_ascii=False))
+
+
+def _without_nan(value: object) -> object:
+    """JSON has no NaN: a number that does not exist is null."""
+    if isinstance(value, float):
+        return value if math.isfinite(value) else None
+    if isinstance(value, dict):
+        return {key: _without_nan(item) for key, item in value.items()}
+    if isinstance(value, (list, tuple)):
+        return [_without_nan(item) for item in value]
+    return value
+
+
+class _Clock:
+    """Seconds per step."""
+
+    def __init__(self) -> None:
+        self.seconds: dict[str, float] = {}
+        self._last = time.perf_counter()
+
+    def lap(self, step: str) -> None:
+        now = time.perf_counter()
+        self.seconds[step] = round(now - self._last, 3)
+        self._last = now

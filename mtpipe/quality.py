@@ -1,0 +1,250 @@
+"""Flags and verdicts: what a user should know before using a force.
+
+A flag is a short code with a sentence, about one trace or one bead. Limits are given with their
+reason; where a flag compares numbers, it needs both a size that matters and three standard errors.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import Literal
+
+import numpy as np
+from scipy import stats
+
+from mtpipe.calibration import AxisResult, BeadResult, Calibration, PlateauResult
+from mtpipe.conditions import Conditions
+from mtpipe.estimate import Estimate
+from mtpipe.fit.trace import TraceFit
+from mtpipe.notice import Notice, Severity
+from mtpipe.setup import Setup
+
+Verdict = Literal["good", "caution", "refused"]
+
+SIGMAS = 3.0
+# te Velthuis et al. 2010: corrected forces hold to 10 % up to 80 % of the Nyquist frequency; beyond,
+# the force rests on knowing friction and camera.
+NYQUIST_RATIO = 0.8
+# 50 relaxation times give the stiffness to 20 % at best: sqrt(2 / 50).
+RELAXATION_TIMES = 50.0
+RADIUS_DIFFERENCE = 0.10
+FORCE_DIFFERENCE = 0.10
+LOST_SHARE = 0.05
+P_POOR = 1e-3
+LOW_ORDINATES = 6
+
+
+@dataclass(frozen=True)
+class BeadVerdict:
+    """Verdict on a bead with its reasons in words."""
+
+    bead: str
+    verdict: Verdict
+    reasons: tuple[str, ...]
+
+
+def trace_flags(
+    calibration: Calibration, bead: BeadResult, plateau: PlateauResult, setup: Setup
+) -> tuple[Notice, ...]:
+    """Everything to be said about one bead in one plateau, axis by axis and as a whole."""
+    found: list[Notice] = []
+
+    def flag(code: str, severity: Severity, message: str, axis: str | None = None) -> None:
+        found.append(Notice(code, severity, message, bead.bead, plateau.plateau.number, axis))
+
+    trace = plateau.trace
+    frames = len(trace.position_nm)
+    if trace.lost > LOST_SHARE * frames:
+        flag("lost_frames", "caution", f"{trace.lost} of {frames} frames are lost.")
+    if trace.mistracked:
+        flag(
+            "mistracked",
+            "caution" if trace.mistracked > 0.001 * frames else "info",
+            f"{trace.mistracked} frames are mistracked (positions no bead can reach) and were "
+            "treated as lost.",
+        )
+    for one in plateau.axes:
+        if one.refusal:
+            flag("refused", "warning", f"Refused: {one.refusal}.", one.axis)
+            continue
+        for code, severity, message in _axis_flags(one, calibration.conditions):
+            flag(code, severity, message, one.axis)
+    for code, severity, message in _extension_flags(plateau, setup):
+        flag(code, severity, message)
+    difference = _force_difference(plateau)
+    if difference is not None:
+        flag("fx_fy", "caution", difference)
+    return tuple(found)
+
+
+def _axis_flags(one: AxisResult, conditions: Conditions) -> list[tuple[str, Severity, str]]:
+    fit, posterior = one.fit, one.posterior
+    if fit is None or posterior is None:
+        return []
+    flags: list[tuple[str, Severity, str]] = []
+    lateral = one.axis != "z"
+    ratio = fit.nyquist_ratio
+    if ratio > NYQUIST_RATIO:
+        informed = "rests on the friction it was given" if fit.model.friction else "is poorly known"
+        flags.append((
+            "above_nyquist", "caution" if lateral else "info",
+            f"The corner frequency is {ratio:.2g} times the Nyquist frequency: the stiffness "
+            f"{informed}.",
+        ))  # fmt: skip
+    relaxations = fit.spectrum.duration_s * math.exp(fit.theta[0] - fit.theta[1])
+    if relaxations < RELAXATION_TIMES:
+        flags.append((
+            "short_trace", "caution",
+            f"The trace lasts only {relaxations:.0f} relaxation times.",
+        ))  # fmt: skip
+    stiffness = posterior.stiffness
+    if stiffness.status == "not_identified":
+        low, high = stiffness.interval
+        flags.append((
+            "not_identified", "warning" if lateral else "info",
+            "Stiffness, friction and noise cannot be told apart in this trace; the stiffness lies "
+            f"anywhere from {low:.2g} to {high:.2g} pN/nm.",
+        ))  # fmt: skip
+    elif not posterior.converged:
+        flags.append((
+            "not_converged", "warning",
+            f"The posterior did not converge (R-hat {posterior.r_hat:.3f}, "
+            f"{posterior.effective_samples:.0f} independent samples).",
+        ))  # fmt: skip
+    if fit.p_value < P_POOR:
+        flags.append((
+            "poor_fit", "caution" if lateral else "info",
+            f"The spectrum differs from the model's (p = {fit.p_value:.1g}).",
+        ))  # fmt: skip
+    excess = _low_frequency_excess(fit)
+    if excess is not None:
+        flags.append(("drift", "caution" if lateral else "info", excess))
+    radius = one.effective_radius
+    known = conditions.radius_nm
+    if lateral and radius is not None and known is not None and _differs(
+        radius, known[0], known[1], RADIUS_DIFFERENCE
+    ):
+        flags.append((
+            "effective_radius", "caution",
+            f"The friction is that of a bead of {radius.value:.0f} ± {radius.stderr:.0f} nm; the "
+            f"setup says {known[0]:.0f} nm.",
+        ))  # fmt: skip
+    return flags
+
+
+def _low_frequency_excess(fit: TraceFit) -> str | None:
+    """Motion slower than the tether's own, in the lowest ordinates of the spectrum."""
+    spectrum = fit.spectrum
+    cumulative = np.cumsum(spectrum.ordinates)
+    last = int(np.searchsorted(cumulative, LOW_ORDINATES)) + 1
+    n = spectrum.ordinates[:last]
+    ratio = spectrum.power[:last] / fit.expected_power[:last]
+    excess = float(n @ ratio / n.sum())
+    if stats.gamma.sf(excess * n.sum(), n.sum()) > P_POOR:
+        return None
+    return (
+        f"Below {spectrum.frequency_hz[last - 1]:.2g} Hz the bead moves {excess:.1f} times as much "
+        "(in power) as the tether's own motion: drift is left."
+    )
+
+
+def _extension_flags(
+    plateau: PlateauResult, setup: Setup
+) -> list[tuple[str, Severity, str]]:
+    extension, contour = plateau.extension_nm, setup.tether.contour_length_nm.value
+    if not math.isfinite(extension):
+        return [("no_extension", "caution", "z was not recorded: no extension, and no force.")]
+    if extension <= 0:
+        return [(
+            "extension", "warning",
+            f"The mean extension is {extension:.0f} nm: where z = 0 lies is wrong, or the bead "
+            "lies on the surface. No force can be given.",
+        )]  # fmt: skip
+    if contour is not None and extension > 1.1 * contour:
+        return [(
+            "extension", "warning",
+            f"The mean extension of {extension:.0f} nm exceeds the contour length of "
+            f"{contour:.0f} nm: the z scale, z = 0 or the contour length is wrong, and the force "
+            "with it.",
+        )]  # fmt: skip
+    return []
+
+
+def _force_difference(plateau: PlateauResult) -> str | None:
+    forces = {one.axis: one.force for one in plateau.axes if one.force is not None}
+    if "x" not in forces or "y" not in forces:
+        return None
+    x, y = forces["x"], forces["y"]
+    if not _differs(x, y.value, y.stderr, FORCE_DIFFERENCE):
+        return None
+    return (
+        f"The forces from x and y differ: {x.value:.3g} ± {x.stderr:.2g} pN against "
+        f"{y.value:.3g} ± {y.stderr:.2g} pN."
+    )
+
+
+def _differs(estimate: Estimate, value: float, stderr: float, size: float) -> bool:
+    difference = abs(estimate.value - value)
+    return bool(
+        difference > size * abs(value) and difference > SIGMAS * math.hypot(estimate.stderr, stderr)
+    )
+
+
+def bead_verdict(bead: BeadResult, flags: tuple[Notice, ...], setup: Setup) -> BeadVerdict:
+    """Verdict on a bead from the flags of its traces and its friction.
+
+    "refused": no plateau gives a force or stiffness. "caution": more than a quarter of its lateral
+    traces carry a caution or worse, or its friction contradicts the setup. Else "good".
+    """
+    lateral = [one for plateau in bead.plateaus for one in plateau.axes if one.axis != "z"]
+    usable = [
+        one for one in lateral
+        if one.posterior is not None and one.posterior.stiffness.status == "ok"
+    ]  # fmt: skip
+    if not usable:
+        sentences = sorted({one.refusal for one in lateral if one.refusal})
+        fallback = "stiffness is not identified in any plateau"
+        return BeadVerdict(bead.bead, "refused", tuple(sentences[:3]) or (fallback,))
+    reasons = []
+    if bead.friction_contradicts and bead.friction_ratio is not None:
+        ratio = bead.friction_ratio
+        wall = "with" if "wall_drag" in setup.model.effects else "without"
+        reasons.append(
+            f"its friction is {ratio.value:.2f} ± {ratio.stderr:.2f} times that expected from "
+            f"radius and viscosity ({wall} the wall's correction)"
+        )
+    if not any(one.force is not None for one in usable):
+        reasons.append("only stiffness and friction: no extension, so no force")
+    worrying = {
+        (n.plateau, n.axis) for n in flags if n.severity != "info"
+    }  # fmt: skip
+    counts: dict[str, set[int]] = {}
+    for notice in flags:
+        if notice.severity != "info" and notice.plateau is not None:
+            counts.setdefault(notice.code, set()).add(notice.plateau)
+    touched = {plateau for plateau, _ in worrying}
+    if len(touched) > 0.25 * len(bead.plateaus):
+        for code, where in sorted(counts.items(), key=lambda pair: -len(pair[1])):
+            if len(where) > 0.25 * len(bead.plateaus) or code in ("refused", "extension"):
+                reasons.append(
+                    f"{FLAG_WORDS[code]} in {len(where)} of {len(bead.plateaus)} plateaus"
+                )
+    return BeadVerdict(bead.bead, "caution" if reasons else "good", tuple(reasons))
+
+
+FLAG_WORDS = {
+    "lost_frames": "many frames lost",
+    "mistracked": "mistracked frames",
+    "refused": "traces refused as no tethered bead's",
+    "above_nyquist": "corner frequency near or above Nyquist",
+    "short_trace": "traces short against the relaxation time",
+    "not_identified": "stiffness not identified",
+    "not_converged": "posterior not converged",
+    "poor_fit": "spectrum unlike the model",
+    "drift": "slow motion left in the trace",
+    "effective_radius": "effective radius unlike the setup's",
+    "no_extension": "no extension",
+    "extension": "extension impossible for the tether",
+    "fx_fy": "forces from x and y differ",
+}

@@ -1,0 +1,287 @@
+"""Results as tables: what `docs/run-folder.md` describes, column by column.
+
+Pure functions from results to pandas tables; nothing here computes physics or touches files.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable, Mapping, Sequence
+from typing import Any
+
+import numpy as np
+import pandas as pd
+
+from mtpipe.calibration import AxisResult, BeadResult, Calibration, PlateauResult
+from mtpipe.estimate import Estimate
+from mtpipe.force_extension import ForceExtension, TetherFit
+from mtpipe.notice import Notice
+from mtpipe.quality import BeadVerdict
+from mtpipe.recording import AXES, Recording
+
+TRACE_POINTS = 2000
+POSTERIOR_POINTS = 400
+
+
+def four(quantity: str, unit: str, estimate: Estimate | None) -> dict[str, float]:
+    """The four columns of an estimate; nan where there is none."""
+    if estimate is None:
+        estimate = Estimate.missing(unit, "")
+    suffix = f"_{unit}" if unit else ""
+    low, high = estimate.interval
+    return {
+        f"{quantity}{suffix}": estimate.value,
+        f"{quantity}_stderr{suffix}": estimate.stderr,
+        f"{quantity}_low{suffix}": low,
+        f"{quantity}_high{suffix}": high,
+    }
+
+
+def forces_table(
+    calibration: Calibration, flags: Mapping[str, Sequence[Notice]]
+) -> pd.DataFrame:
+    """`forces`: a row per bead × plateau × axis."""
+    rows = []
+    for bead in calibration.beads:
+        for plateau in bead.plateaus:
+            codes = [n for n in flags[bead.bead] if n.plateau == plateau.plateau.number]
+            for one in plateau.axes:
+                mine = [n.code for n in codes if n.axis in (None, one.axis)]
+                rows.append(_force_row(calibration, bead, plateau, one, mine))
+    return pd.DataFrame(rows)
+
+
+def _force_row(
+    calibration: Calibration,
+    bead: BeadResult,
+    plateau: PlateauResult,
+    one: AxisResult,
+    codes: Iterable[str],
+) -> dict[str, Any]:
+    frames = len(plateau.trace.position_nm)
+    posterior, fit = one.posterior, one.fit
+    magnet = plateau.plateau.magnet_mm
+    return {
+        "bead": bead.bead,
+        "plateau": plateau.plateau.number,
+        "axis": one.axis,
+        "magnet_mm": math.nan if magnet is None else magnet,
+        "start_s": plateau.trace.start_s,
+        "duration_s": frames / calibration.conditions.frame_rate_hz,
+        "frames": frames,
+        "lost_frames": plateau.trace.lost,
+        "extension_nm": plateau.extension_nm,
+        "extension_stderr_nm": plateau.extension_stderr_nm,
+        **four("force", "pN", one.force),
+        **four("stiffness", "pN_per_nm", posterior.stiffness if posterior else None),
+        **four("friction", "pN_s_per_nm", posterior.friction if posterior else None),
+        **four("corner_frequency", "hz", posterior.corner_frequency if posterior else None),
+        **four("effective_radius", "nm", None if one.refusal else one.effective_radius),
+        **four("noise", "nm", posterior.noise if posterior else None),
+        "status": "refused" if one.refusal else posterior.stiffness.status if posterior else "",
+        "method": one.method,
+        "fit_deviance": fit.deviance if fit else math.nan,
+        "fit_dof": fit.dof if fit else math.nan,
+        "fit_p_value": fit.p_value if fit else math.nan,
+        "posterior_rhat": posterior.r_hat if posterior else math.nan,
+        "posterior_ess": posterior.effective_samples if posterior else math.nan,
+        "posterior_converged": bool(posterior and posterior.converged),
+        "nyquist_ratio": fit.nyquist_ratio if fit else math.nan,
+        "flags": ";".join(dict.fromkeys(codes)),
+        "refusal": one.refusal,
+    }
+
+
+def beads_table(
+    calibration: Calibration,
+    verdicts: Sequence[BeadVerdict],
+    curves: Mapping[str, ForceExtension],
+) -> pd.DataFrame:
+    """`beads`: a row per tethered bead."""
+    rows = []
+    for bead, verdict in zip(calibration.beads, verdicts, strict=True):
+        along = AXES[calibration.conditions.along]
+        forces = [
+            one.force.value
+            for plateau in bead.plateaus
+            for one in plateau.axes
+            if one.force is not None and math.isfinite(one.force.value) and one.axis == along
+        ]
+        recommended = curves[bead.bead].recommended if bead.bead in curves else None
+        ratio = bead.friction_ratio
+        rows.append(
+            {
+                "bead": verdict.bead,
+                "verdict": verdict.verdict,
+                "reasons": " | ".join(verdict.reasons),
+                "plateaus": len(bead.plateaus),
+                "plateaus_used": len(forces),
+                "force_min_pN": min(forces, default=math.nan),
+                "force_max_pN": max(forces, default=math.nan),
+                "tether_model": recommended.model if recommended else "",
+                **_tether_columns(recommended),
+                "friction_ratio": ratio.value if ratio else math.nan,
+                "friction_ratio_stderr": ratio.stderr if ratio else math.nan,
+            }
+        )
+    return pd.DataFrame(rows)
+
+
+def _tether_columns(fit: TetherFit | None) -> dict[str, float]:
+    return {
+        **four("contour_length", "nm", fit.contour_length_nm if fit else None),
+        **four("persistence_length", "nm", fit.persistence_length_nm if fit else None),
+        **four("stretch_modulus", "pN", fit.stretch_modulus_pN if fit else None),
+    }
+
+
+def force_extension_table(curves: Mapping[str, ForceExtension]) -> pd.DataFrame:
+    """`details/force_extension`: a row per bead × model."""
+    columns = [
+        "bead", "model", *_tether_columns(None), "force_low_pN", "force_high_pN", "points", "chi2",
+        "dof", "p_value", "recommended",
+    ]  # fmt: skip
+    rows = [
+        {
+            "bead": bead,
+            "model": fit.model,
+            **_tether_columns(fit),
+            "force_low_pN": fit.force_range_pN[0],
+            "force_high_pN": fit.force_range_pN[1],
+            "points": fit.points,
+            "chi2": fit.chi2,
+            "dof": fit.dof,
+            "p_value": fit.p_value,
+            "recommended": fit.recommended,
+        }
+        for bead, curve in curves.items()
+        for fit in curve.fits
+    ]
+    return pd.DataFrame(rows, columns=columns)
+
+
+def spectra_table(calibration: Calibration) -> pd.DataFrame:
+    """`details/spectra`: binned periodograms and what the fit expects for them."""
+    parts = [
+        pd.DataFrame(
+            {
+                "bead": bead.bead,
+                "plateau": plateau.plateau.number,
+                "axis": one.axis,
+                "frequency_hz": one.fit.spectrum.frequency_hz,
+                "ordinates": one.fit.spectrum.ordinates,
+                "power_nm2_per_hz": one.fit.spectrum.power,
+                "model_nm2_per_hz": one.fit.expected_power,
+            }
+        )
+        for bead in calibration.beads
+        for plateau in bead.plateaus
+        for one in plateau.axes
+        if one.fit is not None
+    ]
+    columns = [
+        "bead", "plateau", "axis", "frequency_hz", "ordinates", "power_nm2_per_hz",
+        "model_nm2_per_hz",
+    ]  # fmt: skip
+    return pd.concat(parts, ignore_index=True) if parts else pd.DataFrame(columns=columns)
+
+
+def posteriors_table(calibration: Calibration) -> pd.DataFrame:
+    """`details/posteriors`: an evenly thinned sample of each posterior."""
+    parts = []
+    for bead in calibration.beads:
+        for plateau in bead.plateaus:
+            for one in plateau.axes:
+                if one.posterior is None:
+                    continue
+                n = len(one.posterior.theta)
+                keep = np.linspace(0, n - 1, min(n, POSTERIOR_POINTS)).astype(int)
+                axis = AXES.index(one.axis)
+                lever = calibration.conditions.lever_nm(axis, plateau.extension_nm)
+                stiffness = one.posterior.stiffness_pN_per_nm[keep]
+                no_force = one.force is None or lever is None
+                parts.append(
+                    pd.DataFrame(
+                        {
+                            "bead": bead.bead,
+                            "plateau": plateau.plateau.number,
+                            "axis": one.axis,
+                            "force_pN": math.nan if no_force else stiffness * (lever or 0.0),
+                            "stiffness_pN_per_nm": stiffness,
+                            "friction_pN_s_per_nm": one.posterior.friction_pN_s_per_nm[keep],
+                            "noise_nm": one.posterior.noise_nm[keep],
+                        }
+                    )
+                )
+    columns = [
+        "bead", "plateau", "axis", "force_pN", "stiffness_pN_per_nm", "friction_pN_s_per_nm",
+        "noise_nm",
+    ]  # fmt: skip
+    return pd.concat(parts, ignore_index=True) if parts else pd.DataFrame(columns=columns)
+
+
+def traces_table(raw: Recording, subtracted: Recording) -> pd.DataFrame:
+    """`details/traces`: every tethered bead before and after drift subtraction, thinned."""
+    parts = []
+    for bead in raw.tethered:
+        for stage, recording in (("raw", raw), ("subtracted", subtracted)):
+            for axis, name in enumerate(AXES):
+                values = recording.positions_nm[bead][:, axis]
+                if not np.isfinite(values).any():
+                    continue
+                part = _thinned(recording.time_s, values)
+                part.insert(0, "stage", stage)
+                part.insert(0, "axis", name)
+                part.insert(0, "bead", bead)
+                parts.append(part)
+    columns = ["bead", "axis", "stage", "time_s", "low_nm", "mean_nm", "high_nm"]
+    return pd.concat(parts, ignore_index=True) if parts else pd.DataFrame(columns=columns)
+
+
+def drift_table(recording: Recording) -> pd.DataFrame:
+    """`details/drift`: what was subtracted, thinned; empty where nothing was."""
+    drift = recording.drift
+    if drift is None or drift.method != "reference" or not np.any(drift.subtracted_nm):
+        return pd.DataFrame(columns=["time_s", "axis", "drift_nm"])
+    parts = []
+    for axis, name in enumerate(AXES):
+        part = _thinned(recording.time_s, drift.subtracted_nm[:, axis])
+        parts.append(
+            pd.DataFrame({"time_s": part["time_s"], "axis": name, "drift_nm": part["mean_nm"]})
+        )
+    return pd.concat(parts, ignore_index=True)
+
+
+def references_table(recording: Recording) -> pd.DataFrame:
+    """`details/references`: what became of each reference bead."""
+    columns = ["bead", "used", "reason"]
+    columns += [f"weight_{a}" for a in AXES] + [f"noise_{a}_nm" for a in AXES]
+    rows = []
+    for use in recording.drift.references if recording.drift else ():
+        row: dict[str, Any] = {"bead": use.bead, "used": use.used, "reason": use.reason}
+        row |= {f"weight_{a}": w for a, w in zip(AXES, use.weight, strict=True)}
+        row |= {f"noise_{a}_nm": n for a, n in zip(AXES, use.noise_nm, strict=True)}
+        rows.append(row)
+    return pd.DataFrame(rows, columns=columns)
+
+
+def _thinned(time_s: np.ndarray[Any, Any], values: np.ndarray[Any, Any]) -> pd.DataFrame:
+    """Minimum, mean and maximum in at most TRACE_POINTS stretches; all-lost stretches are left."""
+    n = len(values)
+    edges = np.unique(np.linspace(0, n, min(n, TRACE_POINTS) + 1).astype(int))
+    starts = edges[:-1]
+    present = np.isfinite(values)
+    count = np.add.reduceat(present.astype(float), starts)
+    with np.errstate(invalid="ignore"):
+        mean = np.add.reduceat(np.where(present, values, 0.0), starts) / count
+    low = np.minimum.reduceat(np.where(present, values, np.inf), starts)
+    high = np.maximum.reduceat(np.where(present, values, -np.inf), starts)
+    some = count > 0
+    return pd.DataFrame(
+        {
+            "time_s": time_s[starts][some],
+            "low_nm": low[some],
+            "mean_nm": mean[some],
+            "high_nm": high[some],
+        }
+    )

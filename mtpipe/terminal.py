@@ -1,0 +1,74 @@
+"""What the command line shows: a progress bar on a terminal, and a summary of a run."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from rich.console import Console
+from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn
+from rich.table import Table
+
+if TYPE_CHECKING:
+    from mtpipe.pipeline import Progress as Callback
+    from mtpipe.pipeline import Run
+
+
+@contextmanager
+def progress_bar() -> Iterator[Callback]:
+    """A callback that draws a bar on standard error where that is a terminal, else is silent."""
+    console = Console(stderr=True)
+    with Progress(
+        TextColumn("{task.description}"),
+        BarColumn(),
+        TextColumn("{task.completed:.0f}/{task.total:.0f}"),
+        TimeElapsedColumn(),
+        console=console,
+        transient=True,
+        disable=not console.is_terminal,
+    ) as bar:
+        task = bar.add_task("starting", total=1)
+
+        def advance(step: str, done: int, total: int) -> None:
+            bar.update(task, description=step, completed=done, total=max(total, 1))
+
+        yield advance
+
+
+def summary(run: Run, out: Path) -> None:
+    """Print a table of beads, what is worth worrying about, and where the report is."""
+    from mtpipe.tables import beads_table
+
+    console = Console(highlight=False)
+    table = Table(box=None, pad_edge=False)
+    for heading in ("bead", "verdict", "plateaus", "force (pN)", "contour (nm)", "persistence (nm)"):
+        table.add_column(heading)
+    beads = beads_table(run.calibration, run.verdicts, run.curves)
+    for row in beads.to_dict("records"):
+        table.add_row(
+            str(row["bead"]),
+            str(row["verdict"]),
+            f"{row['plateaus_used']} of {row['plateaus']}",
+            _range(row["force_min_pN"], row["force_max_pN"]),
+            _with_error(row["contour_length_nm"], row["contour_length_stderr_nm"]),
+            _with_error(row["persistence_length_nm"], row["persistence_length_stderr_nm"]),
+        )
+    console.print(table)
+    for verdict in run.verdicts:
+        for reason in verdict.reasons:
+            console.print(f"{verdict.bead}: {reason}", soft_wrap=True)
+    general = [n for n in run.notices if n.bead is None and n.severity != "info"]
+    for notice in general:
+        console.print(notice.message, soft_wrap=True)
+    console.print(f"Report: {out / 'report' / 'index.html'}", soft_wrap=True)
+
+
+def _range(low: float, high: float) -> str:
+    return "-" if math.isnan(low) else f"{low:.3g} to {high:.3g}"
+
+
+def _with_error(value: float, stderr: float) -> str:
+    return "-" if math.isnan(value) else f"{value:.4g} ± {stderr:.2g}"

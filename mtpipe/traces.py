@@ -1,0 +1,36 @@
+"""Traces: one bead in one plateau, on the camera's grid, mistracked frames blanked."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from mtpipe.mistracking import without_mistracked
+from mtpipe.physics.camera import FloatArray
+from mtpipe.recording import Plateau, Recording
+
+
+@dataclass(frozen=True)
+class Trace:
+    """One bead in one plateau, cleaned: (n_frames, 3) nm on the camera's grid, NaN where lost."""
+
+    plateau: Plateau
+    start_s: float
+    position_nm: FloatArray
+    mistracked: int
+
+    @property
+    def lost(self) -> int:
+        """Frames without a position on at least one lateral axis."""
+        return int(np.sum(~np.all(np.isfinite(self.position_nm[:, :2]), axis=1)))
+
+
+def traces_of(recording: Recording, bead: str) -> list[Trace]:
+    """The traces of a bead in all plateaus, mistracked frames blanked."""
+    traces = []
+    for plateau in recording.plateaus:
+        position, mistracked = without_mistracked(recording.trace_nm(bead, plateau))
+        start_s = float(recording.time_s[plateau.start])
+        traces.append(Trace(plateau, start_s, position, mistracked))
+    return traces
