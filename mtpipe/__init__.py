@@ -1,3 +1,82 @@
-"""mtpipe: force calibration for magnetic tweezers."""
+"""mtpipe: force calibration for magnetic tweezers.
+
+The steps of the pipeline as functions on plain types (FORMATS section 7):
+
+    recording = mtpipe.load("recording.csv")
+    recording = mtpipe.subtract_drift(recording)
+    calibration = mtpipe.calibrate(recording)
+    curves = mtpipe.force_extension(recording)
+
+Names are imported when they are first used, so that `import mtpipe` is fast.
+"""
+
+from __future__ import annotations
+
+import importlib
+from typing import TYPE_CHECKING, Any
 
 __version__ = "0.1.0"
+
+if TYPE_CHECKING:
+    from mtpipe.calibration import Calibration, calibrate
+    from mtpipe.drift import subtract_drift
+    from mtpipe.errors import FitError, MtpipeError, RecordingError, SetupError
+    from mtpipe.estimate import Estimate
+    from mtpipe.fit.posterior import Posterior, sample_posterior
+    from mtpipe.fit.trace import TraceFit, fit_trace
+    from mtpipe.ingest import load
+    from mtpipe.pipeline import Run, run
+    from mtpipe.recording import Plateau, Recording
+    from mtpipe.setup import Setup, read_setup
+    from mtpipe.tether_curves import force_extension
+
+_HOME = {
+    "Calibration": "calibration",
+    "Estimate": "estimate",
+    "FitError": "errors",
+    "MtpipeError": "errors",
+    "Plateau": "recording",
+    "Posterior": "fit.posterior",
+    "Recording": "recording",
+    "RecordingError": "errors",
+    "Run": "pipeline",
+    "Setup": "setup",
+    "SetupError": "errors",
+    "TraceFit": "fit.trace",
+    "calibrate": "calibration",
+    "fit_trace": "fit.trace",
+    "force_extension": "tether_curves",
+    "load": "ingest",
+    "read_setup": "setup",
+    "run": "pipeline",
+    "sample_posterior": "fit.posterior",
+    "subtract_drift": "drift",
+}
+__all__ = [
+    "Calibration",
+    "Estimate",
+    "FitError",
+    "MtpipeError",
+    "Plateau",
+    "Posterior",
+    "Recording",
+    "RecordingError",
+    "Run",
+    "Setup",
+    "SetupError",
+    "TraceFit",
+    "calibrate",
+    "fit_trace",
+    "force_extension",
+    "load",
+    "read_setup",
+    "run",
+    "sample_posterior",
+    "subtract_drift",
+]
+
+
+def __getattr__(name: str) -> Any:
+    if name not in _HOME:
+        raise AttributeError(f"module 'mtpipe' has no attribute {name!r}")
+    return getattr(importlib.import_module(f"mtpipe.{_HOME[name]}"), name)

@@ -125,8 +125,18 @@ def calibrate(
         notices = (*notices, notice)
     lowest_hz = _lowest_frequencies(recording)
     contour = recording.setup.tether.contour_length_nm.value or 0.0
+    source = recording.setup.source
     jobs = [
-        (bead, traces, conditions, lowest_hz, contour, seed) for bead, traces in beads.items()
+        (
+            bead,
+            traces,
+            conditions,
+            lowest_hz,
+            contour,
+            source is None or source.knows_z_zero(bead),
+            seed,
+        )
+        for bead, traces in beads.items()
     ]
     results: dict[str, BeadResult] = {}
     if workers <= 1 or len(jobs) <= 1:
@@ -151,6 +161,7 @@ def calibrate_bead(
     conditions: Conditions,
     lowest_hz: tuple[float, float, float],
     contour_length_nm: float,
+    z_is_extension: bool,
     seed: int,
 ) -> BeadResult:
     """Both passes for one bead.
@@ -159,8 +170,12 @@ def calibrate_bead(
     ----------
     lowest_hz : per axis, frequency below which drift removal has emptied the spectrum.
     contour_length_nm : as the setup states it, 0 where unknown.
+    z_is_extension : False where z = 0 is not the surface; then there is no extension, no force.
     """
-    extensions = [mean_with_stderr(trace.position_nm[:, 2]) for trace in traces]
+    extensions = [
+        mean_with_stderr(trace.position_nm[:, 2]) if z_is_extension else (math.nan, math.nan)
+        for trace in traces
+    ]
     free = [
         [
             _free_fit(trace, axis, conditions, extension[0], lowest_hz[axis])

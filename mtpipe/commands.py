@@ -12,7 +12,6 @@ import traceback
 from pathlib import Path
 from typing import Annotated
 
-import click
 import typer
 
 import mtpipe
@@ -100,16 +99,9 @@ def demo(
 def main() -> None:
     """Run the command line; every fault ends in a sentence and an exit code."""
     try:
-        code = app(standalone_mode=False)
-    except click.UsageError as error:
-        error.show()
-        code = 2
-    except (click.exceptions.Abort, KeyboardInterrupt):
-        typer.echo("mtpipe: stopped.", err=True)
-        code = 1
+        app()
     except MtpipeError as error:
         typer.echo(f"mtpipe: {error}", err=True)
-        code = 1
     except Exception as error:
         if os.environ.get("MTPIPE_DEBUG"):
             traceback.print_exc()
@@ -118,5 +110,4 @@ def main() -> None:
             "Set MTPIPE_DEBUG=1 to see where, and please report it.",
             err=True,
         )
-        code = 1
-    sys.exit(code if isinstance(code, int) else 0)
+    sys.exit(1)

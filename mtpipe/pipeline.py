@@ -28,7 +28,7 @@ from mtpipe.ingest import load
 from mtpipe.notice import Notice
 from mtpipe.quality import BeadVerdict, bead_verdict, trace_flags
 from mtpipe.recording import Recording
-from mtpipe.tether_fit import tether_curves
+from mtpipe.tether_curves import tether_curves
 
 Progress = Callable[[str, int, int], None]
 
@@ -101,7 +101,7 @@ def run(
     )
     clock.lap("calibrate")
     say("fitting tethers", 0, beads)
-    curves = tether_curves(calibration, recording.setup)
+    curves = tether_curves(calibration)
     clock.lap("force-extension")
     flags = {
         bead.bead: tuple(

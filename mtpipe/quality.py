@@ -17,6 +17,7 @@ from mtpipe.calibration import AxisResult, BeadResult, Calibration, PlateauResul
 from mtpipe.conditions import Conditions
 from mtpipe.estimate import Estimate
 from mtpipe.fit.trace import TraceFit
+from mtpipe.force_extension import ForceExtension
 from mtpipe.notice import Notice, Severity
 from mtpipe.setup import Setup
 
@@ -31,6 +32,11 @@ RELAXATION_TIMES = 50.0
 RADIUS_DIFFERENCE = 0.10
 FORCE_DIFFERENCE = 0.10
 LOST_SHARE = 0.05
+# A few percent of contour length is a usual error of z = 0 and the refractive index; persistence
+# length varies with salt and with the calibration of all other lengths.
+CONTOUR_DIFFERENCE = 0.05
+PERSISTENCE_DIFFERENCE = 0.20
+FLAGGED_SHARE = 0.25
 P_POOR = 1e-3
 LOW_ORDINATES = 6
 
@@ -154,7 +160,7 @@ def _extension_flags(
 ) -> list[tuple[str, Severity, str]]:
     extension, contour = plateau.extension_nm, setup.tether.contour_length_nm.value
     if not math.isfinite(extension):
-        return [("no_extension", "caution", "z was not recorded: no extension, and no force.")]
+        return [("no_extension", "caution", "There is no extension, and so no force: z was not recorded, or where z = 0 lies is unknown.")]
     if extension <= 0:
         return [(
             "extension", "warning",
@@ -191,11 +197,13 @@ def _differs(estimate: Estimate, value: float, stderr: float, size: float) -> bo
     )
 
 
-def bead_verdict(bead: BeadResult, flags: tuple[Notice, ...], setup: Setup) -> BeadVerdict:
-    """Verdict on a bead from the flags of its traces and its friction.
+def bead_verdict(
+    bead: BeadResult, flags: tuple[Notice, ...], curve: ForceExtension | None, setup: Setup
+) -> BeadVerdict:
+    """Verdict on a bead from the flags of its traces, its friction and its tether.
 
-    "refused": no plateau gives a force or stiffness. "caution": more than a quarter of its lateral
-    traces carry a caution or worse, or its friction contradicts the setup. Else "good".
+    "refused": no plateau gives a stiffness. "caution": the bead's friction or tether contradicts
+    the setup, or a flag of severity caution or worse stands in more than a quarter of its plateaus.
     """
     lateral = [one for plateau in bead.plateaus for one in plateau.axes if one.axis != "z"]
     usable = [
@@ -214,23 +222,45 @@ def bead_verdict(bead: BeadResult, flags: tuple[Notice, ...], setup: Setup) -> B
             f"its friction is {ratio.value:.2f} ± {ratio.stderr:.2f} times that expected from "
             f"radius and viscosity ({wall} the wall's correction)"
         )
-    if not any(one.force is not None for one in usable):
-        reasons.append("only stiffness and friction: no extension, so no force")
-    worrying = {
-        (n.plateau, n.axis) for n in flags if n.severity != "info"
-    }  # fmt: skip
-    counts: dict[str, set[int]] = {}
+    if curve is not None:
+        reasons += _tether_reasons(curve, setup)
+    plateaus: dict[str, set[int]] = {}
     for notice in flags:
         if notice.severity != "info" and notice.plateau is not None:
-            counts.setdefault(notice.code, set()).add(notice.plateau)
-    touched = {plateau for plateau, _ in worrying}
-    if len(touched) > 0.25 * len(bead.plateaus):
-        for code, where in sorted(counts.items(), key=lambda pair: -len(pair[1])):
-            if len(where) > 0.25 * len(bead.plateaus) or code in ("refused", "extension"):
-                reasons.append(
-                    f"{FLAG_WORDS[code]} in {len(where)} of {len(bead.plateaus)} plateaus"
-                )
+            plateaus.setdefault(notice.code, set()).add(notice.plateau)
+    for code, where in sorted(plateaus.items(), key=lambda pair: -len(pair[1])):
+        if len(where) > FLAGGED_SHARE * len(bead.plateaus):
+            reasons.append(f"{FLAG_WORDS[code]} in {len(where)} of {len(bead.plateaus)} plateaus")
     return BeadVerdict(bead.bead, "caution" if reasons else "good", tuple(reasons))
+
+
+def _tether_reasons(curve: ForceExtension, setup: Setup) -> list[str]:
+    """Where the fitted tether contradicts the one configured."""
+    fit = curve.recommended
+    if fit is None:
+        return []
+    reasons = []
+    stated = (
+        ("contour", fit.contour_length_nm, setup.tether.contour_length_nm, CONTOUR_DIFFERENCE),
+        (
+            "persistence",
+            fit.persistence_length_nm,
+            setup.tether.persistence_length_nm,
+            PERSISTENCE_DIFFERENCE,
+        ),
+    )
+    for name, fitted, configured, size in stated:
+        value = configured.value
+        if value is None or not _differs(fitted, value, configured.stderr, size):
+            continue
+        hint = ""
+        if name == "persistence" and fitted.value < 0.7 * value:
+            hint = "; more than one tether, or a wrong z = 0, does that"
+        reasons.append(
+            f"its {name} length is {fitted.value:.4g} ± {fitted.stderr:.2g} nm, the setup says "
+            f"{value:.4g} nm{hint}"
+        )
+    return reasons
 
 
 FLAG_WORDS = {

@@ -227,16 +227,14 @@ def trace(bead: str, forces: pd.DataFrame, rng: np.random.Generator) -> pd.DataF
         spread = np.sqrt(KT / stiffness)
         mean = height + spread * rng.normal(0, 0.6, len(t))
         low, high = mean - spread * rng.uniform(0.8, 2, len(t)), mean + spread * 1.4
-        gap = (t > 100) & (t < 106)
-        for values in (low, mean, high):
-            values[gap] = np.nan
-            if bead == NO_Z and axis == "z":
-                values[:] = np.nan
+        seen = (t < 100) | (t > 106)
+        if bead == NO_Z and axis == "z":
+            continue
         for stage, added in (("raw", moved_nm(t, axis)), ("subtracted", 0.0)):
             table = pd.DataFrame(
                 {"time_s": t, "low_nm": low + added, "mean_nm": mean + added, "high_nm": high + added}
             )
-            tables.append(table.assign(bead=bead, axis=axis, stage=stage))
+            tables.append(table[seen].assign(bead=bead, axis=axis, stage=stage))
     return pd.concat(tables)
 
 

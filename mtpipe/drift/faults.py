@@ -30,14 +30,19 @@ NORMAL_MAD = 1.4826
 
 @dataclass(frozen=True)
 class Jumps:
-    """Jumps of a bead that its witnesses do not share; row of the first, size of the largest."""
+    """Jumps of a bead that its witnesses do not share.
+
+    `first` is where the first is, in frames of the grid, `largest_nm` the size of the largest, `total_nm2` the sum of
+    all squared.
+    """
 
     number: int
     first: int
     largest_nm: float
+    total_nm2: float
 
 
-NO_JUMPS = Jumps(0, 0, 0.0)
+NO_JUMPS = Jumps(0, 0, 0.0, 0.0)
 
 
 def mistracked(
@@ -58,9 +63,9 @@ def mistracked(
     wrong = np.zeros(len(series_nm), dtype=bool)
     for window_s in WINDOWS_S:
         width = 2 * round(window_s * rate_hz / 2) + 1
-        if width < 5 or len(series_nm) < 2 * width:
-            continue
         known = np.flatnonzero(np.isfinite(series_nm) & ~wrong)
+        if width < 5 or len(known) < 2 * width:
+            continue
         away = _excursion(series_nm[known], width)
         spread = NORMAL_MAD * median_filter(np.abs(away), 4 * width + 1, mode="mirror")
         # Data rounded to a few values can have a spread of zero.
@@ -108,7 +113,7 @@ def jumps_among(
     found = (np.abs(against) > max(JUMP_SIGMA * spread, JUMP_NOISES * noise_nm)) & (
         np.abs(own) > np.abs(shared)
     )
-    return _summary(rows, against, found)
+    return _summary(rows, size, against, found)
 
 
 def jumps_alone(
@@ -147,7 +152,7 @@ def jumps_alone(
         & (np.abs(witness) < np.abs(own) / 2)
         & (np.abs(own - witness) > WITNESS_SIGMA * error)
     )
-    return _summary(rows, own, found)
+    return _summary(rows, size, own, found)
 
 
 def _excursion(series: FloatArray, width: int) -> FloatArray:
@@ -179,10 +184,15 @@ def _steps(
     return np.concatenate(rows), np.concatenate(steps)
 
 
-def _summary(rows: NDArray[np.int64], size_nm: FloatArray, found: NDArray[np.bool_]) -> Jumps:
+def _summary(
+    rows: NDArray[np.int64], size: int, step_nm: FloatArray, found: NDArray[np.bool_]
+) -> Jumps:
     at = np.flatnonzero(found)
     if not len(at):
         return NO_JUMPS
-    # One jump shows in neighbouring blocks.
-    number = 1 + int(np.sum(np.diff(at) > 2))
-    return Jumps(number, int(rows[at[0]]), float(np.max(np.abs(size_nm[at]))))
+    # One jump shows in neighbouring blocks: it lies in their middle, and the largest is its size.
+    begin = np.concatenate([[0], np.flatnonzero(np.diff(at) > 2) + 1])
+    sizes = np.maximum.reduceat(np.abs(step_nm[at]), begin)
+    last = at[begin[1] - 1] if len(begin) > 1 else at[-1]
+    first = int(rows[at[0]] + rows[last] + size) // 2
+    return Jumps(len(sizes), first, float(sizes.max()), float(np.sum(sizes**2)))

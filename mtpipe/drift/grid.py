@@ -16,6 +16,7 @@ LONGEST_GAP_S = 100.0
 # Within pieces that serve to estimate noise, interpolated frames must be few.
 BRIDGED_FRAMES = 8
 SHORTEST_PIECE = 32
+MOSTLY_KNOWN = 0.9
 
 
 @dataclass(frozen=True)
@@ -53,7 +54,8 @@ class Grid:
         found = []
         for start, stop in self.pieces:
             for a, b in stretches(known[start:stop], BRIDGED_FRAMES):
-                if b - a >= SHORTEST_PIECE:
+                enough = np.mean(known[start + a : start + b]) >= MOSTLY_KNOWN
+                if enough and b - a >= SHORTEST_PIECE:
                     found.append((start + a, start + b))
         return found
 
@@ -82,7 +84,7 @@ def piece_coefficients(series_nm: FloatArray, pieces: list[tuple[int, int]]) -> 
     result = []
     for start, stop in pieces:
         piece = series_nm[start:stop]
-        if np.mean(np.isfinite(piece)) < 0.9:
+        if np.mean(np.isfinite(piece)) < MOSTLY_KNOWN:
             result.append(np.full(stop - start, np.nan))
         else:
             result.append(coefficients(piece))

@@ -18,7 +18,7 @@ import numpy as np
 from scipy.ndimage import median_filter
 from scipy.optimize import nnls
 
-from mtpipe.drift.lowpass import power_bins
+from mtpipe.drift.lowpass import PowerBins, power_bins
 from mtpipe.recording import FloatArray
 
 # White noise is read above this part of the Nyquist frequency; own motion above OWN_MOTION_HZ,
@@ -29,7 +29,6 @@ FLOOR_BINS = 400
 COEFFICIENTS_PER_BIN = 32
 NEIGHBOURS = 15
 OUTLIER_SIGMA = 5.0
-FIT_PASSES = 6
 
 
 @dataclass(frozen=True)
@@ -44,46 +43,33 @@ class OwnMotion:
 def white_noise_alone_nm(coefficients_nm: Sequence[FloatArray], rate_hz: float) -> float:
     """White noise of a lone reference: the floor of its spectrum beside random-walk drift.
 
-    The floor and the tail of a random walk, a / (4 sin^2(pi f / rate)), are fitted to the upper
-    nine tenths of the spectrum; bins that stand out (lines) are left out. The exposure blurs the
-    walk within a frame, which takes a W/(6 D) off the floor (exposure W, frame time D); this is
-    not corrected, as a stage is no random walk on the scale of a frame.
-
     Parameters
     ----------
     coefficients_nm : for each plateau, (n,) nm.
     rate_hz : frames per second.
     """
-    edges = _white_edges_hz(coefficients_nm, rate_hz)
-    bins = power_bins([(c, c) for c in coefficients_nm], rate_hz, edges)
-    power, count = bins.power_nm2 / bins.count, bins.count
-    theta = 2 * np.pi * bins.frequency_hz / rate_hz
-    shapes = np.column_stack([np.ones_like(theta), 1 / (4 * np.sin(theta / 2) ** 2)])
-    # A line stands out from its neighbours, whatever the fit; random-walk drift does not.
-    near = median_filter(power, NEIGHBOURS, mode="nearest")
-    usual = power < near * (1 + OUTLIER_SIGMA * np.sqrt(2 / count))
-    model = near
-    for _ in range(FIT_PASSES):
-        weight = np.sqrt(count[usual]) / model[usual]
-        share, _ = nnls(shapes[usual] * weight[:, None], power[usual] * weight)
-        model = np.maximum(shapes @ share, near / 10)
-    return math.sqrt(share[0])
+    pairs = [(c, c) for c in coefficients_nm]
+    bins = power_bins(pairs, rate_hz, _white_edges_hz(coefficients_nm, rate_hz))
+    return _floor_nm(bins, _near(bins.power_nm2 / bins.count), rate_hz)
 
 
 def white_noise_shared_nm(coefficients_nm: Sequence[Sequence[FloatArray]], rate_hz: float) -> float:
-    """White noise of a reference that has others beside it.
+    """White noise of a reference that has others beside it: the floor of what it does not share.
 
     Parameters
     ----------
     coefficients_nm : first the bead's, then each other reference's coefficients, plateau by
         plateau.
+    rate_hz : frames per second.
     """
     own, *others = coefficients_nm
-    witness = [np.mean(pieces, axis=0) for pieces in zip(*others, strict=True)]
-    pairs = [(c, c - w) for c, w in zip(own, witness, strict=True)]
-    bins = power_bins(pairs, rate_hz, _white_edges_hz(own, rate_hz))
-    # The median over bins passes over lines, which beads of different scale do not quite share.
-    return math.sqrt(max(float(np.median(bins.power_nm2 / bins.count)), 0.0))
+    against = [c - np.mean(w, axis=0) for c, *w in zip(own, *others, strict=True)]
+    edges = _white_edges_hz(own, rate_hz)
+    unshared = power_bins(list(zip(own, against, strict=True)), rate_hz, edges)
+    power = power_bins([(c, c) for c in own], rate_hz, edges)
+    difference = power_bins([(d, d) for d in against], rate_hz, edges)
+    scatter = np.sqrt(_near(power.power_nm2) * _near(difference.power_nm2)) / power.count
+    return _floor_nm(unshared, scatter, rate_hz)
 
 
 def own_motion(
@@ -123,3 +109,25 @@ def _white_edges_hz(coefficients_nm: Sequence[FloatArray], rate_hz: float) -> Fl
     total = sum(len(c) for c in coefficients_nm)
     n = int(np.clip(total // COEFFICIENTS_PER_BIN, 4, min(FLOOR_BINS, longest)))
     return np.linspace(WHITE_FROM_NYQUIST * rate_hz / 2, rate_hz / 2, n + 1)
+
+
+def _near(power: FloatArray) -> FloatArray:
+    return np.asarray(median_filter(power, NEIGHBOURS, mode="nearest"))
+
+
+def _floor_nm(bins: PowerBins, scatter_nm2: FloatArray, rate_hz: float) -> float:
+    """Root of the floor of a spectrum beside a slope.
+
+    The floor and the spectrum of a random walk, a / (4 sin^2(pi f / rate)), are fitted by least
+    squares weighted with the scatter per coefficient; the slope stands for drift, or for the upper
+    side of a loose bead's Lorentzian. Lines, which stand out from their neighbours, are left out.
+    The exposure blurs a walk within a frame, which takes a W/(6 D) off the floor (exposure W,
+    frame time D); this is not corrected, as a stage is no random walk on the scale of a frame.
+    """
+    power = bins.power_nm2 / bins.count
+    error = scatter_nm2 * np.sqrt(2 / bins.count)
+    usual = np.abs(power - _near(power)) < OUTLIER_SIGMA * error
+    sine = np.sin(np.pi * bins.frequency_hz / rate_hz)
+    shapes = np.column_stack([np.ones_like(sine), 1 / (4 * sine**2)])[usual] / error[usual, None]
+    (floor_nm2, _), _ = nnls(shapes, power[usual] / error[usual])
+    return math.sqrt(floor_nm2)

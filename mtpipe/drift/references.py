@@ -1,9 +1,9 @@
 """Which reference beads can be trusted, how noisy they are, and what they weigh.
 
-A reference is left out when it jumps, moves on its own, is mostly lost, or was not tracked along
-an axis that others have. When no trustworthy one remains, the least faulty is kept: subtracting
-it can add its faults to a trace, but leaving all drift in every trace is worse, and its own motion
-is counted as noise when the low-pass is chosen.
+A reference is left out when it jumps, moves on its own or is mostly lost. When every one does so,
+those are kept that are not much worse than the best: subtracting them can add their faults to a
+trace, but leaving all drift in every trace is worse, and own motion is counted as noise when the
+low-pass is chosen. They are named with a warning.
 """
 
 from __future__ import annotations
@@ -34,6 +34,7 @@ LOOSE_NOISES = 4.0
 LOOSE_SIGMA = 5.0
 LOOSE_SHARE = 0.2
 MISTRACKED_CAUTION = 0.01
+MUCH_WORSE = 4.0
 
 
 @dataclass(frozen=True)
@@ -84,14 +85,14 @@ def assess(recording: Recording, grid: Grid) -> Assessment:
     used = [bead for bead in axes if not faults[bead]]
     notices = [_mistracked_notice(bead, axes[bead]) for bead in axes]
     if axes and not used:
-        best = min(axes, key=lambda b: (len(faults[b]), sum(a.jumps.number for a in axes[b])))
-        used = [best]
+        unrest = {bead: _unrest(axes[bead]) for bead in axes}
+        used = [b for b in axes if unrest[b] <= MUCH_WORSE * min(unrest.values())]
     for bead, sentences in faults.items():
         text = "; ".join(sentences)
         if sentences and bead in used:
             message = (
-                f"reference bead {bead} {text}; there is no better one, so it is subtracted all "
-                "the same and its faults are in every trace"
+                f"reference bead {bead} {text}; no reference bead is better, so it is subtracted "
+                "all the same and its own motion is in every trace"
             )
             notices.append(Notice("reference_moves", "warning", message, bead))
         elif sentences:
@@ -179,6 +180,19 @@ def _faults(
                 f"is loosely attached: it moves on its own by {moves:.3g} nm rms along {name}"
             )
     return sentences
+
+
+def _unrest(axes: Sequence[ReferenceAxis]) -> float:
+    """Own motion and jumps of a faulty reference in one number, for comparison only."""
+    total = 0.0
+    for axis in axes:
+        if math.isnan(axis.noise_nm):
+            continue
+        if np.mean(np.isfinite(axis.series_nm)) < 1 - MOSTLY_LOST:
+            return math.inf
+        excess_nm2 = axis.own.variance_nm2 - axis.noise_nm**2 if axis.loose else 0.0
+        total += axis.jumps.total_nm2 + len(axis.series_nm) * excess_nm2
+    return total
 
 
 def _weights(

@@ -1,0 +1,1 @@
+"""Fits of spectra: models, maximum likelihood (lmfit), posteriors (emcee)."""

@@ -8,6 +8,7 @@ many θ at once: shape (n, 3) in, (n, …) out.
 
 from __future__ import annotations
 
+import functools
 from dataclasses import dataclass
 
 import numpy as np
@@ -18,6 +19,10 @@ from mtpipe.physics.modes import SINGLE_MODE, Modes
 from mtpipe.spectrum import Spectrum
 
 COORDINATES = ("ln_stiffness", "ln_friction", "noise_variance")
+# Half-width of the flat priors in ln k and ln γ about the start. Where noise explains everything the
+# likelihood does not bound the stiffness from above; this keeps the posterior proper, and one that
+# fills it is reported as not identified.
+PRIOR_HALF_WIDTH = 5.0
 
 
 @dataclass(frozen=True)
@@ -69,9 +74,11 @@ class TraceModel:
     def log_posterior(self, theta: FloatArray) -> FloatArray:
         """ln of likelihood × prior, (n,), up to a constant; −inf for negative noise.
 
-        Priors are flat in ln k, ln γ and ε² ≥ 0, times the Gaussian prior of the friction.
+        Priors are flat in ln k and ln γ (to e^±5 about the start) and in ε² ≥ 0, times the
+        Gaussian prior of the friction.
         """
-        allowed = (theta[:, 2] >= 0) & np.all(np.abs(theta[:, :2]) < 100, axis=1)
+        near = np.abs(theta[:, :2] - self.start[:2]) < PRIOR_HALF_WIDTH
+        allowed = (theta[:, 2] >= 0) & near.all(axis=1)
         out = np.full(len(theta), -np.inf)
         if allowed.any():
             inside = theta[allowed]
@@ -112,9 +119,10 @@ class TraceModel:
         return mean, float(stats.gamma.sf(deviance, mean**2 / variance, scale=variance / mean))
 
     def _pull(self, theta: FloatArray) -> FloatArray:
-        assert self.friction is not None
-        return np.asarray((np.exp(theta[:, 1:2]) - self.friction[0]) / self.friction[1])
+        value, stderr = self.friction or (0.0, np.inf)
+        return np.asarray((np.exp(theta[:, 1:2]) - value) / stderr)
 
+    @functools.cached_property
     def start(self) -> FloatArray:
         """A start (3,) that always exists: the best of a coarse grid, scale and noise profiled.
 

@@ -21,7 +21,7 @@ from mtpipe.physics.camera import FloatArray
 METHOD = "spectrum, posterior"
 WALKERS = 32
 STEPS_AT_ONCE = 100
-LONGEST_CHAIN = 2000
+LONGEST_CHAIN = 1000
 AUTOCORRELATION_TIMES = 50
 R_HAT_LIMIT = 1.05
 TAIL_DEGREES = 5.0

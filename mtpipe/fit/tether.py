@@ -42,7 +42,7 @@ FloatArray = NDArray[np.float64]
 Relation = Literal["potential", "long-chain"]
 
 _LARGEST_RELATIVE_ERROR = 0.5
-_NEAR_ONE = 0.98
+_LEAST_COMPLIANCE_PER_PN = 1e-9
 
 
 @dataclass(frozen=True)
@@ -80,7 +80,7 @@ class ExtensionPoints:
         columns = (
             self.force_pN, self.force_stderr_pN, self.extension_nm, self.extension_stderr_nm
         )  # fmt: skip
-        return np.logical_and.reduce([np.isfinite(c) & (c > 0) for c in columns])
+        return np.asarray(np.all([np.isfinite(c) & (c > 0) for c in columns], axis=0))
 
 
 @dataclass(frozen=True)
@@ -128,7 +128,7 @@ class TetherFit:
     dof: int
     p_value: float
     correlation: tuple[str, str, float] | None
-    chain: Chain | None
+    chain: Chain
 
     @property
     def identified(self) -> bool:
@@ -183,19 +183,12 @@ def fit_tether(points: ExtensionPoints, formula: Formula, assay: Assay) -> Tethe
     start.add("ln_contour", math.log(contour), min=0.0, max=math.log(1e6))
     start.add("ln_persistence", math.log(persistence), min=math.log(0.05), max=math.log(1e5))
     if formula == "extensible":
-        start.add("compliance", 1e-3, min=0.0, max=0.1)
+        start.add("compliance", 1e-3)
     if assay.offset_unknown:
         start.add("offset", 0.0)
     result: Any = lmfit.minimize(
         _residuals, start, args=(points, formula, assay), scale_covar=False, max_nfev=500
     )
-    if formula == "extensible" and not result.params["compliance"].value > 1e-8:
-        # At its limit the compliance has no standard error and spoils those of the others.
-        start = result.params
-        start["compliance"].set(value=0.0, vary=False)
-        result = lmfit.minimize(
-            _residuals, start, args=(points, formula, assay), scale_covar=False, max_nfev=500
-        )
     return _collect(result, points, formula, assay)
 
 
@@ -211,10 +204,31 @@ def _start(points: ExtensionPoints, assay: Assay) -> tuple[float, float]:
     return 1.1 * float(highest), 50.0
 
 
-def _chain(values: Mapping[str, Any], formula: Formula, temperature_K: float) -> Chain:
-    modulus = 1 / max(values["compliance"], 1e-9) if formula == "extensible" else None
+def _chain(
+    values: Mapping[str, float], formula: Formula, temperature_K: float, compliance: float | None
+) -> Chain:
     contour, persistence = math.exp(values["ln_contour"]), math.exp(values["ln_persistence"])
+    if compliance is None:
+        return Chain(contour, persistence, temperature_K, formula)
+    modulus = 1 / max(compliance, _LEAST_COMPLIANCE_PER_PN)
     return Chain(contour, persistence, temperature_K, formula, modulus)
+
+
+def _heights(
+    values: Mapping[str, float], force_pN: FloatArray, formula: Formula, assay: Assay
+) -> FloatArray:
+    """Expected extensions; a negative compliance shortens as much as a positive one lengthens.
+
+    Noise may ask for one. Mirrored so, the fit has no limit to run into, and its standard error
+    holds on either side of zero.
+    """
+    compliance = values.get("compliance")
+    if compliance is None or compliance >= 0:
+        chain = _chain(values, formula, assay.temperature_K, compliance)
+        return expected_extension_nm(chain, force_pN, assay)
+    rigid, soft = (_chain(values, formula, assay.temperature_K, c) for c in (0.0, -compliance))
+    rigid_height = expected_extension_nm(rigid, force_pN, assay)
+    return 2 * rigid_height - expected_extension_nm(soft, force_pN, assay)
 
 
 def _residuals(
@@ -231,8 +245,7 @@ def _residuals(
 
     margin = 0.1 + 6 * relative_error.max()
     grid = np.linspace(log_force.min() - margin, log_force.max() + margin, 64)
-    chain = _chain(values, formula, assay.temperature_K)
-    heights = expected_extension_nm(chain, np.exp(grid), assay)
+    heights = _heights(values, np.exp(grid), formula, assay)
     curve = CubicSpline(grid, heights)
     true = _most_likely(
         curve,
@@ -313,7 +326,7 @@ def _collect(result: Any, points: ExtensionPoints, formula: Formula, assay: Assa
         dof=dof,
         p_value=float(stats.chi2.sf(chi2, dof)),
         correlation=_strongest(result),
-        chain=_chain(values, formula, assay.temperature_K),
+        chain=_chain(values, formula, assay.temperature_K, values.get("compliance")),
     )
 
 
@@ -330,11 +343,9 @@ def _inverse(mean: float, error: float, unit: str, method: str, status: Status) 
     """The estimate of 1/x; only a lower limit when x is within two standard errors of zero."""
     if not math.isfinite(error):
         return Estimate.missing(unit, method)
-    if not mean > 2 * error or mean <= 0:
-        limit = 1 / (mean + error) if mean + error > 0 else math.nan
-        return Estimate(
-            math.nan, math.nan, (limit, math.inf), unit, method, status="not_identified"
-        )
+    if not mean > 2 * error:
+        limit = 1 / (max(mean, 0.0) + error)
+        return Estimate(math.nan, math.nan, (limit, math.inf), unit, method, "not_identified")
     interval = (1 / (mean + error), 1 / (mean - error))
     return Estimate(1 / mean, error / mean**2, interval, unit, method, status)
 

@@ -121,7 +121,7 @@ def fit_trace(
         TraceModel(
             spectrum,
             min(exposure_s, camera.frame_s),
-            thermal_energy_pN_nm(temperature_K),
+            float(thermal_energy_pN_nm(temperature_K)),
             known,
             friction,
             modes,
@@ -133,7 +133,7 @@ def fit_model(model: TraceModel) -> TraceFit:
     """Maximise the likelihood of a trace model with lmfit."""
     import lmfit
 
-    start = model.start()
+    start = model.start
     scale = model.spectrum.variance_nm2
     parameters = lmfit.Parameters()
     parameters.add(COORDINATES[0], value=start[0], min=start[0] - 25, max=start[0] + 25)

@@ -26,6 +26,7 @@ from mtpipe.report.plotly_json import (
     layout,
     log_axis,
     positive,
+    with_gaps,
 )
 
 FloatArray = NDArray[np.float64]
@@ -93,7 +94,7 @@ def spectrum_figure(arrays: Arrays, table: pd.DataFrame, axis_name: str) -> Figu
             460,
             xaxis=log_axis("frequency / Hz", f, anchor="y2"),
             yaxis=log_axis("power density / (nm²/Hz)", power, domain=[0.36, 1]),
-            yaxis2=log_axis("data / model", ratio, domain=[0, 0.28], nticks=5),
+            yaxis2=log_axis("data / model", ratio, domain=[0, 0.28]),
             shapes=[one | {"line": {"color": INK, "width": 1}}],
             annotations=[] if np.isfinite(model).any() else [_note("no model: trace refused")],
         ),
@@ -231,7 +232,7 @@ def traces_figure(arrays: Arrays, folder: RunFolder, bead: str) -> Figure:
     stages = [s for s in ("raw", "subtracted") if (table["stage"] == s).any()]
     width = 1 / max(len(stages), 1)
     made = layout(640, showlegend=False, shapes=[], annotations=[])
-    made["margin"]["t"] = 44
+    made["margin"]["t"] = 48
     data: list[dict[str, Any]] = []
     plateaus = folder.forces[folder.forces["bead"] == bead].drop_duplicates("plateau")
     for column, stage in enumerate(stages):
@@ -240,9 +241,9 @@ def traces_figure(arrays: Arrays, folder: RunFolder, bead: str) -> Figure:
             number = 3 * column + line + 1
             suffix = "" if number == 1 else str(number)
             trace = table[(table["stage"] == stage) & (table["axis"] == name)]
-            t, low, mean, high = (
-                trace.sort_values("time_s")[c].to_numpy(np.float64)
-                for c in ("time_s", "low_nm", "mean_nm", "high_nm")
+            trace = trace.sort_values("time_s")
+            t, low, mean, high = with_gaps(
+                *(trace[c].to_numpy(np.float64) for c in ("time_s", "low_nm", "mean_nm", "high_nm"))
             )
             on = {"xaxis": f"x{suffix}", "yaxis": f"y{suffix}"}
             colour = AXIS_COLOUR[name]
@@ -271,7 +272,7 @@ def traces_figure(arrays: Arrays, folder: RunFolder, bead: str) -> Figure:
                 f"{name} / nm" if column == 0 else "",
                 domain=[top - 0.31, top],
                 anchor=f"x{suffix}",
-                showticklabels=column == 0,
+                showticklabels=column == 0 and bool(np.isfinite(mean).any()),
                 **({"matches": f"y{line + 1 if line else ''}"} if column else {}),
             )
             if not np.isfinite(mean).any():
@@ -281,13 +282,13 @@ def traces_figure(arrays: Arrays, folder: RunFolder, bead: str) -> Figure:
         title = {"raw": "as recorded", "subtracted": "after drift subtraction"}[stage]
         made["annotations"].append(
             {"text": title, "xref": "paper", "yref": "paper", "x": left, "y": 1.0}
-            | {"showarrow": False, "xanchor": "left", "yanchor": "bottom", "yshift": 16}
+            | {"showarrow": False, "xanchor": "left", "yanchor": "bottom", "yshift": 18}
         )
     made["shapes"] = [
         {"type": "rect", "layer": "below", "line": {"width": 0}, "fillcolor": "#f4f5f7"}
         | {"xref": f"x{4 if column else ''}", "yref": "paper", "y0": 0, "y1": 1}
         | {"x0": row["start_s"], "x1": row["start_s"] + row["duration_s"]}
-        | {"label": {"text": str(int(row["plateau"])), "textposition": "top center"}}
+        | {"label": {"text": str(int(row["plateau"])), "textposition": "top center", "yanchor": "bottom"}}
         for column in range(len(stages))
         for row in records(plateaus)
     ]

@@ -18,6 +18,7 @@ from mtpipe.report.plotly_json import (
     layout,
     log_axis,
     positive,
+    with_gaps,
 )
 
 SYMBOLS = ("circle", "square", "diamond", "triangle-up", "triangle-down", "cross", "x", "star")
@@ -81,13 +82,15 @@ def drift_figure(arrays: Arrays, folder: RunFolder) -> Figure:
     data = []
     for name in "xyz":
         table = folder.drift[folder.drift["axis"] == name].sort_values("time_s")
+        columns = (table[c].to_numpy(np.float64) for c in ("time_s", "drift_nm"))
+        t, nm = with_gaps(*columns)
         data.append(
             {
                 "type": "scatter",
                 "mode": "lines",
                 "name": name,
-                "x": arrays.add(table["time_s"]),
-                "y": arrays.add(table["drift_nm"].to_numpy(np.float64)),
+                "x": arrays.add(t),
+                "y": arrays.add(nm),
                 "line": {"color": AXIS_COLOUR[name], "width": 1.3}
                 | {"dash": {"x": "solid", "y": "dash", "z": "dot"}[name]},
                 "marker": {"symbol": AXIS_SYMBOL[name]},

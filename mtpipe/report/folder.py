@@ -104,7 +104,7 @@ def read_run_folder(folder: Path) -> RunFolder:
     tables = {name: _read_table(folder / name, columns) for name, columns in COLUMNS.items()}
     return RunFolder(
         run=run,
-        setup=parse_setup(_without_absent(run["setup"]), where=str(folder / "run.json")),
+        setup=parse_setup(_experiment(run["setup"]), where=str(folder / "run.json")),
         notices=tuple(Notice(**notice) for notice in run["notices"]),
         **{Path(name).stem: table for name, table in tables.items()},
     )
@@ -145,12 +145,12 @@ def _read_table(path: Path, columns: tuple[str, ...]) -> pd.DataFrame:
     return table
 
 
-def _without_absent(setup: Mapping[str, Any]) -> dict[str, Any]:
-    """Drop the keys of optional values, which a dumped setup holds as null."""
+def _experiment(setup: Mapping[str, Any]) -> dict[str, Any]:
+    """The setup without the layout of its files, and without the nulls of what it leaves out."""
     return {
         name: {k: v for k, v in table.items() if v is not None} if isinstance(table, dict) else table
         for name, table in setup.items()
-        if table is not None
+        if name != "source"
     }
 
 

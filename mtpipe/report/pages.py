@@ -115,7 +115,7 @@ def _index_page(run: RunFolder, beads: list[rows.BeadRow]) -> dict[str, Any]:
     figures: dict[str, Any] = {"forces": forces_figure(arrays, run, [row.bead for row in beads])}
     if len(run.drift):
         figures["drift"] = drift_figure(arrays, run)
-    drift = run.run["drift"]
+    drift = run.run["drift"] or {"method": "none"}
     forces = run.forces["force_pN"].dropna()
     return {
         "counts": {v: sum(row.verdict == v for row in beads) for v in rows.VERDICTS},

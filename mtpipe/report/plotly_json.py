@@ -8,6 +8,7 @@ in single precision; `report.js` puts them back where a figure says `{"array": i
 from __future__ import annotations
 
 import base64
+import math
 from typing import Any
 
 import numpy as np
@@ -71,15 +72,26 @@ def axis(title: str = "", **extra: Any) -> dict[str, Any]:
 
 
 def log_axis(title: str, values: ArrayLike, **extra: Any) -> dict[str, Any]:
-    """A logarithmic axis, labelled in full (0.2, 0.5, 1) where its values are short to write.
+    """A logarithmic axis with labels at the decades, over few decades at 2 and 5 as well.
 
-    Else as powers of ten: plotly would label 0.2 as "2" between the decades.
+    The labels are set here because plotly's own are "2" and "5" whatever the decade.
     """
     seen = positive(values)
-    short = not len(seen) or (seen.min() > 1e-4 and seen.max() < 2e4)
-    ticks = {"tickformat": "~g"} if short else {"exponentformat": "power", "dtick": 1}
-    minor = {"ticks": "outside", "ticklen": 3}
-    return axis(title, type="log", minor=minor, **{**ticks, **extra})
+    low, high = (seen.min(), seen.max()) if len(seen) else (0.1, 10.0)
+    steps = (1, 2, 5) if high / low < 200 else (1,)
+    decades = range(math.floor(math.log10(low)) - 2, math.ceil(math.log10(high)) + 3)
+    ticks = {
+        "tickvals": [step * 10.0**decade for decade in decades for step in steps],
+        "ticktext": [_power(step, decade) for decade in decades for step in steps],
+        "minor": {"ticks": "outside", "ticklen": 3, "dtick": "D1"},
+    }
+    return axis(title, type="log", **ticks, **extra)
+
+
+def _power(step: int, decade: int) -> str:
+    if -4 < decade < 4:
+        return f"{step * 10.0**decade:g}"
+    return f"{'' if step == 1 else f'{step}×'}10<sup>{decade}</sup>".replace("-", "−")
 
 
 def positive(values: ArrayLike) -> NDArray[np.float64]:
@@ -102,6 +114,16 @@ def outline(
     if not xs:
         return np.empty(0), np.empty(0)
     return np.concatenate(xs[:-1]), np.concatenate(ys[:-1])
+
+
+def with_gaps(x: NDArray[np.float64], *ys: NDArray[np.float64]) -> list[NDArray[np.float64]]:
+    """Put a row of NaN wherever x jumps by more than three of its usual steps.
+
+    A line then breaks where a stretch of time is missing, instead of bridging it.
+    """
+    steps = np.diff(x)
+    gaps = np.flatnonzero(steps > 3 * np.median(steps)) + 1 if len(steps) else np.empty(0, int)
+    return [np.insert(values, gaps, np.nan) for values in (x, *ys)]
 
 
 def band(

@@ -245,12 +245,13 @@ def _force_row(row: Mapping[str, Any]) -> ForceRow:
         "not_converged": "the fit did not converge",
     }.get(status, "not determined")
     remarks = [] if status in ("ok", "refused") else [words.STATUS.get(status, words.label(status))]
-    if row["posterior_converged"] is False:
+    if words.is_number(row["posterior_rhat"]) and not row["posterior_converged"]:
         remarks.append("posterior not converged")
     if status != "refused" and axis != "z" and not words.is_number(row["force_pN"]):
-        remarks.append(f"no force: {why}")
+        why_no_force = why if words.is_number(row["extension_nm"]) else "there is no extension"
+        remarks.append(f"no force: {why_no_force}")
     frames, lost = row["frames"], row["lost_frames"]
-    if words.is_number(lost) and lost > 0:
+    if words.is_number(lost) and lost > 0 and "lost_frames" not in words.flags(row["flags"]):
         remarks.append(f"{words.number(100 * lost / frames, 2)} % of frames lost")
     return ForceRow(
         key=f"{int(row['plateau'])}/{axis}",

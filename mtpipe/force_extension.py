@@ -1,0 +1,235 @@
+"""The force–extension curve of a bead: worm-like chains over the forces where each is valid.
+
+Three chains are fitted (`mtpipe.physics.tether.VALIDITY` says over which forces and why) to the
+plateaus that are far enough from the surface, and one is recommended by the data:
+
+1. Bouchiat's chain or Marko and Siggia's interpolation, whichever fits the same points up to 10 pN
+   better. They have as many parameters, and persistence lengths 8 % apart. Where chi2 differs by
+   less than 6 (odds of 20) a notice names the other's.
+2. The extensible chain instead, when some force reaches above 8 pN, the stretch modulus is told
+   from infinity by two standard errors, and BIC improves by more than 2 (Kass & Raftery 1995) over
+   the fit of Bouchiat's chain to the same points.
+
+No priors. With fewer points than parameters plus one, or forces too much alike, nothing is
+recommended and the notices say why.
+
+Near the surface the relation between fluctuations and force fails: kT <z>/<x²> is high by 0.2 % at
+3 kT/sigma, sigma² = 2 Lp L0/3 being a free chain's variance per axis, and by 2 % at 2.5 kT/sigma.
+Points below 3 kT/sigma are left out: 0.04 pN for a contour of 2700 nm, 0.12 pN for 300 nm.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mtpipe.fit.tether import (
+    Assay,
+    ExtensionPoints,
+    Relation,
+    TetherFit,
+    fit_tether,
+    parameters_of,
+)
+from mtpipe.notice import Notice
+from mtpipe.physics.buffer import thermal_energy_pN_nm
+from mtpipe.physics.tether import VALIDITY, Formula
+
+_SURFACE_REDUCED_FORCE = 3.0
+_DECISIVE_CHI2 = 6.0
+_DECISIVE_BIC = 2.0
+_STRETCHING_FROM_PN = 8.0
+_STRONG_CORRELATION = 0.98
+_POOR_P_VALUE = 1e-3
+
+
+@dataclass(frozen=True)
+class ForceExtension:
+    """Points and fits of one bead.
+
+    Attributes
+    ----------
+    points : all points, usable or not.
+    fits : one per chain that could be fitted; those that do not identify the chain included.
+    recommended : the fit to quote, one of `fits`; None when the chain is not identified.
+    other_relation : the recommended chain fitted with the other relation between force and
+        mean height (`mtpipe.fit.tether.Relation`), to show how much that choice matters.
+    surface_force_pN : points below were left out; 0 when the surface was not considered, for
+        want of a fit.
+    notices : what a user has to know, in words.
+    """
+
+    bead: str
+    points: ExtensionPoints
+    fits: tuple[TetherFit, ...]
+    recommended: TetherFit | None
+    other_relation: TetherFit | None
+    surface_force_pN: float
+    notices: tuple[Notice, ...]
+
+
+def force_extension(bead: str, points: ExtensionPoints, assay: Assay) -> ForceExtension:
+    """Fit every chain to a bead's points and choose one.
+
+    Parameters
+    ----------
+    bead : its name, for the notices.
+    points : one per plateau; unusable ones (no force, no extension) are left out.
+    assay : temperature, and how extensions and forces came about.
+
+    Returns
+    -------
+    ForceExtension; never raises for want of data: `recommended` is then None.
+    """
+    usable = points.select(points.usable())
+    surface_pN = surface_force_pN(usable, assay)
+    far = usable.select(usable.force_pN >= surface_pN)
+    fits: dict[Formula, TetherFit] = {}
+    for formula in VALIDITY:
+        fit = _fit(far, formula, formula, assay)
+        if fit is not None:
+            fits[formula] = fit
+    chosen, rival = _recommend(fits, far, assay)
+    other = None
+    if chosen is not None:
+        opposite: Relation = "long-chain" if assay.relation == "potential" else "potential"
+        other = _fit(far, chosen.model, chosen.model, replace(assay, relation=opposite))
+    notices = []
+    if len(far) < len(usable):
+        notices.append(_near_surface(len(usable) - len(far), len(usable), surface_pN))
+    if chosen is None:
+        notices.append(Notice("tether_not_identified", "caution", _why_not(len(far), assay)))
+    else:
+        notices += [*_doubts(chosen), *_alternatives(chosen, rival, other)]
+    return ForceExtension(
+        bead,
+        points,
+        tuple(fits.values()),
+        chosen,
+        other,
+        surface_pN,
+        tuple(replace(notice, bead=bead) for notice in notices),
+    )
+
+
+def surface_force_pN(points: ExtensionPoints, assay: Assay) -> float:
+    """The force below which the surface disturbs the bead, from a first fit; 0 without one."""
+    fit = _fit(points, "bouchiat", "extensible", assay)
+    if fit is None or not fit.identified:
+        return 0.0
+    variance = 2 * fit.persistence_length_nm.value * fit.contour_length_nm.value / 3
+    kT = float(thermal_energy_pN_nm(assay.temperature_K))
+    return float(_SURFACE_REDUCED_FORCE * kT / np.sqrt(variance))
+
+
+def _valid(points: ExtensionPoints, formula: Formula) -> NDArray[np.bool_]:
+    low, high = VALIDITY[formula].force_range_pN
+    return (points.force_pN >= low) & (points.force_pN <= high)
+
+
+def _fit(
+    points: ExtensionPoints, formula: Formula, over: Formula, assay: Assay
+) -> TetherFit | None:
+    """The fit of a chain over the forces where the chain `over` is valid; None: too few."""
+    within = points.select(_valid(points, over))
+    if len(within) <= parameters_of(formula, assay):
+        return None
+    return fit_tether(within, formula, assay)
+
+
+def _recommend(
+    fits: dict[Formula, TetherFit], points: ExtensionPoints, assay: Assay
+) -> tuple[TetherFit | None, TetherFit | None]:
+    """The choice described at the top of this module, and the rival that it hardly beats."""
+    sound = {formula: fit for formula, fit in fits.items() if fit.identified}
+    soft, rigid = sound.get("extensible"), _fit(points, "bouchiat", "extensible", assay)
+    if (
+        soft is not None
+        and soft.stretch_modulus_pN is not None
+        and soft.stretch_modulus_pN.status == "ok"
+        and soft.force_range_pN[1] > _STRETCHING_FROM_PN
+        and rigid is not None
+        and rigid.bic - soft.bic > _DECISIVE_BIC
+    ):
+        return soft, None
+    exact, simple = sound.get("bouchiat"), sound.get("marko-siggia")
+    interpolation = _fit(points, "marko-siggia", "bouchiat", assay)
+    if exact is None or simple is None or interpolation is None:
+        return exact, None
+    gain = fits["bouchiat"].chi2 - interpolation.chi2
+    choice, rival = (simple, exact) if gain > 0 else (exact, simple)
+    return choice, rival if abs(gain) < _DECISIVE_CHI2 else None
+
+
+def _near_surface(left_out: int, usable: int, surface_pN: float) -> Notice:
+    return Notice(
+        "near_surface",
+        "info",
+        f"{left_out} of {usable} forces lie below {surface_pN:.2g} pN, where the surface disturbs "
+        "the bead; they were left out of the tether's fit.",
+    )
+
+
+def _doubts(fit: TetherFit) -> Iterator[Notice]:
+    """What makes a fit's numbers less certain than they look."""
+    if fit.p_value < _POOR_P_VALUE:
+        yield Notice(
+            "tether_fit_poor",
+            "caution",
+            f"The {fit.model} chain fits badly (chi2 {fit.chi2:.1f} for {fit.dof} degrees of "
+            "freedom): contour and persistence length are less certain than their errors say.",
+        )
+    if fit.correlation is not None and abs(fit.correlation[2]) > _STRONG_CORRELATION:
+        first, second, value = fit.correlation
+        yield Notice(
+            "tether_correlated",
+            "caution",
+            f"The {_WORDS[first]} and the {_WORDS[second]} are hardly told apart (correlation "
+            f"{value:+.3f}); a wider range of forces would separate them.",
+        )
+
+
+def _alternatives(
+    chosen: TetherFit, rival: TetherFit | None, other: TetherFit | None
+) -> Iterator[Notice]:
+    """Other readings of the same data that move the persistence length by over an error."""
+    length = chosen.persistence_length_nm
+    for fit, reading in ((rival, "formula"), (other, "relation")):
+        if fit is None or not fit.identified:
+            continue
+        if abs(fit.persistence_length_nm.value - length.value) > length.stderr:
+            one, two = (
+                (fit.model, chosen.model)
+                if reading == "formula"
+                else (fit.relation, chosen.relation)
+            )
+            yield Notice(
+                f"tether_{reading}",
+                "info",
+                f"With the {one} {reading} instead of the {two} {reading} the persistence length "
+                f"is {fit.persistence_length_nm.value:.1f} nm instead of {length.value:.1f} nm.",
+            )
+
+
+_WORDS = {
+    "ln_contour": "contour length",
+    "ln_persistence": "persistence length",
+    "compliance": "stretch modulus",
+    "offset": "offset of z",
+}
+
+
+def _why_not(far: int, assay: Assay) -> str:
+    needed = parameters_of("bouchiat", assay) + 1
+    if far < needed:
+        return (
+            f"Contour and persistence length need at least {needed} plateaus with a force and an "
+            f"extension; there are {far}."
+        )
+    return (
+        "The forces are too much alike, or outside the range of the worm-like chain (up to 10 pN, "
+        "40 pN if extensible), to determine contour and persistence length."
+    )
