@@ -32,8 +32,8 @@ NORMAL_MAD = 1.4826
 class Jumps:
     """Jumps of a bead that its witnesses do not share.
 
-    `first` is where the first is, in frames of the grid, `largest_nm` the size of the largest, `total_nm2` the sum of
-    all squared.
+    `first` is where the first is, in frames of the grid; `largest_nm` is the size of the largest,
+    `total_nm2` the sum of all squared.
     """
 
     number: int

@@ -1,32 +1,23 @@
-"""Where z = 0 is: the surface, found from a stretch in which the bead touches it.
+"""Where z = 0 is for each bead, as the setup's `z_zero` says.
 
-The lowest value of a noisy trace depends on how long one waits; what does not is the edge of its
-distribution. Near the surface the height u >= 0 of a bead has a density that is locally
-exponential, exp(a u) with a of either sign, and the tracker adds Gaussian noise. The edge is
-fitted to the lower half of the values by maximum likelihood, all three (edge, noise, a) free.
-Stage drift is taken out first, as the stretch and the plateaus lie at different times.
+A value is subtracted as it stands. A stretch in which the bead touches the surface gives the edge
+of its distribution there (`edge`), after stage drift is taken out with the reference beads, as
+the stretch and the plateaus lie at different times.
 """
 
 from __future__ import annotations
 
 import dataclasses
-import math
 
 import numpy as np
-from scipy.optimize import minimize
-from scipy.special import log_ndtr
 
 from mtpipe.errors import RecordingError
 from mtpipe.ingest.collect import RowChoice
+from mtpipe.ingest.edge import lower_edge_nm
 from mtpipe.ingest.source import Source, ZZero
 from mtpipe.notice import Notice
 from mtpipe.recording import FloatArray, Recording
 
-LOWER_PART = 0.5
-FARTHEST_BELOW = 4.0
-FEWEST_VALUES = 200
-BINS = 250
-BLOCKS = 5
 START_S = 1.0
 
 
@@ -74,7 +65,7 @@ def surface_heights(recording: Recording) -> tuple[dict[str, float], tuple[Notic
         else:
             rows = _stretch(recording, source, choice)
             try:
-                edge, stderr = edge_nm((z - drift)[rows])
+                edge, stderr = lower_edge_nm((z - drift)[rows])
             except ValueError as error:
                 raise RecordingError(
                     f"where bead {bead} touches the surface: {error}",
@@ -93,53 +84,6 @@ def surface_heights(recording: Recording) -> tuple[dict[str, float], tuple[Notic
         only = unknown[0] if len(unknown) == 1 else None
         notices.append(Notice("z_zero_unknown", "warning", said, bead=only))
     return heights, tuple(notices)
-
-
-def edge_nm(z_nm: FloatArray) -> tuple[float, float]:
-    """Lower edge of a distribution of heights blurred by Gaussian noise, and its standard error.
-
-    Parameters
-    ----------
-    z_nm : (n,), NaN ignored. The error comes from the scatter among successive fifths of the
-        trace, as neighbouring heights are correlated.
-
-    Raises
-    ------
-    ValueError : fewer than 200 values.
-    """
-    values = z_nm[np.isfinite(z_nm)]
-    if len(values) < FEWEST_VALUES:
-        raise ValueError(f"{len(values)} values are too few, {FEWEST_VALUES} are needed")
-    edge = _fitted_edge(values)
-    blocks = [_fitted_edge(block) for block in np.array_split(values, BLOCKS)]
-    return edge, float(np.std(blocks, ddof=1) / math.sqrt(BLOCKS))
-
-
-def _fitted_edge(values: FloatArray) -> float:
-    top = float(np.quantile(values, LOWER_PART))
-    width = top - float(np.quantile(values, 0.1 * LOWER_PART))
-    if width == 0:
-        return top
-    low = values[(values <= top) & (values > top - FARTHEST_BELOW * width)]
-    counts, edges = np.histogram((low - top) / width, bins=BINS)
-    centre = 0.5 * (edges[1:] + edges[:-1])
-    weight = counts / counts.sum()
-
-    def cost(parameters: FloatArray) -> float:
-        edge, log_noise, slope = parameters
-        noise = math.exp(log_noise)
-        distance = centre - edge
-        log_density = slope * distance + 0.5 * (slope * noise) ** 2
-        log_density += log_ndtr(distance / noise + slope * noise)
-        log_norm = np.logaddexp.reduce(log_density)
-        # a weak prior keeps the slope from running away where edge and noise are one (a bead at
-        # rest on the surface: its distribution is the noise alone)
-        return float(log_norm - weight @ log_density + 1e-4 * (slope**2 + log_noise**2))
-
-    starts = ([-1.0, math.log(0.2), 0.0], [-0.3, math.log(0.5), -2.0])
-    fits = [minimize(cost, start, method="Nelder-Mead") for start in starts]
-    best = min(fits, key=lambda fit: float(fit.fun))
-    return top + width * float(best.x[0])
 
 
 def _stage_nm(recording: Recording) -> FloatArray:

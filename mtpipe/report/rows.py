@@ -272,7 +272,7 @@ def _force_row(row: Mapping[str, Any]) -> ForceRow:
         ),
         status=status,
         flags=tuple(words.flags(row["flags"])),
-        remarks=(*remarks, *([words.text(row["refusal"])] if words.text(row["refusal"]) else [])),
+        remarks=tuple(filter(None, (words.text(row["refusal"]).rstrip("."), *remarks))),
     )
 
 

@@ -110,16 +110,20 @@ for (const table of document.querySelectorAll("table.sortable")) {
 let opened = [];
 const drawn = () => document.querySelectorAll(".js-plotly-plot");
 
+// The element gets the size as well: plotly reads it there when the browser resizes the page.
+function resize(place, width, height) {
+  const rounded = Math.round(height);
+  place.style.width = width === null ? "" : `${width}px`;
+  place.style.height = `${rounded}px`;
+  Plotly.relayout(place, { width, height: rounded, autosize: width === null });
+}
+
 window.addEventListener("beforeprint", () => {
   opened = [...document.querySelectorAll("details:not([open])")];
   for (const details of opened) details.open = true;
-  for (const place of drawn()) {
-    Plotly.relayout(place, { width: PRINT_WIDTH_PX, height: PRINT_SHRINK * place.layout.height });
-  }
+  for (const place of drawn()) resize(place, PRINT_WIDTH_PX, PRINT_SHRINK * place.layout.height);
 });
 window.addEventListener("afterprint", () => {
   for (const details of opened) details.open = false;
-  for (const place of drawn()) {
-    Plotly.relayout(place, { width: null, height: place.layout.height / PRINT_SHRINK, autosize: true });
-  }
+  for (const place of drawn()) resize(place, null, place.layout.height / PRINT_SHRINK);
 });
