@@ -13,9 +13,10 @@ plateaus that are far enough from the surface, and one is recommended by the dat
 No priors. With fewer points than parameters plus one, or forces too much alike, nothing is
 recommended and the notices say why.
 
-Near the surface the relation between fluctuations and force fails: kT <z>/<x²> is high by 0.2 % at
-3 kT/sigma, sigma² = 2 Lp L0/3 being a free chain's variance per axis, and by 2 % at 2.5 kT/sigma.
-Points below 3 kT/sigma are left out: 0.04 pN for a contour of 2700 nm, 0.12 pN for 300 nm.
+Near the surface the relation between fluctuations and force fails, and kT <z>/<x²> is too high. In
+units of kT/sigma, sigma² = 2 Lp L0/3 being the variance of a free chain's end per axis, that is by
+11 % at a force of 1.5, 1 % at 2.5 and 0.1 % at 3.5 for contours from 1200 nm, 1 % at 3.5 for 300 nm.
+Points below 3.5 kT/sigma are left out: 0.05 pN for a contour of 2700 nm, 0.14 pN for 300 nm.
 """
 
 from __future__ import annotations
@@ -38,7 +39,7 @@ from mtpipe.notice import Notice
 from mtpipe.physics.buffer import thermal_energy_pN_nm
 from mtpipe.physics.tether import VALIDITY, Formula
 
-_SURFACE_REDUCED_FORCE = 3.0
+_SURFACE_REDUCED_FORCE = 3.5
 _DECISIVE_CHI2 = 6.0
 _DECISIVE_BIC = 2.0
 _STRETCHING_FROM_PN = 8.0

@@ -171,7 +171,8 @@ def _cached_window(
     lags = np.arange(frames)
     white = expectation.of((lags == 0).astype(float))
     short = np.array([expectation.of((lags == m).astype(float)) for m in range(1, SHORT_LAGS + 1)])
-    ln_tau = np.arange(0.0, np.log(20.0 * frames) + LN_TAU_STEP, LN_TAU_STEP)
+    # two knots below τ = D keep the spline's ends away from where it is used
+    ln_tau = np.arange(-2 * LN_TAU_STEP, np.log(20.0 * frames) + 2 * LN_TAU_STEP, LN_TAU_STEP)
     slow = np.array([expectation.of(np.exp(-lags * np.exp(-u))) for u in ln_tau])
     return Window(frame_s, white, short, interpolate.CubicSpline(ln_tau, np.log(slow)))
 

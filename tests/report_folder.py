@@ -232,7 +232,12 @@ def trace(bead: str, forces: pd.DataFrame, rng: np.random.Generator) -> pd.DataF
             continue
         for stage, added in (("raw", moved_nm(t, axis)), ("subtracted", 0.0)):
             table = pd.DataFrame(
-                {"time_s": t, "low_nm": low + added, "mean_nm": mean + added, "high_nm": high + added}
+                {
+                    "time_s": t,
+                    "low_nm": low + added,
+                    "mean_nm": mean + added,
+                    "high_nm": high + added,
+                }
             )
             tables.append(table[seen].assign(bead=bead, axis=axis, stage=stage))
     return pd.concat(tables)
@@ -262,7 +267,9 @@ def run(forces: pd.DataFrame) -> dict[str, Any]:
     for row in forces[forces["flags"] != ""].to_dict("records"):
         where = row["bead"], row["plateau"], row["axis"]
         notices += [
-            notice("near_nyquist", "caution", "The corner is 0.7 of the Nyquist frequency.", *where),
+            notice(
+                "near_nyquist", "caution", "The corner is 0.7 of the Nyquist frequency.", *where
+            ),
             notice("lost_frames", "info", "31 of 7200 frames are lost (0.4 %).", *where),
         ]
     return {

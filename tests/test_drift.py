@@ -11,6 +11,7 @@ import pandas as pd
 import pytest
 
 from mtpipe.drift import reference_noise_nm, subtract_drift
+from mtpipe.drift.lowpass import low_pass
 from mtpipe.recording import Plateau, Recording
 from mtpipe.setup import DriftChoice, parse_setup
 
@@ -119,7 +120,8 @@ def test_the_cutoff_chosen_is_within_a_few_percent_of_the_best(name):
     positions, references = scene(rng, drift)
     recording = recording_of(positions, references)
     scan = [
-        error_nm(recording, drift, DriftChoice(cutoff_hz=c)) for c in np.geomspace(0.02, 90, 40)
+        [np.std(low_pass(positions["ref1"][:, a], RATE_HZ, cutoff) - drift[:, a]) for a in range(3)]
+        for cutoff in np.geomspace(0.03, 80, 40)
     ]
     frame_by_frame = error_nm(recording, drift, DriftChoice(cutoff_hz="none"))
     chosen = error_nm(recording, drift)
@@ -301,6 +303,17 @@ def test_missing_frames_and_a_pause_of_hours_do_not_ring():
     assert (wrong[:9000].std(axis=0) < 0.4).all()
     assert (wrong[9000:].std(axis=0) < 0.4).all()
     assert (np.abs(wrong[8990:9010] - wrong.mean(axis=0)) < 2.5).all()
+
+
+def test_coarse_rounding_and_placeholders_are_no_faults_of_tracking():
+    rng = np.random.default_rng(18)
+    positions, references = scene(rng, stage("walk 0.1", rng), (1.0, 1.0))
+    positions["ref1"] = np.round(positions["ref1"] / 5) * 5
+    assert subtract_drift(recording_of(positions, references)).notices == ()
+    positions["ref1"] = np.full((N, 3), 7.0)
+    result = subtract_drift(recording_of(positions, references))
+    assert [u.bead for u in result.drift.references if u.used] == ["ref2"]
+    assert codes(result) == [("reference_left_out", "ref1")]
 
 
 def test_an_axis_without_reference_keeps_its_drift_and_says_so():

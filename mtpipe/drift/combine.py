@@ -17,7 +17,7 @@ def inverse_variance(noise_nm: FloatArray) -> FloatArray:
     """Weights that sum to one, of beads of the given noise; no noise counts as a hundredth."""
     if not noise_nm.any():
         return np.full(len(noise_nm), 1 / max(1, len(noise_nm)))
-    weight = np.maximum(noise_nm, QUIETEST * noise_nm.max()) ** -2.0
+    weight = np.maximum(noise_nm / noise_nm.max(), QUIETEST) ** -2.0
     return np.asarray(weight / weight.sum())
 
 
@@ -36,7 +36,7 @@ def combined(series_nm: Sequence[FloatArray], weight: FloatArray, rate_hz: float
     Returns
     -------
     (n,) nm, NaN where all are lost. References that no frame has all together cannot be joined:
-    then it is the one of the largest weight.
+    then it is the one known for longest.
     """
     if len(series_nm) == 1:
         return series_nm[0]
@@ -47,7 +47,7 @@ def combined(series_nm: Sequence[FloatArray], weight: FloatArray, rate_hz: float
     if not len(some):
         return mean
     if len(some) == len(mean):
-        return series_nm[int(np.argmax(weight))]
+        return max(series_nm, key=lambda y: int(np.sum(np.isfinite(y))))
     present = np.zeros(len(some))
     total = np.zeros(len(some))
     for y, w in zip(series_nm, weight, strict=True):

@@ -68,8 +68,8 @@ def mistracked(
             continue
         away = _excursion(series_nm[known], width)
         spread = NORMAL_MAD * median_filter(np.abs(away), 4 * width + 1, mode="mirror")
-        # Data rounded to a few values can have a spread of zero.
-        spread = np.maximum(spread, np.median(spread) / 2)
+        # Rounding can make the spread zero: no less than half of the usual one or a usual step.
+        spread = np.maximum(spread, max(np.median(spread), _usual_step(series_nm[known])) / 2)
         far = np.abs(away) > SPIKE_SIGMA * spread
         if not far.any():
             continue
@@ -157,6 +157,12 @@ def jumps_alone(
 
 def _excursion(series: FloatArray, width: int) -> FloatArray:
     return np.asarray(series - median_filter(series, width, mode="mirror"))
+
+
+def _usual_step(series: FloatArray) -> float:
+    steps = np.abs(np.diff(series))
+    moving = steps[steps > 0]
+    return float(np.median(moving)) if len(moving) else 0.0
 
 
 def _held(series: FloatArray) -> FloatArray:

@@ -16,7 +16,8 @@ LONGEST_GAP_S = 100.0
 # Within pieces that serve to estimate noise, interpolated frames must be few.
 BRIDGED_FRAMES = 8
 SHORTEST_PIECE = 32
-MOSTLY_KNOWN = 0.9
+MOSTLY_KNOWN = 0.7
+WITNESS_KNOWN = 0.9
 
 
 @dataclass(frozen=True)
@@ -79,12 +80,17 @@ def grid_of(recording: Recording) -> Grid:
     return Grid(rate_hz, row, pieces or ((0, int(row[-1]) + 1),))
 
 
-def piece_coefficients(series_nm: FloatArray, pieces: list[tuple[int, int]]) -> list[FloatArray]:
-    """Cosine coefficients of a series in each piece; NaN where a piece is mostly lost."""
+def piece_coefficients(
+    series_nm: FloatArray, pieces: list[tuple[int, int]], known: NDArray[np.bool_]
+) -> list[FloatArray]:
+    """Cosine coefficients of a series in each piece, from the frames that are `known`.
+
+    NaN where the series itself is lost in more than a tenth of them.
+    """
     result = []
     for start, stop in pieces:
-        piece = series_nm[start:stop]
-        if np.mean(np.isfinite(piece)) < MOSTLY_KNOWN:
+        piece = np.where(known[start:stop], series_nm[start:stop], np.nan)
+        if np.sum(np.isfinite(piece)) < WITNESS_KNOWN * np.sum(known[start:stop]):
             result.append(np.full(stop - start, np.nan))
         else:
             result.append(coefficients(piece))

@@ -60,8 +60,9 @@ def response(frequency_hz: FloatArray, cutoff_hz: float | None) -> FloatArray:
 def low_pass(series_nm: FloatArray, rate_hz: float, cutoff_hz: float | None) -> FloatArray:
     """Part of a series slower than the cutoff.
 
-    Gaps of at most half a period of the cutoff are bridged; longer ones stay NaN and cut the
-    series, so that nothing rings across them. Without a cutoff the series itself is returned.
+    Gaps of one frame, or of at most half a period of the cutoff, are bridged; longer ones stay NaN
+    and cut the series, so that nothing rings across them. Without a cutoff the series itself is
+    returned.
 
     Parameters
     ----------
@@ -76,7 +77,7 @@ def low_pass(series_nm: FloatArray, rate_hz: float, cutoff_hz: float | None) -> 
     if cutoff_hz is None:
         return series_nm
     slow = np.full(len(series_nm), np.nan)
-    longest_gap = int(rate_hz / (2 * cutoff_hz))
+    longest_gap = max(1, int(rate_hz / (2 * cutoff_hz)))
     for start, stop in stretches(np.isfinite(series_nm), longest_gap):
         slow[start:stop] = _low_pass_stretch(series_nm[start:stop], rate_hz, cutoff_hz)
     return slow

@@ -27,7 +27,7 @@ from mtpipe.drift.noise import (
 from mtpipe.notice import Notice
 from mtpipe.recording import AXES, FloatArray, Recording, ReferenceUse
 
-MOSTLY_LOST = 0.5
+MOSTLY_LOST = 0.3
 # A bead is loose when its own motion has more than four times the variance of its noise, beyond
 # doubt, and more than a fifth of the motion it shares (so much may be a difference of scales).
 LOOSE_NOISES = 4.0
@@ -39,9 +39,13 @@ MUCH_WORSE = 4.0
 
 @dataclass(frozen=True)
 class ReferenceAxis:
-    """One axis of one reference: its series without mistracked frames, and what is known of it."""
+    """One axis of one reference: its series without mistracked frames, and what is known of it.
+
+    `known` is the part of the recording's frames in which it is tracked.
+    """
 
     series_nm: FloatArray
+    known: float
     mistracked: NDArray[np.bool_]
     noise_nm: float
     own: OwnMotion
@@ -102,7 +106,7 @@ def assess(recording: Recording, grid: Grid) -> Assessment:
     uses = tuple(
         ReferenceUse(
             bead,
-            bead in used,
+            any(weights[bead]),
             weights[bead],
             _three([a.noise_nm for a in axes[bead]]),
             "; ".join(faults[bead]),
@@ -114,19 +118,24 @@ def assess(recording: Recording, grid: Grid) -> Assessment:
 
 def _assess_axis(recording: Recording, grid: Grid, axis: int) -> dict[str, ReferenceAxis]:
     series = {b: grid.series_nm(recording, b, axis) for b in recording.references}
-    alone = sum(np.isfinite(y).any() for y in series.values()) == 1
+    for y in series.values():
+        if np.fmax.reduce(y) == np.fmin.reduce(y):
+            y[:] = np.nan  # A placeholder: no tracker gives one value throughout.
+    whole = [b for b, y in series.items() if _known(y, grid) >= 1 - MOSTLY_LOST]
+    alone = len(whole) < 2
     tethered = [grid.series_nm(recording, b, axis) for b in recording.tethered] if alone else []
     wrong: dict[str, NDArray[np.bool_]] = {}
     for bead, y in series.items():
-        others = [o for b, o in series.items() if b != bead and np.isfinite(o).any()]
+        others = [series[b] for b in whole if b != bead]
         wrong[bead] = mistracked(y, others or tethered, grid.rate_hz)
     for bead, y in series.items():
         y[wrong[bead]] = np.nan
-    result = {}
-    for bead, y in series.items():
-        others = [o for b, o in series.items() if b != bead and np.isfinite(o).any()]
-        result[bead] = _assess_series(y, others, tethered, wrong[bead], grid)
-    return result
+    return {
+        bead: _assess_series(
+            y, [series[b] for b in whole if b != bead], tethered, wrong[bead], grid
+        )
+        for bead, y in series.items()
+    }
 
 
 def _assess_series(
@@ -136,23 +145,30 @@ def _assess_series(
     wrong: NDArray[np.bool_],
     grid: Grid,
 ) -> ReferenceAxis:
-    rate_hz = grid.rate_hz
+    rate_hz, share = grid.rate_hz, _known(y, grid)
     known = np.isfinite(y)
-    pieces = grid.known_pieces(np.logical_and.reduce([known, *(np.isfinite(o) for o in others)]))
+    common = np.logical_and.reduce([known, *(np.isfinite(o) for o in others)])
+    pieces = grid.known_pieces(common)
     if not pieces:
-        others, pieces = [], grid.known_pieces(known)
+        others, common, pieces = [], known, grid.known_pieces(known)
     if not pieces:
         unknown = OwnMotion(math.nan, math.inf, math.nan)
-        return ReferenceAxis(y, wrong, math.nan, unknown, NO_JUMPS)
-    own = piece_coefficients(y, pieces)
-    beside = [piece_coefficients(o, pieces) for o in (others or tethered)]
+        return ReferenceAxis(y, share, wrong, math.nan, unknown, NO_JUMPS)
+    # Interpolated frames are the same in all, so that what is shared stays shared.
+    own = piece_coefficients(y, pieces, common)
+    beside = [piece_coefficients(o, pieces, common) for o in (others or tethered)]
     if others:
         noise_nm = white_noise_shared_nm([own, *beside], rate_hz)
         jumps = jumps_among(y, others, pieces, rate_hz, noise_nm)
     else:
         noise_nm = white_noise_alone_nm(own, rate_hz)
         jumps = jumps_alone(y, tethered, pieces, rate_hz, noise_nm)
-    return ReferenceAxis(y, wrong, noise_nm, own_motion(own, beside, rate_hz), jumps)
+    motion = own_motion(own, beside, rate_hz)
+    return ReferenceAxis(y, share, wrong, noise_nm, motion, jumps)
+
+
+def _known(series: FloatArray, grid: Grid) -> float:
+    return float(np.mean(np.isfinite(series[grid.row])))
 
 
 def _faults(
@@ -163,10 +179,9 @@ def _faults(
 ) -> list[str]:
     sentences = []
     for name, axis in zip(AXES, axes[bead], strict=True):
-        known = float(np.mean(np.isfinite(axis.series_nm[grid.row])))
         recorded = any(math.isfinite(a[AXES.index(name)].noise_nm) for a in axes.values())
-        if recorded and known < 1 - MOSTLY_LOST:
-            sentences.append(f"is lost along {name} in {1 - known:.0%} of the frames")
+        if recorded and axis.known < 1 - MOSTLY_LOST:
+            sentences.append(f"is lost along {name} in {1 - axis.known:.0%} of the frames")
         if axis.jumps.number:
             at = int(np.searchsorted(grid.row, axis.jumps.first))
             times = "once" if axis.jumps.number == 1 else f"{axis.jumps.number} times"
@@ -188,7 +203,7 @@ def _unrest(axes: Sequence[ReferenceAxis]) -> float:
     for axis in axes:
         if math.isnan(axis.noise_nm):
             continue
-        if np.mean(np.isfinite(axis.series_nm)) < 1 - MOSTLY_LOST:
+        if axis.known < 1 - MOSTLY_LOST:
             return math.inf
         excess_nm2 = axis.own.variance_nm2 - axis.noise_nm**2 if axis.loose else 0.0
         total += axis.jumps.total_nm2 + len(axis.series_nm) * excess_nm2

@@ -81,7 +81,7 @@ def _referenced(recording: Recording, choice: DriftChoice) -> Recording:
         if not used:
             tracked = [recording.positions_nm[b][:, axis] for b in recording.tethered]
             if any(np.isfinite(t).any() for t in tracked):
-                text = f"no reference bead was tracked along {name}: its drift was not removed"
+                text = f"no reference bead was tracked along {name} for long enough to remove drift"
                 notices.append(Notice("no_reference", "caution", text, axis=name))
             continue
         weight = np.array([u.weight[axis] for u in used])
@@ -103,11 +103,12 @@ def _cutoff(
     series: FloatArray, grid: Grid, white_nm: float, own_share: float, choice: DriftChoice
 ) -> Cutoff:
     """The low-pass asked for, or the best one for what is left in the plateaus."""
-    pieces = grid.known_pieces(np.isfinite(series))
+    known = np.isfinite(series)
+    pieces = grid.known_pieces(known)
     asked = None if choice.cutoff_hz in ("auto", "none") else float(choice.cutoff_hz)
     if not pieces or math.isnan(white_nm):
         return Cutoff(asked, math.nan)
-    found = piece_coefficients(series, pieces)
+    found = piece_coefficients(series, pieces, known)
     edges = octave_edges_hz([len(c) for c in found], grid.rate_hz)
     bins = power_bins([(c, c) for c in found], grid.rate_hz, edges)
     if choice.cutoff_hz != "auto":

@@ -9,6 +9,7 @@ chain grows until it is 50 autocorrelation times long; whether it got there is p
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
@@ -132,7 +133,7 @@ def sample_posterior(fit: TraceFit, *, seed: int | np.random.Generator = 0) -> P
         moves=[(emcee.moves.MHMove(propose), 0.8), (emcee.moves.StretchMove(), 0.2)],
     )
     sampler.random_state = np.random.RandomState(generator.integers(2**31)).get_state()
-    state, autocorrelation, enough = start, math.inf, False
+    state, autocorrelation, enough = _inside(start, proposal.centre, log_probability), math.inf, False
     while sampler.iteration < LONGEST_CHAIN and not enough:
         state = sampler.run_mcmc(state, STEPS_AT_ONCE, skip_initial_state_check=True)
         chain = sampler.get_chain(discard=_burn_in(sampler.iteration))
@@ -152,6 +153,17 @@ def sample_posterior(fit: TraceFit, *, seed: int | np.random.Generator = 0) -> P
         converged=bool(enough and r_hat < R_HAT_LIMIT),
         fit=fit,
     )
+
+
+def _inside(
+    walkers: FloatArray, centre: FloatArray, log_probability: Callable[[FloatArray], FloatArray]
+) -> FloatArray:
+    """Walkers moved towards the maximum until all lie where the prior allows."""
+    outside = ~np.isfinite(log_probability(walkers))
+    while outside.any():
+        walkers[outside] = 0.5 * (walkers[outside] + centre)
+        outside = ~np.isfinite(log_probability(walkers))
+    return walkers
 
 
 def _burn_in(steps: int) -> int:

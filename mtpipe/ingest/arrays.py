@@ -103,7 +103,7 @@ def _open(path: Path, kind: Format) -> Iterator[list[Column]]:
     openers = {"matlab": _matlab, "hdf5": _hdf5, "tdms": _tdms, "npz": _npz}
     with ExitStack() as stack:
         stream = stack.enter_context(open_stream(path))
-        if isinstance(stream, io.BufferedReader) and not isinstance(stream.raw, io.FileIO):
+        if not stream.name:
             stream = io.BytesIO(stream.read())  # gzipped: these formats jump about in the file
         yield openers[kind](stream, stack)
 
@@ -120,7 +120,7 @@ def _matlab(stream: BinaryIO, stack: ExitStack) -> list[Column]:
 
 
 def _hdf5(stream: BinaryIO, stack: ExitStack) -> list[Column]:
-    import h5py  # type: ignore[import-untyped]
+    import h5py
 
     file = stack.enter_context(h5py.File(stream, "r"))
     columns: list[Column] = []
@@ -134,7 +134,7 @@ def _hdf5(stream: BinaryIO, stack: ExitStack) -> list[Column]:
 
 
 def _tdms(stream: BinaryIO, stack: ExitStack) -> list[Column]:
-    import nptdms  # type: ignore[import-untyped]
+    import nptdms
 
     file = stack.enter_context(nptdms.TdmsFile.open(stream))
     alone = len(file.groups()) == 1

@@ -22,12 +22,14 @@ from mtpipe.recording import FloatArray
 
 LOWER_PART = 0.5
 FARTHEST_BELOW = 4.0
-FEWEST_VALUES = 400
-BINS = 250
+FEWEST_VALUES = 100
+FEWEST_BINS, MOST_BINS, VALUES_PER_BIN = 20, 100, 3
+NARROWEST_NM = 1e-6
 BLOCKS = 4
 HIGHEST_POWER = 2.0
 WORTH_A_POWER = 2e-3  # nats per value by which m > 0 must be better
 OUTLIERS = 1e-3
+STARTS = ((-1.0, 0.0), (-0.3, -3.0), (-0.05, -15.0))  # edge and slope, in units of the width
 
 
 def lower_edge_nm(z_nm: FloatArray) -> tuple[float, float]:
@@ -40,14 +42,18 @@ def lower_edge_nm(z_nm: FloatArray) -> tuple[float, float]:
 
     Raises
     ------
-    ValueError : fewer than 400 values.
+    ValueError : fewer than 100 values.
     """
     values = z_nm[np.isfinite(z_nm)]
     if len(values) < FEWEST_VALUES:
         raise ValueError(f"{len(values)} values are too few, {FEWEST_VALUES} are needed")
-    edge = _fitted(values)
-    blocks = [_fitted(block) for block in np.array_split(values, BLOCKS)]
-    return edge, float(np.std(blocks, ddof=1) / math.sqrt(BLOCKS))
+    best = _fitted(_Histogram.of(values))
+    blocks = []
+    for piece in np.array_split(values, BLOCKS):
+        data = _Histogram.of(piece)
+        blocks.append(data.height_nm(_best(data, best)[0]))
+    stderr = float(np.std(blocks, ddof=1) / math.sqrt(BLOCKS))
+    return _Histogram.of(values).height_nm(best), stderr
 
 
 def largest_noise_nm(z_nm: FloatArray) -> float:
@@ -61,38 +67,51 @@ def largest_noise_nm(z_nm: FloatArray) -> float:
 
 @dataclass(frozen=True)
 class _Histogram:
-    """The lower part of the values, in units of its own width; `share` sums to 1."""
+    """The lower part of the values: bins in units of its `width_nm`, 0 at its top.
 
+    `share` sums to 1; `noise` is the largest that time allows, in the same units.
+    """
+
+    top_nm: float
+    width_nm: float
     centre: FloatArray
     share: FloatArray
-    largest_noise: float
+    noise: float
+
+    @classmethod
+    def of(cls, values: FloatArray) -> _Histogram:
+        top = float(np.quantile(values, LOWER_PART))
+        width = max(top - float(np.quantile(values, 0.1 * LOWER_PART)), NARROWEST_NM)
+        low = values[(values <= top) & (values > top - FARTHEST_BELOW * width)]
+        bins = int(np.clip(len(low) // VALUES_PER_BIN, FEWEST_BINS, MOST_BINS))
+        counts, edges = np.histogram((low - top) / width, bins=bins)
+        noise = max(largest_noise_nm(values) / width, 2 * float(edges[1] - edges[0]))
+        return cls(top, width, 0.5 * (edges[1:] + edges[:-1]), counts / counts.sum(), noise)
 
     @property
-    def bin_width(self) -> float:
+    def step(self) -> float:
         return float(self.centre[1] - self.centre[0])
 
+    def height_nm(self, parameters: FloatArray) -> float:
+        """Edge that a fit's parameters mean."""
+        return self.top_nm + self.width_nm * float(parameters[0])
 
-def _fitted(values: FloatArray) -> float:
-    top = float(np.quantile(values, LOWER_PART))
-    width = top - float(np.quantile(values, 0.1 * LOWER_PART))
-    if width == 0:
-        return top
-    low = values[(values <= top) & (values > top - FARTHEST_BELOW * width)]
-    counts, edges = np.histogram((low - top) / width, bins=BINS)
-    data = _Histogram(
-        0.5 * (edges[1:] + edges[:-1]), counts / counts.sum(), largest_noise_nm(values) / width
-    )
-    sharp = [_best(data, [start, 0.0, slope]) for start, slope in ((-1.0, 0.0), (-0.3, -3.0))]
+
+def _fitted(data: _Histogram) -> FloatArray:
+    sharp = [_best(data, np.array([edge, 0.0, slope])) for edge, slope in STARTS]
     best, cost = min(sharp, key=lambda found: found[1])
-    for start in (best[0], best[0] - 0.2):
-        soft, soft_cost = _best(data, [start, best[1], best[2], -1.0])
+    for edge in (best[0], best[0] - 0.2):
+        soft, soft_cost = _best(data, np.array([edge, best[1], best[2], -1.0]))
         if soft_cost < cost - WORTH_A_POWER:
             best, cost = soft, soft_cost
-    return top + width * float(best[0])
+    return best
 
 
-def _best(data: _Histogram, start: list[float]) -> tuple[FloatArray, float]:
-    fit = minimize(lambda p: _cost(data, p), start, method="Nelder-Mead", options={"maxiter": 800})
+def _best(data: _Histogram, start: FloatArray) -> tuple[FloatArray, float]:
+    def cost(parameters: FloatArray) -> float:
+        return _cost(data, parameters)
+
+    fit = minimize(cost, start, method="Nelder-Mead", options={"maxiter": 600, "fatol": 1e-5})
     return np.asarray(fit.x), float(fit.fun)
 
 
@@ -102,10 +121,12 @@ def _cost(data: _Histogram, parameters: FloatArray) -> float:
     Noise and power are logistic in their parameters, so that they stay within their bounds.
     """
     edge, slope = float(parameters[0]), float(parameters[2])
-    step = data.bin_width
-    noise = max(data.largest_noise, 2 * step) * float(expit(parameters[1]))
+    step = data.step
+    noise = data.noise * float(expit(parameters[1]))
     power = HIGHEST_POWER * float(expit(parameters[3])) if len(parameters) == 4 else 0.0
-    reach = min(BINS, math.ceil(5 * noise / step))
+    reach = min(len(data.centre), math.ceil(5 * noise / step))
+    if edge < data.centre[0] - reach * step:  # no value shows such an edge
+        return 1e3 - edge
     # bins beyond both ends, from where noise brings values in
     below = data.centre[0] - step * np.arange(reach, 0, -1)
     above = data.centre[-1] + step * np.arange(1, reach + 1)
@@ -118,6 +139,7 @@ def _cost(data: _Histogram, parameters: FloatArray) -> float:
     total = float(blurred.sum())
     if not (total > 0 and math.isfinite(total)):
         return 1e3 + abs(edge)
-    expected = (1 - OUTLIERS) * blurred / total + OUTLIERS / BINS
+    expected = (1 - OUTLIERS) * blurred / total + OUTLIERS / len(data.centre)
     # weak priors where edge, noise and slope trade: a bead at rest shows its noise alone
-    return float(-data.share @ np.log(expected)) + 1e-6 * slope**2 + 1e-4 * abs(parameters[1])
+    prior = 1e-6 * slope**2 + 1e-4 * abs(float(parameters[1]))
+    return prior - float(data.share @ np.log(expected))

@@ -10,6 +10,8 @@ import gzip
 import hashlib
 import io
 import re
+from collections.abc import Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 from typing import BinaryIO, cast
@@ -81,14 +83,17 @@ def describe(path: Path, folder: Path) -> SourceFile:
     return SourceFile(name.as_posix(), digest, path.stat().st_size)
 
 
-def open_stream(path: Path) -> BinaryIO:
+@contextmanager
+def open_stream(path: Path) -> Iterator[BinaryIO]:
     """Open a file for reading bytes, unpacking gzip on the way."""
-    stream = path.open("rb")
-    packed = stream.read(2) == b"\x1f\x8b"
-    stream.seek(0)
-    if not packed:
-        return stream
-    return cast(BinaryIO, io.BufferedReader(cast(io.RawIOBase, gzip.GzipFile(fileobj=stream))))
+    with path.open("rb") as stream:
+        packed = stream.read(2) == b"\x1f\x8b"
+        stream.seek(0)
+        if not packed:
+            yield stream
+            return
+        with gzip.GzipFile(fileobj=stream) as unpacked:
+            yield cast(BinaryIO, io.BufferedReader(cast(io.RawIOBase, unpacked)))
 
 
 def read_head(path: Path) -> bytes:

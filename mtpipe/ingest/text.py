@@ -16,8 +16,8 @@ from pathlib import Path
 from typing import BinaryIO, cast
 
 import numpy as np
-import pyarrow as pa  # type: ignore[import-untyped]
-import pyarrow.csv as arrow_csv  # type: ignore[import-untyped]
+import pyarrow as pa
+import pyarrow.csv as arrow_csv
 
 from mtpipe.errors import RecordingError
 from mtpipe.ingest.files import open_stream
@@ -232,6 +232,10 @@ class _Tabbed(io.RawIOBase):
     def __init__(self, stream: BinaryIO, encoding: str) -> None:
         self._lines = io.TextIOWrapper(stream, encoding=encoding, errors="replace")
         self._ready = b""
+
+    def readable(self) -> bool:
+        """Whether it can be read: it can."""
+        return True
 
     def read(self, size: int = -1) -> bytes:
         """The next bytes; nothing at the end of the file."""

@@ -1,4 +1,4 @@
-"""The charts of one bead: spectra, posteriors, force–extension curve, agreement of x and y, traces."""
+"""The charts of one bead: spectra, posteriors, force–extension, agreement of x and y, traces."""
 
 from __future__ import annotations
 
@@ -47,8 +47,10 @@ def spectrum_figure(arrays: Arrays, table: pd.DataFrame, axis_name: str) -> Figu
         for name in ("frequency_hz", "ordinates", "power_nm2_per_hz", "model_nm2_per_hz")
     )
     ratio = power / model
-    edge = {q: gamma.ppf(q, n, scale=1 / n) for q in (0.025, 0.16, 0.84, 0.975)}
-    edge = {q: np.where(np.isfinite(model), value, np.nan) for q, value in edge.items()}
+    edge = {
+        q: np.where(np.isfinite(model), gamma.ppf(q, n, scale=1 / n), np.nan)
+        for q in (0.025, 0.16, 0.84, 0.975)
+    }
     colour = AXIS_COLOUR[axis_name]
     points = {
         "type": "scatter",
@@ -113,7 +115,12 @@ def posterior_figure(arrays: Arrays, table: pd.DataFrame, row: dict[str, Any]) -
     kept = {name: arrays.add(values) for name, (values, _) in columns.items()}
     bars: dict[str, Any] = {"type": "histogram", "marker": {"color": colour}, "opacity": 0.75}
     bars |= {"showlegend": False, "nbinsx": 30, "nbinsy": 30}
-    counts = {"showticklabels": False, "ticks": "", "showgrid": False, "fixedrange": True}
+    counts: dict[str, Any] = {
+        "showticklabels": False,
+        "ticks": "",
+        "showgrid": False,
+        "fixedrange": True,
+    }
     has_force = bool(np.isfinite(columns["force"][0]).any())
     right = 0.56 if has_force else 1.0
     split = right - 0.1
@@ -184,7 +191,7 @@ def force_extension_figure(arrays: Arrays, folder: RunFolder, bead: str) -> Figu
     return {
         "data": data,
         "layout": layout(
-            420,
+            380,
             xaxis=axis("mean extension / nm"),
             yaxis=log_axis("force / pN", seen),
         ),
@@ -198,7 +205,7 @@ def agreement_figure(arrays: Arrays, folder: RunFolder, bead: str) -> Figure:
         index="plateau", columns="axis", values=["force_pN", "force_stderr_pN"]
     ).dropna()
     if not {"x", "y"} <= set(wide["force_pN"].columns if len(wide) else ()):
-        return {"data": [], "layout": layout(420)}
+        return {"data": [], "layout": layout(380)}
     x, y = (wide["force_pN"][name].to_numpy(np.float64) for name in "xy")
     relative = np.hypot(*(wide["force_stderr_pN"][a] / wide["force_pN"][a] for a in "xy"))
     one = {"type": "line", "xref": "paper", "x0": 0, "x1": 1, "y0": 1, "y1": 1}
@@ -218,7 +225,7 @@ def agreement_figure(arrays: Arrays, folder: RunFolder, bead: str) -> Figure:
             }
         ],
         "layout": layout(
-            420,
+            380,
             xaxis=log_axis("F<sub>x</sub> / pN", x),
             yaxis=axis("F<sub>y</sub> / F<sub>x</sub>"),
             shapes=[one | {"line": {"color": GREY, "width": 1, "dash": "dash"}}],
@@ -277,7 +284,11 @@ def traces_figure(arrays: Arrays, folder: RunFolder, bead: str) -> Figure:
             )
             if not np.isfinite(mean).any():
                 made["annotations"].append(
-                    _note(f"{name} was not recorded", xref=f"x{suffix} domain", yref=f"y{suffix} domain")
+                    _note(
+                        f"{name} was not recorded",
+                        xref=f"x{suffix} domain",
+                        yref=f"y{suffix} domain",
+                    )
                 )
         title = {"raw": "as recorded", "subtracted": "after drift subtraction"}[stage]
         made["annotations"].append(
@@ -288,7 +299,13 @@ def traces_figure(arrays: Arrays, folder: RunFolder, bead: str) -> Figure:
         {"type": "rect", "layer": "below", "line": {"width": 0}, "fillcolor": "#f4f5f7"}
         | {"xref": f"x{4 if column else ''}", "yref": "paper", "y0": 0, "y1": 1}
         | {"x0": row["start_s"], "x1": row["start_s"] + row["duration_s"]}
-        | {"label": {"text": str(int(row["plateau"])), "textposition": "top center", "yanchor": "bottom"}}
+        | {
+            "label": {
+                "text": str(int(row["plateau"])),
+                "textposition": "top center",
+                "yanchor": "bottom",
+            }
+        }
         for column in range(len(stages))
         for row in records(plateaus)
     ]
@@ -299,7 +316,9 @@ def _model_lines(
     arrays: Arrays, fit: dict[str, Any], temperature_K: float, grid: FloatArray
 ) -> list[dict[str, Any]]:
     model = fit["model"]
-    if not (words.is_number(fit["contour_length_nm"]) and words.is_number(fit["persistence_length_nm"])):
+    if not (
+        words.is_number(fit["contour_length_nm"]) and words.is_number(fit["persistence_length_nm"])
+    ):
         return []
     modulus = fit["stretch_modulus_pN"] if model == "extensible" else None
     chain = Chain(
@@ -360,7 +379,13 @@ def _force_lines(row: dict[str, Any]) -> list[dict[str, Any]]:
 
 
 def _errors(arrays: Arrays, values: Any, colour: str) -> dict[str, Any]:
-    return {"type": "data", "array": arrays.add(values), "color": colour, "thickness": 1.2, "width": 3}
+    return {
+        "type": "data",
+        "array": arrays.add(values),
+        "color": colour,
+        "thickness": 1.2,
+        "width": 3,
+    }
 
 
 def _note(text: str, **where: str) -> dict[str, Any]:

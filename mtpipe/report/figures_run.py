@@ -29,9 +29,11 @@ def forces_figure(arrays: Arrays, folder: RunFolder, beads: list[str]) -> Figure
 
     Up to eight beads have a colour and a sign each; more are drawn alike, named under the pointer.
     """
-    forces = folder.forces[folder.forces["force_pN"].notna() & folder.forces["axis"].isin(["x", "y"])]
+    forces = folder.forces[
+        folder.forces["force_pN"].notna() & folder.forces["axis"].isin(["x", "y"])
+    ]
     by_magnet = bool(len(forces)) and bool(forces["magnet_mm"].notna().all())
-    across = "magnet_mm" if by_magnet else "plateau"
+    across, unit = ("magnet_mm", " mm") if by_magnet else ("plateau", "")
     data: list[dict[str, Any]] = []
     named = [bead for bead in beads if (forces["bead"] == bead).any()]
     distinct = len(named) <= len(PALETTE)
@@ -51,10 +53,15 @@ def forces_figure(arrays: Arrays, folder: RunFolder, beads: list[str]) -> Figure
                     "error_y": {"type": "data", "array": arrays.add(table["force_stderr_pN"])}
                     | {"color": colour, "thickness": 1, "width": 2},
                     "line": {"color": colour, "width": 1},
-                    "marker": {"symbol": SYMBOLS[number % len(SYMBOLS)], "size": 6, "color": colour},
+                    "marker": {
+                        "symbol": SYMBOLS[number % len(SYMBOLS)],
+                        "size": 6,
+                        "color": colour,
+                    },
                     "xaxis": f"x{panel}",
                     "yaxis": f"y{panel}",
-                    "hovertemplate": f"{escaped(bead)}, {name}<br>%{{x}}: %{{y:.3g}} pN<extra></extra>",
+                    "hovertemplate": f"{escaped(bead)}, {name}<br>%{{x:.4g}}{unit}: %{{y:.3g}} pN"
+                    "<extra></extra>",
                 }
             )
     title = "magnet position / mm" if by_magnet else "plateau"

@@ -148,7 +148,9 @@ def _read_table(path: Path, columns: tuple[str, ...]) -> pd.DataFrame:
 def _experiment(setup: Mapping[str, Any]) -> dict[str, Any]:
     """The setup without the layout of its files, and without the nulls of what it leaves out."""
     return {
-        name: {k: v for k, v in table.items() if v is not None} if isinstance(table, dict) else table
+        name: {k: v for k, v in table.items() if v is not None}
+        if isinstance(table, dict)
+        else table
         for name, table in setup.items()
         if name != "source"
     }

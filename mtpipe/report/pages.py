@@ -1,4 +1,4 @@
-"""Filling the templates: `report/index.html` and a page for every bead, written whole or not at all.
+"""Filling the templates: `report/index.html` and a page for every bead, whole or not at all.
 
 plotly.js, style and script are copied beside the pages once; nothing is loaded from a network.
 """
@@ -72,7 +72,9 @@ def write_report(folder: Path, *, progress: Progress | None = None) -> Path:
             (target / pages[row.bead]).write_text(page, encoding="utf-8")
             if progress is not None:
                 progress(number + 1, len(beads) + 1)
-        index = environment.get_template("index.html.j2").render(**shared, **_index_page(run, beads))
+        index = environment.get_template("index.html.j2").render(
+            **shared, **_index_page(run, beads)
+        )
         (target / "index.html").write_text(index, encoding="utf-8")
     if progress is not None:
         progress(len(beads) + 1, len(beads) + 1)
@@ -115,7 +117,8 @@ def _index_page(run: RunFolder, beads: list[rows.BeadRow]) -> dict[str, Any]:
     figures: dict[str, Any] = {"forces": forces_figure(arrays, run, [row.bead for row in beads])}
     if len(run.drift):
         figures["drift"] = drift_figure(arrays, run)
-    drift = run.run["drift"] or {"method": "none"}
+    drift: Mapping[str, Any] = run.run["drift"] or {"method": "none"}
+    method = str(drift["method"])
     forces = run.forces["force_pN"].dropna()
     return {
         "counts": {v: sum(row.verdict == v for row in beads) for v in rows.VERDICTS},
@@ -123,7 +126,7 @@ def _index_page(run: RunFolder, beads: list[rows.BeadRow]) -> dict[str, Any]:
         "groups": rows.notice_groups(run.notices),
         "setup": words.setup_in_words(run.setup),
         "source": run.run["setup"].get("source"),
-        "drift_words": DRIFT_METHOD.get(drift.get("method"), str(drift.get("method"))),
+        "drift_words": DRIFT_METHOD.get(method, method),
         "drift_rows": rows.drift_rows(drift),
         "references": rows.reference_rows(run),
         "started": _date(run.run.get("started")),
@@ -145,7 +148,7 @@ def _bead_page(run: RunFolder, row: rows.BeadRow) -> dict[str, Any]:
         "traces": traces_figure(arrays, run, bead),
     }
     spectra = {
-        f"{plateau}/{axis}": spectrum_figure(arrays, table, axis)
+        f"{plateau}/{axis}": spectrum_figure(arrays, table, str(axis))
         for (plateau, axis), table in run.spectra[run.spectra["bead"] == bead].groupby(
             ["plateau", "axis"]
         )

@@ -106,11 +106,13 @@ def outline(
     """Closed outlines around low and high, one for each stretch without NaN, parted by NaN."""
     good = np.isfinite(low) & np.isfinite(high)
     edges = np.flatnonzero(np.diff(np.concatenate([[False], good, [False]]).astype(np.int8)))
-    xs, ys = [], []
+    xs: list[NDArray[np.float64]] = []
+    ys: list[NDArray[np.float64]] = []
+    gap = np.array([np.nan])
     for start, stop in zip(edges[::2], edges[1::2], strict=True):
         there = slice(start, stop)
-        xs += [x[there], x[there][::-1], [np.nan]]
-        ys += [low[there], high[there][::-1], [np.nan]]
+        xs += [x[there], x[there][::-1], gap]
+        ys += [low[there], high[there][::-1], gap]
     if not xs:
         return np.empty(0), np.empty(0)
     return np.concatenate(xs[:-1]), np.concatenate(ys[:-1])

@@ -98,7 +98,7 @@ def with_arms(value: Any, stderr: Any, low: Any, high: Any) -> str:
     above, below = high - value, value - low
     if min(above, below) >= 0.75 * max(above, below) or max(above, below) == 0:
         return with_error(value, stderr if is_number(stderr) and stderr > 0 else (high - low) / 2)
-    decimals = _decimals(max(min(above, below), 0.1 * max(above, below)))
+    decimals = _decimals(max(min(above, below), 0.4 * max(above, below)))
     rounded = [_round(number_, decimals) for number_ in (value, above, below)]
     return _minus(rounded[0]) + f" +{rounded[1]} −{rounded[2]}"
 

@@ -10,7 +10,7 @@ const CONFIG = {
   modeBarButtonsToRemove: ["select2d", "lasso2d", "autoScale2d"],
 };
 const PRINT_WIDTH_PX = 680; // A4 less its margins, at 96 px per inch
-const PRINT_SHRINK = 0.7; // in height, so that two charts fit on a page
+const PRINT_SHRINK = 0.8; // in height, so that two charts fit on a page
 
 // A figure says {"array": i} where it means the page's i-th array.
 function withArrays(part) {

@@ -1,0 +1,71 @@
+"""Numbers and codes in words."""
+
+from __future__ import annotations
+
+import math
+
+import pytest
+
+from mtpipe.report import words
+
+
+@pytest.mark.parametrize(
+    ("value", "stderr", "shown"),
+    [
+        (1.23456, 0.0123, "1.235 ± 0.012"),
+        (1.23456, 0.0456, "1.23 ± 0.05"),
+        (1.23456, 0.0396, "1.23 ± 0.04"),
+        (2703.4, 5.4, "2703 ± 5"),
+        (2703.4, 154.0, "2700 ± 150"),
+        (-3.2, 0.5, "−3.2 ± 0.5"),
+        (0.001, 4.0, "0 ± 4"),
+        (2.634e-5, 3.1e-7, "(2.634 ± 0.031) × 10⁻⁵"),
+        (-0.004, 0.5, "0.0 ± 0.5"),
+        (4.56789, 0.0, "4.568"),
+        (4.56789, math.nan, "4.568"),
+        (math.nan, 1.0, "—"),
+        (None, None, "—"),
+    ],
+)
+def test_value_with_error(value: float, stderr: float, shown: str) -> None:
+    assert words.with_error(value, stderr) == shown
+
+
+@pytest.mark.parametrize(
+    ("low", "high", "shown"),
+    [
+        (0.9, 1.1, "1.00 ± 0.10"),
+        (0.0, 1.4, "0.2 +1.2 −0.2"),
+        (1.0, 1.1, "1.00 +0.10 −0.00"),
+        (math.nan, math.nan, "1.00 ± 0.10"),
+    ],
+)
+def test_lopsided_interval_shows_both_arms(low: float, high: float, shown: str) -> None:
+    value = 0.2 if high == 1.4 else 1.0
+    assert words.with_arms(value, 0.1, low, high) == shown
+
+
+@pytest.mark.parametrize(
+    ("value", "shown"),
+    [
+        (0, "0"),
+        (8.0, "8"),
+        (0.5, "0.5"),
+        (1234.5, "1234"),
+        (9.996, "10"),
+        (-0.0123, "−0.0123"),
+        (3.2e-6, "3.20 × 10⁻⁶"),
+        (math.inf, "—"),
+    ],
+)
+def test_number(value: float, shown: str) -> None:
+    assert words.number(value) == shown
+
+
+def test_names_sort_by_the_numbers_in_them() -> None:
+    assert sorted(["b10", "b9", "a", "B2"], key=words.natural) == ["a", "B2", "b9", "b10"]
+
+
+def test_flags_of_an_empty_cell() -> None:
+    assert words.flags(None) == words.flags("") == []
+    assert words.flags("a; b") == ["a", "b"]
