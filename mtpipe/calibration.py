@@ -1,11 +1,12 @@
 """Calibration: from the traces of a recording to stiffness, friction and force with uncertainty.
 
 Per bead, plateau and axis, in two passes. First every trace is fitted freely (stiffness, friction,
-noise). Friction over the friction expected from radius, viscosity and height is one number per bead;
-where the free fits say that it is what the setup states, the expectation enters the second fit as
-prior knowledge, and where they contradict it, the bead's own measured friction does. Above about
-half the Nyquist frequency only this keeps errors of the model from becoming errors of the force
-(PHYSICS 3.B). The second fit gives stiffness and force; its posterior is sampled with emcee.
+noise). Friction over the friction expected from radius, viscosity and height is one number per bead
+and axis; where the free fits say that it is what the setup states, the expectation enters the
+second fit as prior knowledge, and where they contradict it, the friction that the other plateaus
+show on that axis does. Above about half the Nyquist frequency only this keeps errors of the model
+from becoming errors of the force (PHYSICS 3.B). The second fit gives stiffness and force; its
+posterior is sampled with emcee.
 """
 
 from __future__ import annotations
@@ -44,9 +45,10 @@ CONTRADICTION_SIGMAS = 4.0
 class AxisResult:
     """Calibration of one bead, plateau and axis.
 
-    `fit` and `posterior` are None where the trace could not be fitted (`refusal` says why); `force`
-    is None for z, where refused, and where the tether's extension is not known.
-    `free` is the fit without prior knowledge of the friction.
+    `fit` is None where the trace could not be fitted (`refusal` says why). `posterior` is sampled
+    on the lateral axes, whose stiffness gives the force; `force` is None for z, where refused, and
+    where the tether's extension is not known. `free` is the fit without prior knowledge of the
+    friction.
     """
 
     axis: str
@@ -57,6 +59,11 @@ class AxisResult:
     force: Estimate | None
     effective_radius: Estimate | None
     refusal: str = ""
+
+    @property
+    def estimates(self) -> Posterior | TraceFit | None:
+        """Where to read stiffness, friction, noise and corner frequency; None where refused."""
+        return None if self.refusal else self.posterior or self.fit
 
 
 @dataclass(frozen=True)
@@ -177,10 +184,7 @@ def calibrate_bead(
         for trace in traces
     ]
     free = [
-        [
-            _free_fit(trace, axis, conditions, extension[0], lowest_hz[axis])
-            for axis in range(3)
-        ]
+        [_free_fit(trace, axis, conditions, extension[0], lowest_hz[axis]) for axis in range(3)]
         for trace, extension in zip(traces, extensions, strict=True)
     ]
     refusals = [
@@ -188,47 +192,96 @@ def calibrate_bead(
         for trace, fits, extension in zip(traces, free, extensions, strict=True)
     ]
     measured = [
-        (i, axis, *ratio)
+        _Friction(i, axis, *ratio)
         for i, fits in enumerate(free)
         for axis in (0, 1)
         if not refusals[i][axis]
         and (ratio := _friction_ratio(fits[axis], conditions, axis, extensions[i][0])) is not None
     ]
-    overall = _combined([(ln, stderr) for _, _, ln, stderr in measured])
-    allowance = conditions.friction_relative_stderr
-    contradicts = overall is not None and abs(overall[0]) > CONTRADICTION_SIGMAS * math.hypot(
-        overall[1], allowance
-    )
+    expectation = _FrictionPrior(tuple(measured), conditions.friction_relative_stderr)
     plateaus = []
     for i, (trace, extension) in enumerate(zip(traces, extensions, strict=True)):
         axes = []
         for axis in range(3):
             nominal = conditions.friction_pN_s_per_nm(axis, extension[0])
-            prior = None
-            if nominal is not None and not contradicts:
-                prior = (nominal, nominal * allowance)
-            elif nominal is not None:
-                # the trace's own friction is in its likelihood already
-                others = _combined(
-                    [(ln, s) for j, other, ln, s in measured if (j, other) != (i, axis)]
-                )
-                if others is not None:
-                    centre = nominal * math.exp(others[0])
-                    prior = (centre, centre * math.hypot(others[1], allowance))
-            generator = np.random.default_rng(_seed(seed, bead, i, axis))
             axes.append(
                 _axis_result(
-                    axis, free[i][axis], prior, contradicts, refusals[i][axis], extension,
-                    conditions, generator,
-                )  # fmt: skip
+                    axis,
+                    free[i][axis],
+                    None if nominal is None else expectation.prior(nominal, i, axis),
+                    expectation.contradicted(axis),
+                    refusals[i][axis],
+                    extension,
+                    conditions,
+                    np.random.default_rng(_seed(seed, bead, i, axis)),
+                )
             )
         plateaus.append(PlateauResult(trace, extension[0], extension[1], tuple(axes)))
-    ratio = None
-    if overall is not None:
-        value, sigma = math.exp(overall[0]), overall[1]
-        interval = (value * math.exp(-sigma), value * math.exp(sigma))
-        ratio = Estimate(value, value * sigma, interval, "", "free fits of all plateaus")
-    return BeadResult(bead, tuple(plateaus), ratio, contradicts)
+    contradicts = any(expectation.contradicted(axis) for axis in (0, 1))
+    return BeadResult(bead, tuple(plateaus), _ratio_estimate(measured), contradicts)
+
+
+@dataclass(frozen=True)
+class _Friction:
+    """What one free fit says of the bead's friction: ln of measured over expected."""
+
+    plateau: int
+    axis: int
+    ln_ratio: float
+    stderr: float
+
+
+@dataclass(frozen=True)
+class _FrictionPrior:
+    """Prior knowledge of friction, from the setup or from the bead's other plateaus."""
+
+    measured: tuple[_Friction, ...]
+    allowance: float
+
+    def contradicted(self, axis: int) -> bool:
+        """Whether the free fits contradict the setup on this axis (z: on x or on y)."""
+        if axis == 2:
+            return self.contradicted(0) or self.contradicted(1)
+        overall = _combined([m for m in self.measured if m.axis == axis])
+        return overall is not None and abs(overall[0]) > CONTRADICTION_SIGMAS * math.hypot(
+            overall[1], self.allowance
+        )
+
+    def prior(self, nominal: float, plateau: int, axis: int) -> tuple[float, float] | None:
+        """Friction and standard error for a trace; None where nothing is known."""
+        if not self.contradicted(axis):
+            return nominal, nominal * self.allowance
+        # without the trace itself, whose friction is in its likelihood already
+        others = _combined(
+            [m for m in self.measured if axis == 2 or (m.axis == axis and m.plateau != plateau)]
+        )
+        if others is None:
+            return None
+        centre = nominal * math.exp(others[0])
+        return centre, centre * math.hypot(others[1], self.allowance)
+
+
+def _ratio_estimate(measured: Sequence[_Friction]) -> Estimate | None:
+    overall = _combined(measured)
+    if overall is None:
+        return None
+    value, sigma = math.exp(overall[0]), overall[1]
+    interval = (value * math.exp(-sigma), value * math.exp(sigma))
+    return Estimate(value, value * sigma, interval, "", "free fits of all plateaus")
+
+
+def _combined(values: Sequence[_Friction]) -> tuple[float, float] | None:
+    """Weighted mean and standard error, widened where the values scatter more than stated."""
+    if not values:
+        return None
+    ln_ratio = np.array([value.ln_ratio for value in values])
+    weight = np.array([value.stderr for value in values]) ** -2.0
+    mean = float(weight @ ln_ratio / weight.sum())
+    error = 1 / math.sqrt(weight.sum())
+    if len(values) > 1:
+        chi2 = float(weight @ (ln_ratio - mean) ** 2) / (len(values) - 1)
+        error *= math.sqrt(max(1.0, chi2))
+    return mean, error
 
 
 def _free_fit(
@@ -289,20 +342,6 @@ def _friction_ratio(
     return float(fit.theta[1]) - math.log(nominal), stderr
 
 
-def _combined(values: Sequence[tuple[float, float]]) -> tuple[float, float] | None:
-    """Weighted mean and standard error, widened where the values scatter more than stated."""
-    if not values:
-        return None
-    value, stderr = np.array(values).T
-    weight = 1 / stderr**2
-    mean = float(weight @ value / weight.sum())
-    error = 1 / math.sqrt(weight.sum())
-    if len(value) > 1:
-        chi2 = float(weight @ (value - mean) ** 2) / (len(value) - 1)
-        error *= math.sqrt(max(1.0, chi2))
-    return mean, error
-
-
 def _axis_result(
     axis: int,
     free: TraceFit | str,
@@ -324,16 +363,12 @@ def _axis_result(
         method = f"spectrum, friction {source}"
     if refused:
         return AxisResult(name, method, free, fit, None, None, None, refused)
+    radius = _effective_radius(free, axis, extension[0], conditions)
+    if axis == 2:
+        return AxisResult(name, method, free, fit, None, None, radius)
     posterior = sample_posterior(fit, seed=generator)
-    return AxisResult(
-        name,
-        method,
-        free,
-        fit,
-        posterior,
-        _force(posterior, axis, extension, conditions, generator),
-        _effective_radius(free, axis, extension[0], conditions),
-    )
+    force = _force(posterior, axis, extension, conditions, generator)
+    return AxisResult(name, method, free, fit, posterior, force, radius)
 
 
 def _force(
@@ -344,7 +379,7 @@ def _force(
     generator: np.random.Generator,
 ) -> Estimate | None:
     """Force from stiffness and lever, the lever's own uncertainty included."""
-    lever = None if axis == 2 else conditions.lever_nm(axis, extension[0])
+    lever = conditions.lever_nm(axis, extension[0])
     if lever is None:
         return None
     error = extension[1]

@@ -75,7 +75,7 @@ class Conditions:
             return None
 
     def modes(self, axis: int, extension_nm: float) -> Modes:
-        """Relaxation modes along an axis: two across the field where the bead's rotation couples."""
+        """Relaxation modes along an axis: two across the field if the bead's rotation couples."""
         across = axis != 2 and axis != self.along
         if not (across and self.rotation) or self.radius_nm is None or not extension_nm > 0:
             return SINGLE_MODE

@@ -22,8 +22,8 @@ import mtpipe
 from mtpipe import tables
 from mtpipe.calibration import Calibration, calibrate
 from mtpipe.drift import subtract_drift
+from mtpipe.extension_curve import ForceExtension
 from mtpipe.files import write_atomically
-from mtpipe.force_extension import ForceExtension
 from mtpipe.ingest import load
 from mtpipe.notice import Notice
 from mtpipe.quality import BeadVerdict, bead_verdict, trace_flags

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import itertools
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -56,7 +58,7 @@ def _stretches(
     if tolerance_mm == 0:
         change = np.flatnonzero((np.diff(position) != 0) | (allowed[1:] != allowed[:-1])) + 1
         edges = np.concatenate([[0], change, [n]])
-        return [(int(a), int(b)) for a, b in zip(edges[:-1], edges[1:], strict=True) if allowed[a]]
+        return [(int(a), int(b)) for a, b in itertools.pairwise(edges) if allowed[a]]
     stretches = []
     start = 0
     block = 4096

@@ -16,16 +16,16 @@ from scipy import stats
 from mtpipe.calibration import AxisResult, BeadResult, Calibration, PlateauResult
 from mtpipe.conditions import Conditions
 from mtpipe.estimate import Estimate
+from mtpipe.extension_curve import ForceExtension
 from mtpipe.fit.trace import TraceFit
-from mtpipe.force_extension import ForceExtension
 from mtpipe.notice import Notice, Severity
 from mtpipe.setup import Setup
 
 Verdict = Literal["good", "caution", "refused"]
 
 SIGMAS = 3.0
-# te Velthuis et al. 2010: corrected forces hold to 10 % up to 80 % of the Nyquist frequency; beyond,
-# the force rests on knowing friction and camera.
+# te Velthuis et al. 2010: corrected forces hold to 10 % up to 80 % of the Nyquist frequency;
+# beyond, the force rests on knowing friction and camera.
 NYQUIST_RATIO = 0.8
 # 50 relaxation times give the stiffness to 20 % at best: sqrt(2 / 50).
 RELAXATION_TIMES = 50.0
@@ -85,8 +85,8 @@ def trace_flags(
 
 
 def _axis_flags(one: AxisResult, conditions: Conditions) -> list[tuple[str, Severity, str]]:
-    fit, posterior = one.fit, one.posterior
-    if fit is None or posterior is None:
+    fit, posterior, known = one.fit, one.posterior, one.estimates
+    if fit is None or known is None:
         return []
     flags: list[tuple[str, Severity, str]] = []
     lateral = one.axis != "z"
@@ -104,7 +104,7 @@ def _axis_flags(one: AxisResult, conditions: Conditions) -> list[tuple[str, Seve
             "short_trace", "caution",
             f"The trace lasts only {relaxations:.0f} relaxation times.",
         ))  # fmt: skip
-    stiffness = posterior.stiffness
+    stiffness = known.stiffness
     if stiffness.status == "not_identified":
         low, high = stiffness.interval
         flags.append((
@@ -112,7 +112,7 @@ def _axis_flags(one: AxisResult, conditions: Conditions) -> list[tuple[str, Seve
             "Stiffness, friction and noise cannot be told apart in this trace; the stiffness lies "
             f"anywhere from {low:.2g} to {high:.2g} pN/nm.",
         ))  # fmt: skip
-    elif not posterior.converged:
+    elif posterior is not None and not posterior.converged:
         flags.append((
             "not_converged", "warning",
             f"The posterior did not converge (R-hat {posterior.r_hat:.3f}, "
@@ -127,14 +127,17 @@ def _axis_flags(one: AxisResult, conditions: Conditions) -> list[tuple[str, Seve
     if excess is not None:
         flags.append(("drift", "caution" if lateral else "info", excess))
     radius = one.effective_radius
-    known = conditions.radius_nm
-    if lateral and radius is not None and known is not None and _differs(
-        radius, known[0], known[1], RADIUS_DIFFERENCE
+    stated = conditions.radius_nm
+    if (
+        lateral
+        and radius is not None
+        and stated is not None
+        and _differs(radius, stated[0], stated[1], RADIUS_DIFFERENCE)
     ):
         flags.append((
             "effective_radius", "caution",
             f"The friction is that of a bead of {radius.value:.0f} ± {radius.stderr:.0f} nm; the "
-            f"setup says {known[0]:.0f} nm.",
+            f"setup says {stated[0]:.0f} nm.",
         ))  # fmt: skip
     return flags
 
@@ -155,12 +158,16 @@ def _low_frequency_excess(fit: TraceFit) -> str | None:
     )
 
 
-def _extension_flags(
-    plateau: PlateauResult, setup: Setup
-) -> list[tuple[str, Severity, str]]:
+def _extension_flags(plateau: PlateauResult, setup: Setup) -> list[tuple[str, Severity, str]]:
     extension, contour = plateau.extension_nm, setup.tether.contour_length_nm.value
     if not math.isfinite(extension):
-        return [("no_extension", "caution", "There is no extension, and so no force: z was not recorded, or where z = 0 lies is unknown.")]
+        return [
+            (
+                "no_extension",
+                "caution",
+                "There is no extension, so no force: z was not recorded, or its zero is unknown.",
+            )
+        ]
     if extension <= 0:
         return [(
             "extension", "warning",

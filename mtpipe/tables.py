@@ -14,7 +14,8 @@ import pandas as pd
 
 from mtpipe.calibration import AxisResult, BeadResult, Calibration, PlateauResult
 from mtpipe.estimate import Estimate
-from mtpipe.force_extension import ForceExtension, TetherFit
+from mtpipe.extension_curve import ForceExtension
+from mtpipe.fit.tether import TetherFit
 from mtpipe.notice import Notice
 from mtpipe.quality import BeadVerdict
 from mtpipe.recording import AXES, Recording
@@ -37,9 +38,7 @@ def four(quantity: str, unit: str, estimate: Estimate | None) -> dict[str, float
     }
 
 
-def forces_table(
-    calibration: Calibration, flags: Mapping[str, Sequence[Notice]]
-) -> pd.DataFrame:
+def forces_table(calibration: Calibration, flags: Mapping[str, Sequence[Notice]]) -> pd.DataFrame:
     """`forces`: a row per bead × plateau × axis."""
     rows = []
     for bead in calibration.beads:
@@ -59,7 +58,7 @@ def _force_row(
     codes: Iterable[str],
 ) -> dict[str, Any]:
     frames = len(plateau.trace.position_nm)
-    posterior, fit = one.posterior, one.fit
+    posterior, fit, known = one.posterior, one.fit, one.estimates
     magnet = plateau.plateau.magnet_mm
     return {
         "bead": bead.bead,
@@ -73,12 +72,12 @@ def _force_row(
         "extension_nm": plateau.extension_nm,
         "extension_stderr_nm": plateau.extension_stderr_nm,
         **four("force", "pN", one.force),
-        **four("stiffness", "pN_per_nm", posterior.stiffness if posterior else None),
-        **four("friction", "pN_s_per_nm", posterior.friction if posterior else None),
-        **four("corner_frequency", "hz", posterior.corner_frequency if posterior else None),
+        **four("stiffness", "pN_per_nm", known.stiffness if known else None),
+        **four("friction", "pN_s_per_nm", known.friction if known else None),
+        **four("corner_frequency", "hz", known.corner_frequency if known else None),
         **four("effective_radius", "nm", None if one.refusal else one.effective_radius),
-        **four("noise", "nm", posterior.noise if posterior else None),
-        "status": "refused" if one.refusal else posterior.stiffness.status if posterior else "",
+        **four("noise", "nm", known.noise if known else None),
+        "status": known.stiffness.status if known else "refused",
         "method": one.method,
         "fit_deviance": fit.deviance if fit else math.nan,
         "fit_dof": fit.dof if fit else math.nan,
@@ -152,7 +151,7 @@ def force_extension_table(curves: Mapping[str, ForceExtension]) -> pd.DataFrame:
             "chi2": fit.chi2,
             "dof": fit.dof,
             "p_value": fit.p_value,
-            "recommended": fit.recommended,
+            "recommended": fit is curve.recommended,
         }
         for bead, curve in curves.items()
         for fit in curve.fits

@@ -44,7 +44,14 @@ def summary(run: Run, out: Path) -> None:
 
     console = Console(highlight=False)
     table = Table(box=None, pad_edge=False)
-    for heading in ("bead", "verdict", "plateaus", "force (pN)", "contour (nm)", "persistence (nm)"):
+    for heading in (
+        "bead",
+        "verdict",
+        "plateaus",
+        "force (pN)",
+        "contour (nm)",
+        "persistence (nm)",
+    ):
         table.add_column(heading)
     beads = beads_table(run.calibration, run.verdicts, run.curves)
     for row in beads.to_dict("records"):

@@ -8,8 +8,8 @@ import numpy as np
 
 from mtpipe.calibration import BeadResult, Calibration, PlateauResult, calibrate
 from mtpipe.estimate import Estimate
+from mtpipe.extension_curve import ForceExtension, fit_curve
 from mtpipe.fit.tether import Assay, ExtensionPoints
-from mtpipe.force_extension import ForceExtension, fit_curve
 from mtpipe.recording import AXES, Recording
 
 CONSISTENT_SIGMAS = 3.0

@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
-from mtpipe.physics.tether import Chain, extension_nm
+from mtpipe.physics.tether import Chain, mean_extension_nm
 
 NASTY = '../<b id="x">&b 1/2'
 NO_Z, REFUSED = "b2", "b10"
@@ -88,7 +88,7 @@ def usable(forces: pd.DataFrame) -> list[dict[str, Any]]:
 def force_row(t: Trace, rng: np.random.Generator) -> dict[str, Any]:
     force = float(FORCES_PN[t.plateau] * rng.normal(1, 0.02))
     chain = Chain(CONTOUR_NM, PERSISTENCE_NM, 298.15)
-    length = float(extension_nm(chain, force))
+    length = float(mean_extension_nm(chain, force))
     arm = {"x": length, "y": length + RADIUS_NM, "z": CONTOUR_NM / 20}[t.axis]
     friction = STOKES * {"x": 1.3, "y": 1.35, "z": 1.9}[t.axis] * rng.normal(1, 0.02)
     stiffness, fits = force / arm, not t.refused and t.measured
@@ -172,6 +172,8 @@ def fit_row(bead: str, model: str) -> dict[str, Any]:
     persistence = {"marko-siggia": 47.1, "bouchiat": 49.26, "extensible": 49.4}[model]
     modulus = estimate("stretch_modulus", "pN", 1100.0, 0.2)
     modulus |= {"stretch_modulus_high_pN": 2100.0}
+    if bead == "more0":  # not told from infinity: a lower limit only
+        modulus |= {"stretch_modulus_pN": np.nan, "stretch_modulus_high_pN": np.inf}
     return (
         {"bead": bead, "model": model}
         | estimate("contour_length", "nm", 2703.4, 0.002)

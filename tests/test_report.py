@@ -17,7 +17,7 @@ from scipy.stats import gamma
 
 from mtpipe.errors import MtpipeError
 from mtpipe.report import write_report
-from mtpipe.report.figures_bead import spectrum_figure
+from mtpipe.report.figures_trace import spectrum_figure
 from mtpipe.report.pages import page_names
 from mtpipe.report.plotly_json import Arrays, outline, with_gaps
 from tests.report_folder import NASTY, NO_Z, REFUSED, write_run_folder
@@ -229,6 +229,13 @@ def test_a_run_without_drift_posterior_or_curve(tmp_path: Path) -> None:
     assert "Nothing was subtracted" in page.text
     assert "The recording has no reference bead" in page.text
     assert "No warnings and no cautions." in page.text
+
+
+def test_a_limit_is_shown_as_one(tmp_path: Path) -> None:
+    folder = write_run_folder(tmp_path / "run", good=1, plateaus=2)
+    page = Page(write_report(folder).with_name("bead-more0.html"))
+    moduli = [row[3] for row in page.rows[1:4]]
+    assert moduli == [*["—empty: this model is inextensible"] * 2, "> 880"]
 
 
 def test_beads_of_the_fixture_cover_the_verdicts(folder: Path) -> None:

@@ -19,9 +19,9 @@ from mtpipe.physics.modes import SINGLE_MODE, Modes
 from mtpipe.spectrum import Spectrum
 
 COORDINATES = ("ln_stiffness", "ln_friction", "noise_variance")
-# Half-width of the flat priors in ln k and ln γ about the start. Where noise explains everything the
-# likelihood does not bound the stiffness from above; this keeps the posterior proper, and one that
-# fills it is reported as not identified.
+# Half-width of the flat priors in ln k and ln γ about the start. Where noise explains everything
+# the likelihood does not bound the stiffness from above; this keeps the posterior proper, and one
+# that fills it is reported as not identified.
 PRIOR_HALF_WIDTH = 5.0
 
 

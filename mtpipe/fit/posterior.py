@@ -133,7 +133,11 @@ def sample_posterior(fit: TraceFit, *, seed: int | np.random.Generator = 0) -> P
         moves=[(emcee.moves.MHMove(propose), 0.8), (emcee.moves.StretchMove(), 0.2)],
     )
     sampler.random_state = np.random.RandomState(generator.integers(2**31)).get_state()
-    state, autocorrelation, enough = _inside(start, proposal.centre, log_probability), math.inf, False
+    state, autocorrelation, enough = (
+        _inside(start, proposal.centre, log_probability),
+        math.inf,
+        False,
+    )
     while sampler.iteration < LONGEST_CHAIN and not enough:
         state = sampler.run_mcmc(state, STEPS_AT_ONCE, skip_initial_state_check=True)
         chain = sampler.get_chain(discard=_burn_in(sampler.iteration))
@@ -185,6 +189,7 @@ class _StudentProposal:
 
     centre: FloatArray
     root: FloatArray
+    inverse: FloatArray
     folded: bool
 
     @classmethod
@@ -197,7 +202,8 @@ class _StudentProposal:
         shrink = np.minimum(1.0, limit / size)
         covariance = covariance * np.outer(shrink, shrink)
         root = np.linalg.cholesky(covariance + 1e-12 * np.diag(np.diag(covariance)))
-        return cls(fit.theta[list(fit.model.free)], TAIL_WIDENING * root, len(size) == 3)
+        root = TAIL_WIDENING * root
+        return cls(fit.theta[list(fit.model.free)], root, np.asarray(np.linalg.inv(root)), len(size) == 3)
 
     def draw(self, n: int, generator: np.random.Generator) -> FloatArray:
         normal = generator.normal(size=(n, len(self.centre)))
@@ -215,8 +221,6 @@ class _StudentProposal:
         return density
 
     def _log_unfolded(self, points: FloatArray) -> FloatArray:
-        scaled = np.linalg.solve(self.root, (points - self.centre).T)
-        size = len(self.centre)
-        return np.asarray(
-            -0.5 * (TAIL_DEGREES + size) * np.log1p(np.sum(scaled**2, axis=0) / TAIL_DEGREES)
-        )
+        scaled = (points - self.centre) @ self.inverse.T
+        power = -0.5 * (TAIL_DEGREES + len(self.centre))
+        return np.asarray(power * np.log1p(np.sum(scaled**2, axis=1) / TAIL_DEGREES))

@@ -30,8 +30,8 @@ from typing import Any, Literal
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
-from scipy import stats
 from scipy.interpolate import CubicSpline
+from scipy.special import chdtrc
 
 from mtpipe.errors import FitError
 from mtpipe.estimate import Estimate, Status
@@ -289,7 +289,7 @@ def _collect(result: Any, points: ExtensionPoints, formula: Formula, assay: Assa
         points=len(points),
         chi2=chi2,
         dof=dof,
-        p_value=float(stats.chi2.sf(chi2, dof)),
+        p_value=float(chdtrc(dof, chi2)),
         correlation=_strongest(result),
         chain=_chain(values, formula, assay.temperature_K, values.get("compliance")),
     )

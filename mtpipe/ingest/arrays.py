@@ -1,4 +1,4 @@
-"""Files that hold arrays: MATLAB v5, HDF5, LabVIEW TDMS, npz.
+"""Files that hold arrays: MATLAB v5, HDF5, LabVIEW TDMS, npz, PicoTwist plots.
 
 Each is presented as a table of one-dimensional columns with names. An array `a` of two dimensions
 becomes `a[1]`, `a[2]`, ... along its shorter side, as frames are its longer one; an array of
@@ -20,6 +20,7 @@ import numpy as np
 
 from mtpipe.errors import RecordingError
 from mtpipe.ingest.files import open_stream
+from mtpipe.ingest.gr import read_gr
 from mtpipe.ingest.source import Format
 from mtpipe.recording import FloatArray
 
@@ -100,7 +101,7 @@ def _damaged(path: Path, kind: Format, error: Exception) -> RecordingError:
 
 @contextmanager
 def _open(path: Path, kind: Format) -> Iterator[list[Column]]:
-    openers = {"matlab": _matlab, "hdf5": _hdf5, "tdms": _tdms, "npz": _npz}
+    openers = {"matlab": _matlab, "hdf5": _hdf5, "tdms": _tdms, "npz": _npz, "gr": _gr}
     with ExitStack() as stack:
         stream = stack.enter_context(open_stream(path))
         if not stream.name:
@@ -144,6 +145,13 @@ def _tdms(stream: BinaryIO, stack: ExitStack) -> list[Column]:
             name = channel.name if alone else f"{group.name}/{channel.name}"
             shape = (len(channel),)
             columns += _expand(name, shape, np.dtype(channel.dtype), channel.__getitem__)
+    return columns
+
+
+def _gr(stream: BinaryIO, stack: ExitStack) -> list[Column]:
+    columns: list[Column] = []
+    for name, values in read_gr(stream).items():
+        columns += _expand(name, values.shape, values.dtype, values.__getitem__)
     return columns
 
 

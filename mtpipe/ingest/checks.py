@@ -6,7 +6,7 @@ else: it is left out and named, unless it was the last.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 
 import numpy as np
@@ -25,6 +25,8 @@ MOVING_SHARE = 0.5
 MOVING_NM = 5.0
 MOST_SAMPLED = 2_000_000
 ZERO_ROWS = 2
+MOST_LOST = 1_000_000
+MOST_LOST_SHARE = 20
 
 
 @dataclass(frozen=True)
@@ -70,12 +72,24 @@ def check_beads(positions_nm: Mapping[str, FloatArray], setup: Setup, rate_hz: f
     return Sound(kept, tuple(notices))
 
 
-def check_gaps(frame: NDArray[np.int64]) -> tuple[Notice, ...]:
-    """Say how many frames the camera lost."""
+def check_gaps(frame: NDArray[np.int64], locate: Callable[[int], str]) -> tuple[Notice, ...]:
+    """Say how many frames the camera lost.
+
+    Raises
+    ------
+    RecordingError : so many that a time stamp or frame number must be wrong.
+    """
     jump = np.diff(frame) - 1
-    lost = int(jump.sum())
+    lost = int(frame[-1]) - int(frame[0]) + 1 - len(frame)
     if lost == 0:
         return ()
+    if lost > max(MOST_LOST, MOST_LOST_SHARE * len(frame)):
+        row = int(np.argmax(jump))
+        raise RecordingError(
+            f"{int(jump[row])} frames are missing before it, more than any camera loses",
+            where=locate(row + 1),
+            mend="Correct the time stamp or frame number, or split the recording.",
+        )
     share = lost / (int(frame[-1] - frame[0]) + 1)
     said = f"The camera lost {lost} frames ({100 * share:.2g} %) in {np.count_nonzero(jump)} gaps."
     return (Notice("camera_gaps", "caution" if share > LOST_CAUTION else "info", said),)

@@ -7,6 +7,7 @@ differences misleads by percents when stamps are rounded.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable
 from dataclasses import dataclass
 
@@ -22,6 +23,9 @@ from mtpipe.recording import FloatArray
 RATE_TOLERANCE = 0.005
 JITTER_FRAMES = 0.1
 LONG_GAP_FRAMES = 5.5
+MOST_FRAMES = 2.0**53  # beyond, doubles no longer count by ones
+LATEST_S = 1e12
+BLOCK_ROWS = 1 << 20
 FEWEST_STAMPS = 10
 
 
@@ -68,7 +72,7 @@ def _from_frames(
 ) -> Clock:
     assert data.frame is not None
     numbers = data.frame
-    bad = np.flatnonzero(~np.isfinite(numbers) | (numbers != np.rint(numbers)))
+    bad = np.flatnonzero(~(np.abs(numbers) < MOST_FRAMES) | (numbers != np.rint(numbers)))
     if len(bad):
         raise RecordingError(
             f"the frame number {numbers[bad[0]]:g} is no whole number",
@@ -81,7 +85,7 @@ def _from_frames(
     frame = numbers.astype(np.int64)
     _increasing(frame, "frame number", locate)
     stamps = data.time_s
-    if stamps is None or not np.isfinite(stamps).all() or len(stamps) < 2:
+    if stamps is None or not (np.abs(stamps) < LATEST_S).all() or len(stamps) < 2:
         rate = _needed(stated_hz)
         return Clock(frame / rate, frame, rate, tuple(notices))
     _increasing(stamps, "time", locate, repeats=source is not None and _rounded(source))
@@ -97,7 +101,7 @@ def _from_stamps(
     stated_hz: float | None,
     locate: Callable[[int], str],
 ) -> Clock:
-    missing = np.flatnonzero(~np.isfinite(stamps))
+    missing = np.flatnonzero(~(np.abs(stamps) < LATEST_S))
     if len(missing):
         raise RecordingError(
             f"{len(missing)} of {len(stamps)} time stamps are missing or infinite",
@@ -115,29 +119,32 @@ def _from_stamps(
         return Clock(stamps, np.zeros(n, dtype=np.int64), _needed(stated_hz), tuple(notices))
     if rounded:
         derived = (n - 1) / (stamps[-1] - stamps[0]) if stamps[-1] > stamps[0] else 0.0
-        steps = np.ones(n - 1, dtype=np.int64)
+        frame = np.arange(n, dtype=np.int64)
     else:
         between = np.diff(stamps)
         derived = _rate(between)
+        frame = np.zeros(n, dtype=np.int64)
         steps = _steps(between, stated_hz if stated_hz is not None else derived)
+        np.cumsum(steps, out=steps)
+        frame[1:] = steps
     rate = _agreed(float(derived), stated_hz, n, stamps, notices)
-    frame = np.zeros(n, dtype=np.int64)
-    np.cumsum(steps, out=frame[1:])
     notices += _irregular(stamps, frame, rate, rounded)
     time_s = stamps[0] + frame / rate if rounded else stamps
     return Clock(time_s, frame, rate, tuple(notices))
 
 
-def _steps(between_s: FloatArray, rate_hz: float) -> NDArray[np.int64]:
-    """Frames from one stamp to the next, at least one."""
-    return np.maximum(1, np.rint(between_s * rate_hz)).astype(np.int64)
+def _steps(between_s: FloatArray, rate_hz: float) -> FloatArray:
+    """Frames from one stamp to the next, whole numbers of at least one."""
+    steps = between_s * rate_hz
+    np.rint(steps, out=steps)
+    return np.clip(steps, 1, MOST_FRAMES, out=steps)
 
 
 def _rate(between_s: FloatArray) -> float:
     """Frames per second over all but long gaps, whose number of frames is not yet known."""
     median = float(np.median(between_s))
-    short = between_s[between_s < LONG_GAP_FRAMES * median]
-    return float(_steps(short, 1 / median).sum() / short.sum())
+    short = between_s < LONG_GAP_FRAMES * median
+    return float(np.sum(_steps(between_s, 1 / median), where=short) / between_s.sum(where=short))
 
 
 def _rounded(source: Source) -> bool:
@@ -221,8 +228,12 @@ def _irregular(
             "frames may be missing."
         )
         return [Notice("irregular_stamps", "warning", said)]
-    away = np.diff(stamps) * rate_hz - np.diff(frame)
-    jitter = float(np.sqrt(np.mean(np.square(away))))
+    square = 0.0
+    for start in range(0, len(stamps) - 1, BLOCK_ROWS):
+        piece = slice(start, start + BLOCK_ROWS + 1)
+        away = np.diff(stamps[piece]) * rate_hz - np.diff(frame[piece])
+        square += float(away @ away)
+    jitter = math.sqrt(square / (len(stamps) - 1))
     if jitter <= JITTER_FRAMES:
         return []
     said = (

@@ -21,6 +21,8 @@ from mtpipe.ingest.source import Lost, Rows
 from mtpipe.recording import FloatArray
 
 FIRST_ROWS = 1 << 16
+FARTHEST_NM = 1e12  # a kilometre: what is beyond is as good as infinite
+FARTHEST_MM = 1e6
 
 
 class OpenTable(Protocol):
@@ -52,6 +54,7 @@ class Collected:
     starts : first row (from 0) of each file.
     zero_rows : rows whose positions were all 0 and were taken as lost.
     infinite : number of infinite positions by bead, now NaN.
+    unused : columns of a canonical file that mean nothing here.
     """
 
     positions_nm: dict[str, FloatArray]
@@ -62,6 +65,7 @@ class Collected:
     starts: tuple[int, ...]
     zero_rows: int
     infinite: dict[str, int]
+    unused: tuple[str, ...]
 
 
 @dataclass(frozen=True)
@@ -92,7 +96,6 @@ def collect(
     assign: Callable[[Names], Assignment],
     lost: Lost,
     rows: RowChoice,
-    progress: Callable[[int], None] = lambda done: None,
 ) -> Collected:
     """Read files one after another into one set of arrays.
 
@@ -100,7 +103,6 @@ def collect(
     ----------
     tables : the files in order; all must have the same columns.
     assign : says which column is what.
-    progress : called with the number of files done.
 
     Raises
     ------
@@ -109,7 +111,7 @@ def collect(
     arrays: _Arrays | None = None
     seen = 0
     starts = []
-    for done, table in enumerate(tables, start=1):
+    for table in tables:
         plan = assign(Names(table.names, table.has_names, str(table.path)))
         if arrays is None:
             arrays = _Arrays(plan, lost)
@@ -120,7 +122,6 @@ def collect(
             mask = rows.mask(seen, count)
             arrays.add(batch if mask is None else [c[mask] for c in batch])
             seen += count
-        progress(done)
     if arrays is None or arrays.filled == 0:
         where = str(tables[0].path) if tables else None
         what = "has no rows" if seen == 0 else f"none of its {seen} rows is kept"
@@ -168,10 +169,11 @@ class _Arrays:
             if column < 0:
                 target[:] = np.nan
                 continue
-            np.multiply(columns[column], self.plan.factors[axis], out=target)
+            with np.errstate(over="ignore"):
+                np.multiply(columns[column], self.plan.factors[axis], out=target)
             for value in self.lost.values:
                 target[columns[column] == value] = np.nan
-            infinite = np.isinf(target)
+            infinite = np.abs(target) > FARTHEST_NM
             if infinite.any():
                 self.infinite[bead] += int(np.count_nonzero(infinite))
                 target[infinite] = np.nan
@@ -197,15 +199,21 @@ class _Arrays:
                 values *= factor
             return values + offset if offset else values
 
+        def bounded(values: FloatArray | None) -> FloatArray | None:
+            if values is not None:
+                values[~(np.abs(values) < FARTHEST_MM)] = np.nan
+            return values
+
         return Collected(
             positions_nm={bead: xyz[:n] for bead, xyz in self.positions.items()},
             time_s=scalar(plan.time, plan.time_s),
             frame=scalar(plan.frame, 1.0),
-            magnet_mm=scalar(plan.magnet, plan.magnet_mm, plan.magnet_offset_mm),
-            turns=scalar(plan.rotation, plan.turns),
+            magnet_mm=bounded(scalar(plan.magnet, plan.magnet_mm, plan.magnet_offset_mm)),
+            turns=bounded(scalar(plan.rotation, plan.turns)),
             starts=starts,
             zero_rows=self.zero_rows,
             infinite={bead: count for bead, count in self.infinite.items() if count},
+            unused=plan.unused,
         )
 
     def _make_room(self, rows: int) -> None:

@@ -47,13 +47,14 @@ def lower_edge_nm(z_nm: FloatArray) -> tuple[float, float]:
     values = z_nm[np.isfinite(z_nm)]
     if len(values) < FEWEST_VALUES:
         raise ValueError(f"{len(values)} values are too few, {FEWEST_VALUES} are needed")
-    best = _fitted(_Histogram.of(values))
+    whole = _Histogram.of(values)
+    best = _fitted(whole)
     blocks = []
     for piece in np.array_split(values, BLOCKS):
         data = _Histogram.of(piece)
         blocks.append(data.height_nm(_best(data, best)[0]))
     stderr = float(np.std(blocks, ddof=1) / math.sqrt(BLOCKS))
-    return _Histogram.of(values).height_nm(best), stderr
+    return whole.height_nm(best), stderr
 
 
 def largest_noise_nm(z_nm: FloatArray) -> float:

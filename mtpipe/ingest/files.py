@@ -10,6 +10,7 @@ import gzip
 import hashlib
 import io
 import re
+import zlib
 from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
@@ -17,6 +18,7 @@ from pathlib import Path
 from typing import BinaryIO, cast
 
 from mtpipe.errors import RecordingError, SetupError
+from mtpipe.ingest.gr import MARK as GR_MARK
 from mtpipe.ingest.source import Format, Source
 from mtpipe.recording import SourceFile
 from mtpipe.setup import Setup, read_setup
@@ -28,6 +30,14 @@ FOREIGN = {
     b"\xd0\xcf\x11\xe0": ("is an Excel workbook", "Save it as text (CSV)."),
     b"II*\x00": ("is an image stack", "Track the beads first (mtpipe track)."),
     b"MM\x00*": ("is an image stack", "Track the beads first (mtpipe track)."),
+    b"\x89PNG": (
+        "is an image, no trace",
+        "Track the beads of an image stack first (mtpipe track).",
+    ),
+    b"\xff\xd8\xff": (
+        "is an image, no trace",
+        "Track the beads of an image stack first (mtpipe track).",
+    ),
     b"BZh": ("is compressed with bzip2", "Unpack it or use gzip."),
     b"\xfd7zXZ": ("is compressed with xz", "Unpack it or use gzip."),
 }
@@ -106,7 +116,7 @@ def read_head(path: Path) -> bytes:
     try:
         with open_stream(path) as stream:
             head = stream.read(HEAD_BYTES)
-    except (OSError, EOFError) as error:
+    except (OSError, EOFError, zlib.error) as error:
         raise RecordingError(f"cannot be read ({error})", where=str(path)) from None
     if not head:
         raise RecordingError("is empty", where=str(path))
@@ -138,6 +148,8 @@ def kind_of(path: Path) -> Format:
             return kind
     if head.startswith(b"MATLAB 7.3"):
         return "hdf5"
+    if head.startswith(b"%") and GR_MARK in head:
+        return "gr"
     if b"\x00" in head and not head.startswith((b"\xff\xfe", b"\xfe\xff")):
         raise RecordingError("is a binary file of a kind that is not known", where=str(path))
     return "text"

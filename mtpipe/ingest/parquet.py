@@ -37,8 +37,10 @@ class ParquetTable:
             with pq.ParquetFile(self.path) as file:
                 for batch in file.iter_batches(BLOCK_ROWS, columns=list(dict.fromkeys(chosen))):
                     yield [self._numbers(batch.column(name), name) for name in chosen]
-        except (pa.ArrowException, OSError) as error:
-            raise _damaged(self.path, error) from None
+        except RecordingError:
+            raise
+        except Exception as error:  # a damaged file raises anything
+            raise _damaged(self.path, error) from error
 
     def _numbers(self, column: pa.Array, name: str) -> FloatArray:
         kind = column.type
@@ -61,8 +63,8 @@ def open_parquet(path: Path) -> ParquetTable:
     try:
         with pq.ParquetFile(path) as file:
             names = tuple(file.schema_arrow.names)
-    except (pa.ArrowException, OSError) as error:
-        raise _damaged(path, error) from None
+    except Exception as error:  # a damaged file raises anything
+        raise _damaged(path, error) from error
     double = sorted({n for n in names if names.count(n) > 1})
     if double:
         raise RecordingError(f"has two columns named {double[0]!r}", where=str(path))
@@ -70,5 +72,5 @@ def open_parquet(path: Path) -> ParquetTable:
 
 
 def _damaged(path: Path, error: Exception) -> RecordingError:
-    reason = str(error).splitlines()[0][:200] if str(error) else type(error).__name__
+    reason = f"{type(error).__name__}: {error}".splitlines()[0][:200]
     return RecordingError(f"is damaged ({reason})", where=str(path))

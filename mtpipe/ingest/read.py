@@ -81,6 +81,7 @@ _KINDS: dict[Format, str] = {
     "hdf5": "an HDF5 file",
     "tdms": "a LabVIEW TDMS file",
     "npz": "a numpy archive",
+    "gr": "a PicoTwist plot file",
 }
 
 
@@ -126,7 +127,7 @@ def _assembled(
         *_guesses(tables, source),
         *_remarks(data, sound.positions_nm),
         *clock.notices,
-        *check_gaps(clock.frame),
+        *check_gaps(clock.frame, locate),
         *magnets.notices,
         *sound.notices,
         *said,
@@ -163,7 +164,9 @@ def _no_plateau(recording: Recording) -> RecordingError:
             f"the recording lasts {total:.3g} s, a plateau at least {choice.minimum_s:g} s",
             mend="Lower [plateaus] minimum_s.",
         )
-    jitter = float(np.nanmedian(np.abs(np.diff(recording.magnet_mm))))
+    steps = np.abs(np.diff(recording.magnet_mm))
+    steps = steps[np.isfinite(steps)]
+    jitter = float(np.median(steps)) if len(steps) else 0.0
     return RecordingError(
         f"no stretch of resting magnets lasts {choice.minimum_s:g} s "
         f"(the position changes by {jitter:.2g} mm from frame to frame)",
@@ -185,6 +188,9 @@ def _remarks(data: Collected, positions: dict[str, np.ndarray]) -> list[Notice]:
     if data.zero_rows:
         said = f"{data.zero_rows} rows in which every position is 0 are taken as lost."
         notices.append(Notice("all_zero_rows", "info", said))
+    if data.unused:
+        said = f"Columns that are not used: {', '.join(data.unused[:12])}."
+        notices.append(Notice("unused_columns", "info", said))
     for bead, count in data.infinite.items():
         said = f"{count} infinite positions of bead {bead} are taken as lost."
         notices.append(Notice("infinite", "caution", said, bead=bead))

@@ -15,7 +15,7 @@ from typing import Annotated, Any, Literal
 
 from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, PlainValidator, model_validator
 
-Format = Literal["canonical", "text", "parquet", "matlab", "hdf5", "tdms", "npz"]
+Format = Literal["canonical", "text", "parquet", "matlab", "hdf5", "tdms", "npz", "gr"]
 Delimiter = Literal["comma", "tab", "semicolon", "whitespace"]
 NM_PER_UNIT = {"nm": 1.0, "um": 1e3, "mm": 1e6, "m": 1e9}
 SECONDS_PER_UNIT = {"s": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9, "min": 60.0}
@@ -278,6 +278,11 @@ class Source(Layout):
     skip_rows: tuple[Rows, ...] = ()
     z_zero: ZZero | None = None
     z_zero_of: dict[str, ZZero] = Field(default_factory=dict)
+
+    def knows_z_zero(self, bead: str) -> bool:
+        """Whether z of this bead, as read, is its height above the surface."""
+        choice = self.z_zero_of.get(bead, self.z_zero)
+        return not self.beads or (choice is not None and choice.unknown is None)
 
     @model_validator(mode="after")
     def _is_complete(self) -> Source:

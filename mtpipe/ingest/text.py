@@ -24,7 +24,7 @@ from mtpipe.ingest.files import open_stream
 from mtpipe.ingest.source import Delimiter, Layout
 from mtpipe.recording import FloatArray
 
-BLOCK_BYTES = 1 << 22
+BLOCK_BYTES = 1 << 20  # pyarrow reads some 30 blocks ahead
 MARKS: dict[Delimiter, str] = {"comma": ",", "tab": "\t", "semicolon": ";", "whitespace": "\t"}
 LOST_TOKENS = (
     "", "nan", "NaN", "NAN", "-nan", "-NaN", "NA", "N/A", "n/a", "NULL", "null", "None", "--",
@@ -114,6 +114,8 @@ class TextTable:
                         )
         except (*DAMAGE, csv.Error) as damage:
             return RecordingError(f"is damaged ({damage})", where=str(self.path))
+        if "Empty CSV" in str(error):
+            return RecordingError("has no rows of numbers", where=str(self.path))
         reason = str(error).splitlines()[0][:200]
         return RecordingError(f"is no table of numbers ({reason})", where=str(self.path))
 
@@ -151,7 +153,10 @@ def open_text(path: Path, layout: Layout, lost_tokens: tuple[str, ...] = ()) -> 
     if delimiter is None:
         delimiter = _guess_delimiter(lines[start], layout.decimal)
         guesses.append(f"columns are taken to be separated by {delimiter}")
-    cells = split_line(lines[start], delimiter)
+    try:
+        cells = split_line(lines[start], delimiter)
+    except csv.Error as error:
+        raise RecordingError(f"is no table ({error})", where=f"{path}, line {start + 1}") from None
     header = layout.header
     if header is None:
         header = not any(_is_number(c, layout.decimal) for c in cells)

@@ -124,4 +124,4 @@ def power_spectrum(
     form_b = s2 * (correlated - white_deficit(alpha))
     geometric = (one_minus_q - 2 * half_sine) / denominator
     form_a = frame_variance(s2, tau, camera) + 2 * geometric * lag_one_covariance(s2, tau, camera)
-    return 2 * camera.frame_s * np.where(slow, form_b, form_a)
+    return np.asarray(2 * camera.frame_s * np.where(slow, form_b, form_a))

@@ -73,4 +73,4 @@ def simulate_axis(
         simulate_mode(share * variance, tau_s / rate, camera, frames, random)
         for share, rate in zip(modes.shares, modes.rates, strict=True)
     ]
-    return np.sum(parts, axis=0)
+    return np.asarray(np.sum(parts, axis=0))

@@ -1,15 +1,14 @@
-"""The charts of one bead: spectra, posteriors, force–extension, agreement of x and y, traces."""
+"""The charts of one bead: force–extension curve, agreement of x and y, and traces."""
 
 from __future__ import annotations
 
 from typing import Any
 
 import numpy as np
-import pandas as pd
 from numpy.typing import NDArray
-from scipy.stats import gamma
 
-from mtpipe.physics.tether import VALIDITY, Chain, extension_nm
+from mtpipe.fit.tether import Assay, expected_extension_nm
+from mtpipe.physics.tether import VALIDITY, Chain
 from mtpipe.report import words
 from mtpipe.report.folder import RunFolder, records
 from mtpipe.report.plotly_json import (
@@ -17,147 +16,20 @@ from mtpipe.report.plotly_json import (
     AXIS_SYMBOL,
     GREY,
     INK,
-    PALE,
-    PALER,
     Arrays,
     Figure,
     axis,
     band,
     layout,
     log_axis,
+    note,
     positive,
     with_gaps,
 )
 
 FloatArray = NDArray[np.float64]
-POSTERIOR_DRAWN = 400  # points in a scatter; more only overlap
 MODEL_DASH = {"marko-siggia": "dash", "bouchiat": "solid", "extensible": "dashdot"}
 MODEL_COLOUR = {"marko-siggia": "#cc79a7", "bouchiat": INK, "extensible": "#009e73"}
-
-
-def spectrum_figure(arrays: Arrays, table: pd.DataFrame, axis_name: str) -> Figure:
-    """Spectrum and model of one trace above, data over model below.
-
-    A bin that averages n ordinates of a periodogram scatters about the model as a Gamma variable
-    of shape n and mean 1; the bands are its central 68 and 95 %.
-    """
-    table = table.sort_values("frequency_hz")
-    f, n, power, model = (
-        table[name].to_numpy(np.float64)
-        for name in ("frequency_hz", "ordinates", "power_nm2_per_hz", "model_nm2_per_hz")
-    )
-    ratio = power / model
-    edge = {
-        q: np.where(np.isfinite(model), gamma.ppf(q, n, scale=1 / n), np.nan)
-        for q in (0.025, 0.16, 0.84, 0.975)
-    }
-    colour = AXIS_COLOUR[axis_name]
-    points = {
-        "type": "scatter",
-        "mode": "markers",
-        "x": arrays.add(f),
-        "customdata": arrays.add(n),
-        "marker": {"color": colour, "size": 5, "symbol": AXIS_SYMBOL[axis_name]},
-    }
-    lower: dict[str, Any] = {"yaxis": "y2", "showlegend": False}
-    data: list[dict[str, Any]] = [
-        band(arrays, f, model * edge[0.025], model * edge[0.975], PALER, name="95 % of bins"),
-        band(arrays, f, model * edge[0.16], model * edge[0.84], PALE, name="68 % of bins"),
-        points
-        | {
-            "y": arrays.add(power),
-            "name": "data",
-            "hovertemplate": "%{x:.3g} Hz: %{y:.3g} nm²/Hz<br>mean of %{customdata} ordinates"
-            "<extra></extra>",
-        },
-        {
-            "type": "scatter",
-            "mode": "lines",
-            "x": arrays.add(f),
-            "y": arrays.add(model),
-            "name": "fitted model",
-            "line": {"color": INK, "width": 1.5},
-            "hovertemplate": "model %{y:.3g} nm²/Hz<extra></extra>",
-        },
-        band(arrays, f, edge[0.025], edge[0.975], PALER, **lower),
-        band(arrays, f, edge[0.16], edge[0.84], PALE, **lower),
-        points
-        | lower
-        | {
-            "y": arrays.add(ratio),
-            "hovertemplate": "%{x:.3g} Hz: data/model %{y:.3g}<br>mean of %{customdata} ordinates"
-            "<extra></extra>",
-        },
-    ]
-    one = {"type": "line", "xref": "paper", "x0": 0, "x1": 1, "yref": "y2", "y0": 1, "y1": 1}
-    return {
-        "data": data,
-        "layout": layout(
-            460,
-            xaxis=log_axis("frequency / Hz", f, anchor="y2"),
-            yaxis=log_axis("power density / (nm²/Hz)", power, domain=[0.36, 1]),
-            yaxis2=log_axis("data / model", ratio, domain=[0, 0.28]),
-            shapes=[one | {"line": {"color": INK, "width": 1}}],
-            annotations=[] if np.isfinite(model).any() else [_note("no model: trace refused")],
-        ),
-    }
-
-
-def posterior_figure(arrays: Arrays, table: pd.DataFrame, row: dict[str, Any]) -> Figure:
-    """Posterior of one trace: stiffness against friction with marginals, and the force."""
-    table = table.iloc[:: max(1, -(-len(table) // POSTERIOR_DRAWN))]
-    colour = AXIS_COLOUR[row["axis"]]
-    columns = {
-        "stiffness": (table["stiffness_pN_per_nm"].to_numpy(np.float64) * 1e3, "10⁻³ pN/nm"),
-        "friction": (table["friction_pN_s_per_nm"].to_numpy(np.float64) * 1e6, "10⁻⁶ pN·s/nm"),
-        "force": (table["force_pN"].to_numpy(np.float64), "pN"),
-    }
-    kept = {name: arrays.add(values) for name, (values, _) in columns.items()}
-    bars: dict[str, Any] = {"type": "histogram", "marker": {"color": colour}, "opacity": 0.75}
-    bars |= {"showlegend": False, "nbinsx": 30, "nbinsy": 30}
-    counts: dict[str, Any] = {
-        "showticklabels": False,
-        "ticks": "",
-        "showgrid": False,
-        "fixedrange": True,
-    }
-    has_force = bool(np.isfinite(columns["force"][0]).any())
-    right = 0.56 if has_force else 1.0
-    split = right - 0.1
-    data: list[dict[str, Any]] = [
-        {
-            "type": "scatter",
-            "mode": "markers",
-            "x": kept["friction"],
-            "y": kept["stiffness"],
-            "marker": {"color": colour, "size": 4, "opacity": 0.5},
-            "showlegend": False,
-            "hovertemplate": "friction %{x:.4g} × 10⁻⁶ pN·s/nm<br>stiffness %{y:.4g} × 10⁻³ pN/nm"
-            "<extra></extra>",
-        },
-        bars | {"x": kept["friction"], "yaxis": "y2", "hovertemplate": "%{x}: %{y}<extra></extra>"},
-        bars
-        | {"y": kept["stiffness"], "xaxis": "x2", "hovertemplate": "%{y}: %{x}<extra></extra>"},
-    ]
-    made = layout(
-        360,
-        bargap=0.04,
-        xaxis=axis(f"friction / ({columns['friction'][1]})", domain=[0, split], nticks=5),
-        yaxis=axis(f"stiffness / ({columns['stiffness'][1]})", domain=[0, 0.78]),
-        yaxis2=axis(domain=[0.82, 1], anchor="x", **counts),
-        xaxis2=axis(domain=[split + 0.02, right], anchor="y", **counts),
-        shapes=[],
-    )
-    if has_force:
-        data.append(
-            bars
-            | {"x": kept["force"], "xaxis": "x3", "yaxis": "y3"}
-            | {"hovertemplate": "%{x} pN: %{y} of the sample<extra></extra>"}
-        )
-        made["xaxis3"] = axis("force / pN", domain=[0.66, 1], anchor="y3", nticks=5)
-        made["yaxis3"] = axis(domain=[0, 1], anchor="x3", **counts)
-        made["shapes"] = _force_lines(row)
-    return {"data": data, "layout": made}
 
 
 def force_extension_figure(arrays: Arrays, folder: RunFolder, bead: str) -> Figure:
@@ -185,9 +57,11 @@ def force_extension_figure(arrays: Arrays, folder: RunFolder, bead: str) -> Figu
     fits = folder.force_extension[folder.force_extension["bead"] == bead]
     seen = positive(forces["force_pN"])
     if temperature is not None and len(seen):
-        grid = np.geomspace(seen.min() / 1.5, seen.max() * 1.5, 200)
+        grid = np.geomspace(seen.min() / 1.5, seen.max() * 1.5, 80)
+        turns = "rotation_coupling" in folder.setup.model.effects
+        assay = Assay(temperature, bead_turns=turns)
         for fit in records(fits):
-            data += _model_lines(arrays, fit, temperature, grid)
+            data += _model_lines(arrays, fit, assay, grid)
     return {
         "data": data,
         "layout": layout(
@@ -284,7 +158,7 @@ def traces_figure(arrays: Arrays, folder: RunFolder, bead: str) -> Figure:
             )
             if not np.isfinite(mean).any():
                 made["annotations"].append(
-                    _note(
+                    note(
                         f"{name} was not recorded",
                         xref=f"x{suffix} domain",
                         yref=f"y{suffix} domain",
@@ -313,7 +187,7 @@ def traces_figure(arrays: Arrays, folder: RunFolder, bead: str) -> Figure:
 
 
 def _model_lines(
-    arrays: Arrays, fit: dict[str, Any], temperature_K: float, grid: FloatArray
+    arrays: Arrays, fit: dict[str, Any], assay: Assay, grid: FloatArray
 ) -> list[dict[str, Any]]:
     model = fit["model"]
     if not (
@@ -321,13 +195,13 @@ def _model_lines(
     ):
         return []
     modulus = fit["stretch_modulus_pN"] if model == "extensible" else None
+    if modulus is not None and not words.is_number(modulus):
+        return []
     chain = Chain(
-        fit["contour_length_nm"], fit["persistence_length_nm"], temperature_K, model, modulus
+        fit["contour_length_nm"], fit["persistence_length_nm"], assay.temperature_K, model, modulus
     )
     name = words.MODEL[model] + (" (recommended)" if fit["recommended"] else "")
-    fitted = np.linspace(0, 1, 120)
-    low, high = fit["force_low_pN"], fit["force_high_pN"]
-    inside = low * (high / low) ** fitted
+    inside = np.geomspace(fit["force_low_pN"], fit["force_high_pN"], 60)
     line = {"color": MODEL_COLOUR[model], "dash": MODEL_DASH[model]}
     common = {"type": "scatter", "mode": "lines", "legendgroup": model}
     hover = f"{words.MODEL[model]}: %{{x:.1f}} nm, %{{y:.3g}} pN<extra></extra>"
@@ -335,7 +209,7 @@ def _model_lines(
         common
         | {
             "name": name,
-            "x": arrays.add(extension_nm(chain, inside)),
+            "x": arrays.add(expected_extension_nm(chain, inside, assay)),
             "y": arrays.add(inside),
             "line": line | {"width": 2.2 if fit["recommended"] else 1.6},
             "hovertemplate": hover,
@@ -343,7 +217,7 @@ def _model_lines(
         common
         | {
             "showlegend": False,
-            "x": arrays.add(extension_nm(chain, grid)),
+            "x": arrays.add(expected_extension_nm(chain, grid, assay)),
             "y": arrays.add(grid),
             "line": line | {"width": 0.6},
             "hovertemplate": hover,
@@ -359,25 +233,6 @@ def valid_range(model: str) -> tuple[str, str]:
     return shown, valid.reason
 
 
-def _force_lines(row: dict[str, Any]) -> list[dict[str, Any]]:
-    lines: list[dict[str, Any]] = []
-    base = {"xref": "x3", "yref": "y3 domain", "y0": 0, "y1": 1}
-    low, high = row["force_low_pN"], row["force_high_pN"]
-    if words.is_number(low) and words.is_number(high):
-        lines.append(
-            base
-            | {"type": "rect", "x0": low, "x1": high, "fillcolor": PALE, "layer": "below"}
-            | {"line": {"width": 0}}
-        )
-    if words.is_number(row["force_pN"]):
-        lines.append(
-            base
-            | {"type": "line", "x0": row["force_pN"], "x1": row["force_pN"]}
-            | {"line": {"color": INK, "width": 1.5, "dash": "dash"}}
-        )
-    return lines
-
-
 def _errors(arrays: Arrays, values: Any, colour: str) -> dict[str, Any]:
     return {
         "type": "data",
@@ -386,11 +241,6 @@ def _errors(arrays: Arrays, values: Any, colour: str) -> dict[str, Any]:
         "thickness": 1.2,
         "width": 3,
     }
-
-
-def _note(text: str, **where: str) -> dict[str, Any]:
-    at = {"xref": "paper", "yref": "paper"} | where
-    return at | {"text": text, "x": 0.5, "y": 0.5, "showarrow": False, "font": {"color": GREY}}
 
 
 def _pale(colour: str) -> str:

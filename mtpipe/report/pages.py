@@ -19,13 +19,13 @@ from mtpipe.report import rows, words
 from mtpipe.report.figures_bead import (
     agreement_figure,
     force_extension_figure,
-    posterior_figure,
-    spectrum_figure,
     traces_figure,
     valid_range,
 )
 from mtpipe.report.figures_run import drift_figure, forces_figure
+from mtpipe.report.figures_trace import posterior_figure, spectrum_figure
 from mtpipe.report.folder import RunFolder, read_run_folder, records
+from mtpipe.report.notices import notice_groups
 from mtpipe.report.plotly_json import Arrays
 
 Progress = Callable[[int, int], None]
@@ -123,7 +123,7 @@ def _index_page(run: RunFolder, beads: list[rows.BeadRow]) -> dict[str, Any]:
     return {
         "counts": {v: sum(row.verdict == v for row in beads) for v in rows.VERDICTS},
         "all_forces": words.span(forces.min(), forces.max()) if len(forces) else words.EMPTY,
-        "groups": rows.notice_groups(run.notices),
+        "groups": notice_groups(run.notices),
         "setup": words.setup_in_words(run.setup),
         "source": run.run["setup"].get("source"),
         "drift_words": DRIFT_METHOD.get(method, method),
@@ -172,7 +172,7 @@ def _bead_page(run: RunFolder, row: rows.BeadRow) -> dict[str, Any]:
         ],
         "models": rows.model_rows(run, bead),
         "valid": {words.MODEL[name]: valid_range(name) for name in words.MODEL},
-        "groups": rows.notice_groups(run.notices_of(bead)),
+        "groups": notice_groups(run.notices_of(bead)),
         "charts": {
             "arrays": arrays.packed(),
             "figures": figures,

@@ -149,3 +149,9 @@ def band(
         "hoverinfo": "skip",
         **extra,
     }
+
+
+def note(text: str, **where: str) -> dict[str, Any]:
+    """Grey words in the middle of a figure or, with `xref` and `yref`, of a panel."""
+    at = {"xref": "paper", "yref": "paper"} | where
+    return at | {"text": text, "x": 0.5, "y": 0.5, "showarrow": False, "font": {"color": GREY}}

@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping, Sequence
+import math
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
-from mtpipe.notice import Notice
 from mtpipe.report import words
 from mtpipe.report.folder import RunFolder, records
 
@@ -83,21 +83,6 @@ class PlateauRows:
 
 
 @dataclass(frozen=True)
-class NoticeGroup:
-    """All notices of one code; `items` are (bead, place, message), `beads` those concerned."""
-
-    code: str
-    severity: str
-    items: tuple[tuple[str, str, str], ...]
-    beads: tuple[str, ...]
-
-    @property
-    def label(self) -> str:
-        """The code in words."""
-        return words.label(self.code)
-
-
-@dataclass(frozen=True)
 class ModelRow:
     """One model of the force–extension curve."""
 
@@ -159,26 +144,6 @@ def model_rows(folder: RunFolder, bead: str) -> list[ModelRow]:
         )
         for row in records(table)
     ]
-
-
-def notice_groups(notices: Iterable[Notice]) -> list[NoticeGroup]:
-    """Notices by code, the most severe first; a group is as severe as its worst notice."""
-    groups: dict[str, list[Notice]] = {}
-    for notice in notices:
-        groups.setdefault(notice.code, []).append(notice)
-    made = [
-        NoticeGroup(
-            code=code,
-            severity=min((n.severity for n in group), key=words.SEVERITY_ORDER.__getitem__),
-            items=tuple(
-                (n.bead or "", words.place(n.plateau, n.axis) if n.bead else "", n.message)
-                for n in group
-            ),
-            beads=tuple(sorted({n.bead for n in group if n.bead}, key=words.natural)),
-        )
-        for code, group in groups.items()
-    ]
-    return sorted(made, key=lambda group: (words.SEVERITY_ORDER[group.severity], group.code))
 
 
 def drift_rows(drift: Mapping[str, Any]) -> list[tuple[str, str, str, str]]:
@@ -280,16 +245,17 @@ def _estimate(
     row: Mapping[str, Any], quantity: str, unit: str, why_empty: str, factor: float = 1.0
 ) -> Cell:
     value, stderr, low, high = (
-        row[f"{quantity}{part}_{unit}"] * factor
-        if words.is_number(row[f"{quantity}{part}_{unit}"])
-        else None
-        for part in ("", "_stderr", "_low", "_high")
+        math.nan if cell is None else factor * cell
+        for cell in (row[f"{quantity}{part}_{unit}"] for part in ("", "_stderr", "_low", "_high"))
     )
-    if value is None:
-        remains = words.interval(low, high, "")
-        return Cell(words.EMPTY, f"{why_empty}; {remains}" if remains else why_empty)
-    shown = words.with_arms(value, stderr, low, high)
-    return Cell(shown, words.interval(low, high, _SYMBOL.get(unit, unit)), value)
+    symbol = _SYMBOL.get(unit, unit)
+    if words.is_number(value):
+        shown = words.with_arms(value, stderr, low, high)
+        return Cell(shown, words.interval(low, high, symbol), value)
+    if words.is_number(low) and high == math.inf:
+        return Cell(f"> {words.number(low)}", f"{why_empty}; lower limit at 68 %")
+    remains = words.interval(low, high, symbol)
+    return Cell(words.EMPTY, f"{why_empty}; {remains}" if remains else why_empty)
 
 
 def _times(start_s: Any, duration_s: Any) -> str:

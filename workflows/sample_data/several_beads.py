@@ -2,7 +2,7 @@
 
 Six beads over one staircase of forces: three on single tethers, one on two tethers, one stuck to
 the surface, one that nothing holds; two reference beads, of which one slips and is loose after.
-The stage drifts and shakes; the camera and the tracker lose frames; one bead is mistracked at times.
+The stage drifts and shakes, frames are lost, and one bead is mistracked at times.
 """
 
 from __future__ import annotations
@@ -139,9 +139,7 @@ def _slipping(frames: int, random: np.random.Generator) -> FloatArray:
     return motion
 
 
-def _spoil(
-    seen: dict[str, FloatArray], truth: dict[str, Any], worst: slice, frames: int
-) -> None:
+def _spoil(seen: dict[str, FloatArray], truth: dict[str, Any], worst: slice, frames: int) -> None:
     """Mistracked frames of b2, lost frames of all beads and many of b3 during one plateau."""
     random = _random(9)
     where = bursts(25, 4, frames, random)

@@ -16,7 +16,7 @@ import pytest
 from mtpipe.errors import FitError
 from mtpipe.extension import mean_with_stderr
 from mtpipe.fit.tether import Assay, ExtensionPoints, expected_extension_nm, fit_tether
-from mtpipe.force_extension import force_extension
+from mtpipe.extension_curve import fit_curve
 from mtpipe.physics.buffer import thermal_energy_pN_nm
 from mtpipe.physics.tether import VALIDITY, Chain, force_pN
 
@@ -127,14 +127,14 @@ def test_errors_of_forces_count_as_much_as_they_matter():
     ],
 )
 def test_the_data_choose_the_model(chain, force, model):
-    curve = force_extension("b1", measure(chain, force, error=0.01), ASSAY)
+    curve = fit_curve("b1", measure(chain, force, error=0.01), ASSAY)
     assert curve.recommended.model == model
     assert curve.recommended in curve.fits
 
 
 def test_stretching_is_not_made_up():
     chosen = [
-        force_extension(
+        fit_curve(
             "b1",
             measure(BOUCHIAT, np.geomspace(0.2, 9.5, 8), rng=np.random.default_rng(seed)),
             ASSAY,
@@ -155,7 +155,7 @@ def test_an_undetermined_modulus_has_a_lower_limit_only():
 
 def test_every_chain_keeps_to_its_forces():
     force = np.geomspace(0.02, 60, 25)
-    curve = force_extension("b1", measure(EXTENSIBLE, force), ASSAY)
+    curve = fit_curve("b1", measure(EXTENSIBLE, force), ASSAY)
     assert {fit.model for fit in curve.fits} == set(VALIDITY)
     for fit in curve.fits:
         low, high = VALIDITY[fit.model].force_range_pN
@@ -189,12 +189,12 @@ def test_where_the_surface_spoils_the_force(contour_nm, reduced_force, excess):
 
 def test_the_surface_reaches_higher_for_a_short_tether():
     chain = Chain(300.0, 50.0, 298.0)
-    curve = force_extension("b1", measure(chain, np.geomspace(0.02, 9, 15), error_nm=0.1), ASSAY)
+    curve = fit_curve("b1", measure(chain, np.geomspace(0.02, 9, 15), error_nm=0.1), ASSAY)
     assert curve.surface_force_pN == pytest.approx(0.144, abs=0.01)
 
 
 def test_the_other_relation_is_reported():
-    curve = force_extension("b1", measure(BOUCHIAT, np.geomspace(0.2, 9, 8)), ASSAY)
+    curve = fit_curve("b1", measure(BOUCHIAT, np.geomspace(0.2, 9, 8)), ASSAY)
     other = curve.other_relation
     assert other.relation == "long-chain"
     assert 0.02 < 1 - other.persistence_length_nm.value / 50 < 0.08
@@ -204,14 +204,14 @@ def test_the_other_relation_is_reported():
 def test_a_bad_fit_is_called_one():
     points = measure(BOUCHIAT, np.geomspace(0.2, 9, 8))
     bent = replace(points, extension_nm=points.extension_nm + 60 * np.cos(np.arange(8) * 2.0))
-    curve = force_extension("b1", bent, ASSAY)
+    curve = fit_curve("b1", bent, ASSAY)
     assert "tether_fit_poor" in [notice.code for notice in curve.notices]
 
 
 def test_an_unknown_zero_of_z_is_seen_to_be_correlated():
     assay = Assay(298.0, offset_unknown=True)
     points = measure(BOUCHIAT, np.geomspace(0.2, 9, 8), assay, offset_nm=50.0)
-    curve = force_extension("b1", points, assay)
+    curve = fit_curve("b1", points, assay)
     assert "tether_correlated" in [notice.code for notice in curve.notices]
     assert any("offset of z" in notice.message for notice in curve.notices)
 
@@ -221,7 +221,7 @@ def test_an_unknown_zero_of_z_is_seen_to_be_correlated():
     [np.array([]), np.array([1.0]), np.array([0.5, 5.0]), np.full(6, 2.0), np.geomspace(50, 60, 6)],
 )
 def test_too_little_is_no_number(force):
-    curve = force_extension("b1", measure(BOUCHIAT, force), ASSAY)
+    curve = fit_curve("b1", measure(BOUCHIAT, force), ASSAY)
     assert curve.recommended is None
     assert [notice.code for notice in curve.notices] == ["tether_not_identified"]
     assert not any(fit.identified for fit in curve.fits)
@@ -232,7 +232,7 @@ def test_unusable_points_are_left_out():
     for column, bad in [("force_pN", np.nan), ("extension_nm", -30.0), ("force_stderr_pN", 0.0)]:
         values = getattr(points, column).copy()
         values[2] = bad
-        curve = force_extension("b1", replace(points, **{column: values}), ASSAY)
+        curve = fit_curve("b1", replace(points, **{column: values}), ASSAY)
         assert curve.recommended.points == 7
         assert curve.recommended.persistence_length_nm.value == pytest.approx(50, rel=1e-3)
 
@@ -266,7 +266,7 @@ def test_tethers_of_an_independent_simulator(case):
     force = np.array([p["force_pN"] for p in truth["plateaus"]])
     points = ExtensionPoints(np.arange(len(force)), force, 0.005 * force, extension, stderr)
     assay = Assay(world["temperature_K"], bead_turns=world["rotation"])
-    curve = force_extension("b1", points, assay)
+    curve = fit_curve("b1", points, assay)
     assert curve.recommended.model == "marko-siggia"
     assert curve.recommended.contour_length_nm.value == pytest.approx(world["contour_nm"], rel=1e-3)
     assert curve.recommended.persistence_length_nm.value == pytest.approx(50, rel=0.015)

@@ -15,7 +15,7 @@ recommended and the notices say why.
 
 Near the surface the relation between fluctuations and force fails, and kT <z>/<x²> is too high. In
 units of kT/sigma, sigma² = 2 Lp L0/3 being the variance of a free chain's end per axis, that is by
-11 % at a force of 1.5, 1 % at 2.5 and 0.1 % at 3.5 for contours from 1200 nm, 1 % at 3.5 for 300 nm.
+11 % at a force of 1.5, 1 % at 2.5 and 0.1 % at 3.5 for contours from 1200 nm (1 % for 300 nm).
 Points below 3.5 kT/sigma are left out: 0.05 pN for a contour of 2700 nm, 0.14 pN for 300 nm.
 """
 
@@ -72,7 +72,7 @@ class ForceExtension:
     notices: tuple[Notice, ...]
 
 
-def force_extension(bead: str, points: ExtensionPoints, assay: Assay) -> ForceExtension:
+def fit_curve(bead: str, points: ExtensionPoints, assay: Assay) -> ForceExtension:
     """Fit every chain to a bead's points and choose one.
 
     Parameters
