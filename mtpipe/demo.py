@@ -1,15 +1,40 @@
-"""The demo: the whole pipeline on the bundled recordings, beside the forces that made them."""
+"""The demo: the whole pipeline on the bundled recordings, beside the truth that made them.
+
+Every folder of `sample_data/` holds a setup.toml, a recording (`recording.*`, or files that the
+setup's `[source]` names) and truth.json: per tethered bead what it is in words (`what`), and where
+a tether holds it `force_pN`, one true force per plateau, beside other true values per plateau.
+"""
 
 from __future__ import annotations
 
 import json
 import math
-from collections.abc import Callable
+from collections.abc import Iterator
+from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import mtpipe
+from mtpipe.bead_calibration import BeadResult
 from mtpipe.errors import MtpipeError
 from mtpipe.pipeline import Progress, Run, run
+
+
+@dataclass(frozen=True)
+class BeadScore:
+    """One bead's forces beside the true ones.
+
+    `true_pN` has one force per plateau (empty where no tether holds the bead), `relative_errors`
+    one per lateral axis and plateau that gave a force, and `inside` counts the true forces within
+    the stated 68 % intervals.
+    """
+
+    bead: str
+    what: str
+    verdict: str
+    true_pN: tuple[float, ...]
+    relative_errors: tuple[float, ...]
+    inside: int
 
 
 def sample_data() -> Path:
@@ -28,6 +53,11 @@ def sample_data() -> Path:
     )
 
 
+def recording_in(folder: Path) -> Path:
+    """What `mtpipe run` is called with for a bundled recording: its file, or its setup."""
+    return next(iter(sorted(folder.glob("recording.*"))), folder / "setup.toml")
+
+
 def run_demo(out: Path, *, workers: int | None = None, progress: Progress | None = None) -> str:
     """Run every bundled recording and compare its forces with the true ones.
 
@@ -36,51 +66,69 @@ def run_demo(out: Path, *, workers: int | None = None, progress: Progress | None
     Text: a table of true and measured forces, and where the reports are.
     """
     folders = sorted(setup.parent for setup in sample_data().glob("*/setup.toml"))
-    lines = ["recording        bead  plateaus  true force (pN)   error of x (median)   in 68 %"]
+    lines = [_HEADINGS]
     reports = []
+    inside = forces = 0
     for number, folder in enumerate(folders):
+        label = f"{folder.name} ({number + 1}/{len(folders)})"
         result = run(
-            folder / "setup.toml" if _names_its_files(folder) else _recording_in(folder),
+            recording_in(folder),
             out / folder.name,
             workers=workers,
-            progress=_labelled(progress, f"{folder.name} ({number + 1}/{len(folders)})"),
+            progress=_labelled(progress, label),
         )
-        lines += _compared(folder.name, result, json.loads((folder / "truth.json").read_text()))
+        truth = json.loads((folder / "truth.json").read_text(encoding="utf-8"))
+        for score in scores(result, truth):
+            lines.append(_line(folder.name, score))
+            inside += score.inside
+            forces += len(score.relative_errors)
         reports.append(f"  {out / folder.name / 'report' / 'index.html'}")
-    return "\n".join([*lines, "", "Reports:", *reports])
+    share = f"{inside} of {forces} true forces lie within the 68 % intervals of the measured ones."
+    return "\n".join([*lines, "", share, "Reports:", *reports])
 
 
-def _names_its_files(folder: Path) -> bool:
-    return not list(folder.glob("recording.*"))
+def scores(result: Run, truth: dict[str, Any]) -> Iterator[BeadScore]:
+    """Compare the lateral forces of every calibrated bead with the content of truth.json."""
+    verdicts = {verdict.bead: verdict.verdict for verdict in result.verdicts}
+    for bead in result.calibration.beads:
+        true = tuple(truth[bead.bead].get("force_pN", ()))
+        errors, inside = _errors(bead, true) if true else ([], 0)
+        what = truth[bead.bead]["what"]
+        yield BeadScore(bead.bead, what, verdicts[bead.bead], true, tuple(errors), inside)
 
 
-def _recording_in(folder: Path) -> Path:
-    return sorted(folder.glob("recording.*"))[0]
+def _errors(bead: BeadResult, true_pN: tuple[float, ...]) -> tuple[list[float], int]:
+    errors, inside = [], 0
+    for plateau, true in zip(bead.plateaus, true_pN, strict=True):
+        for force in (one.force for one in plateau.axes):
+            if force is None or not math.isfinite(force.value):
+                continue
+            errors.append(force.value / true - 1)
+            inside += force.interval[0] <= true <= force.interval[1]
+    return errors, inside
+
+
+_HEADINGS = (
+    f"{'recording':20s}{'bead':6s}{'verdict':9s}{'true force (pN)':17s}{'median error':14s}"
+    f"{'in 68 %':11s}what it is"
+)
+
+
+def _line(recording: str, score: BeadScore) -> str:
+    force = error = within = "-"
+    if score.true_pN:
+        force = f"{min(score.true_pN):.2f} to {max(score.true_pN):.2f}"
+    if score.relative_errors:
+        sizes = sorted(abs(e) for e in score.relative_errors)
+        error = f"{sizes[len(sizes) // 2]:.1%}"
+        within = f"{score.inside} of {len(sizes)}"
+    return (
+        f"{recording:20s}{score.bead:6s}{score.verdict:9s}{force:17s}{error:14s}{within:11s}"
+        f"{score.what}"
+    )
 
 
 def _labelled(progress: Progress | None, label: str) -> Progress | None:
     if progress is None:
         return None
-    inner: Callable[[str, int, int], None] = progress
-    return lambda step, done, total: inner(f"{label}: {step}", done, total)
-
-
-def _compared(name: str, result: Run, truth: dict[str, dict[str, list[float]]]) -> list[str]:
-    """A line per bead; `truth` is bead → {"force_pN": one per plateau}."""
-    along = ("x", "y", "z")[result.calibration.conditions.along]
-    lines = []
-    for bead in result.calibration.beads:
-        true = truth[bead.bead]["force_pN"]
-        errors, inside = [], 0
-        for plateau, force in zip(bead.plateaus, true, strict=True):
-            one = next(one.force for one in plateau.axes if one.axis == along)
-            if one is None or not math.isfinite(one.value):
-                continue
-            errors.append(abs(one.value / force - 1))
-            inside += one.interval[0] <= force <= one.interval[1]
-        middle = f"{sorted(errors)[len(errors) // 2]:.1%}" if errors else "-"
-        lines.append(
-            f"{name:15s}  {bead.bead:4s}  {len(errors)} of {len(true):2d}   "
-            f"{min(true):6.2f} to {max(true):5.2f}   {middle:>19s}   {inside} of {len(errors)}"
-        )
-    return lines
+    return lambda step, done, total: progress(f"{label}: {step}", done, total)

@@ -1,8 +1,10 @@
 """Estimating an exposure that the laboratory does not know, from the traces themselves.
 
 On one trace a shorter exposure and white tracking noise predict exactly the same data (PHYSICS
-3.A). The estimate therefore takes the beads' tracking noise to be that of the reference beads (none
-if there is no reference) and says so: where that is wrong, the exposure is too.
+3.A). Only a bead that shows its tracking noise without moving splits the two, so the estimate needs
+a reference bead and takes the tethered beads' noise to be the reference's. Without one a whole
+frame is assumed: fitted noise then stands in for a shorter exposure, which below half the Nyquist
+frequency moves forces by a few percent at most.
 """
 
 from __future__ import annotations
@@ -39,13 +41,18 @@ def estimate_exposure(
     """
     frame_s = 1 / conditions.frame_rate_hz
     noise = _reference_noise(recording)
-    models = _informative(beads, conditions, noise)
-    if not models:
+    models = [] if noise is None else _informative(beads, conditions, noise)
+    if noise is None or not models:
+        reason = (
+            "without a reference bead it cannot be told from tracking noise"
+            if noise is None
+            else "no trace moves fast enough to tell it"
+        )
         return frame_s, Notice(
             "exposure_assumed",
-            "warning",
-            "The exposure is unknown and no trace moves fast enough to tell it; a whole frame "
-            f"({frame_s * 1e3:.3g} ms) was assumed.",
+            "caution",
+            f"The exposure is unknown, and {reason}; a whole frame ({frame_s * 1e3:.3g} ms) was "
+            "assumed. Read the camera's register: forces near the Nyquist frequency depend on it.",
         )
     deviance = np.array(
         [
@@ -69,12 +76,13 @@ def estimate_exposure(
     )
 
 
-def _reference_noise(recording: Recording) -> tuple[float, float]:
+def _reference_noise(recording: Recording) -> tuple[float, float] | None:
+    """White noise of the reference beads in x and y; None where there is no good reference."""
     used = [r for r in recording.drift.references if r.used] if recording.drift else []
     if not used:
-        return 0.0, 0.0
+        return None
     x, y = (float(np.median([r.noise_nm[axis] for r in used])) for axis in (0, 1))
-    return (x if math.isfinite(x) else 0.0), (y if math.isfinite(y) else 0.0)
+    return (x, y) if math.isfinite(x) and math.isfinite(y) else None
 
 
 def _informative(

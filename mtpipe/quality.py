@@ -13,7 +13,8 @@ from typing import Literal
 import numpy as np
 from scipy import stats
 
-from mtpipe.calibration import AxisResult, BeadResult, Calibration, PlateauResult
+from mtpipe.bead_calibration import AxisResult, BeadResult, PlateauResult
+from mtpipe.calibration import Calibration
 from mtpipe.conditions import Conditions
 from mtpipe.estimate import Estimate
 from mtpipe.extension_curve import ForceExtension
@@ -215,9 +216,12 @@ def bead_verdict(
     lateral = [one for plateau in bead.plateaus for one in plateau.axes if one.axis != "z"]
     usable = [
         one for one in lateral
-        if one.posterior is not None and one.posterior.stiffness.status == "ok"
+        if one.estimates is not None and one.estimates.stiffness.status == "ok"
     ]  # fmt: skip
     if not usable:
+        if not lateral:
+            alone = "x and y were not recorded, and the force comes from the lateral motion"
+            return BeadVerdict(bead.bead, "refused", (alone,))
         sentences = sorted({one.refusal for one in lateral if one.refusal})
         fallback = "stiffness is not identified in any plateau"
         return BeadVerdict(bead.bead, "refused", tuple(sentences[:3]) or (fallback,))

@@ -12,7 +12,8 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
-from mtpipe.calibration import AxisResult, BeadResult, Calibration, PlateauResult
+from mtpipe.bead_calibration import AxisResult, BeadResult, PlateauResult
+from mtpipe.calibration import Calibration
 from mtpipe.estimate import Estimate
 from mtpipe.extension_curve import ForceExtension
 from mtpipe.fit.tether import TetherFit

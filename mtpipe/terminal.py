@@ -17,6 +17,9 @@ if TYPE_CHECKING:
     from mtpipe.pipeline import Run
 
 
+NAMES_SHOWN = 4
+
+
 @contextmanager
 def progress_bar() -> Iterator[Callback]:
     """A callback that draws a bar on standard error where that is a terminal, else is silent."""
@@ -64,13 +67,21 @@ def summary(run: Run, out: Path) -> None:
             _with_error(row["persistence_length_nm"], row["persistence_length_stderr_nm"]),
         )
     console.print(table)
+    grouped: dict[str, list[str]] = {}
     for verdict in run.verdicts:
         for reason in verdict.reasons:
-            console.print(f"{verdict.bead}: {reason}", soft_wrap=True)
-    general = [n for n in run.notices if n.bead is None and n.severity != "info"]
-    for notice in general:
-        console.print(notice.message, soft_wrap=True)
-    console.print(f"Report: {out / 'report' / 'index.html'}", soft_wrap=True)
+            grouped.setdefault(reason, []).append(verdict.bead)
+    general = [n.message for n in run.notices if n.bead is None and n.severity != "info"]
+    for line in [f"{_names(beads)}: {reason}" for reason, beads in grouped.items()] + general:
+        console.print(line, soft_wrap=True, markup=False)
+    console.print(f"Report: {out / 'report' / 'index.html'}", soft_wrap=True, markup=False)
+
+
+def _names(beads: list[str]) -> str:
+    """A few names in full, many by their number."""
+    if len(beads) <= NAMES_SHOWN:
+        return ", ".join(beads)
+    return f"{', '.join(beads[:NAMES_SHOWN])} and {len(beads) - NAMES_SHOWN} more"
 
 
 def _range(low: float, high: float) -> str:

@@ -6,7 +6,8 @@ import math
 
 import numpy as np
 
-from mtpipe.calibration import BeadResult, Calibration, PlateauResult, calibrate
+from mtpipe.bead_calibration import BeadResult, PlateauResult
+from mtpipe.calibration import Calibration, calibrate
 from mtpipe.estimate import Estimate
 from mtpipe.extension_curve import ForceExtension, fit_curve
 from mtpipe.fit.tether import Assay, ExtensionPoints

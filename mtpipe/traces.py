@@ -21,9 +21,16 @@ class Trace:
     mistracked: int
 
     @property
+    def recorded(self) -> tuple[bool, bool, bool]:
+        """Per axis, whether there is any position at all."""
+        seen = np.isfinite(self.position_nm)
+        return (bool(seen[:, 0].any()), bool(seen[:, 1].any()), bool(seen[:, 2].any()))
+
+    @property
     def lost(self) -> int:
-        """Frames without a position on at least one lateral axis."""
-        return int(np.sum(~np.all(np.isfinite(self.position_nm[:, :2]), axis=1)))
+        """Frames without a position on at least one of the axes recorded."""
+        seen = np.isfinite(self.position_nm[:, list(self.recorded)])
+        return int(np.sum(~seen.all(axis=1)))
 
 
 def traces_of(recording: Recording, bead: str) -> list[Trace]:

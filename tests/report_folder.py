@@ -143,9 +143,8 @@ def bead_row(bead: str, forces: pd.DataFrame, plateaus: int) -> dict[str, Any]:
     mine = forces.loc[forces["bead"] == bead, "force_pN"]
     verdict = {NO_Z: "caution", REFUSED: "refused"}.get(bead, "good")
     reasons = {
-        NO_Z: "z was not recorded, so there is no extension and no force. | "
-        "Stiffness and friction are determined.",
-        REFUSED: "All traces refused: the bead is stuck to the surface.",
+        NO_Z: "z was not recorded, so there is no force | stiffness and friction are determined",
+        REFUSED: "all traces refused: the bead is stuck to the surface",
     }
     row: dict[str, Any] = {
         "bead": bead,

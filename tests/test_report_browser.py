@@ -128,11 +128,17 @@ def test_plateau_and_axis_are_chosen(opened: Open) -> None:
 
 def test_printing_gives_charts_the_width_of_the_paper(opened: Open) -> None:
     page = opened(GOOD)
-    sizes = """() => [...document.querySelectorAll(".js-plotly-plot .main-svg")]
-        .map(svg => svg.getBoundingClientRect().width)"""
+    # a window of another width first: plotly then forgets the height it was given
+    page.set_viewport_size({"width": 1000, "height": 800})
+    page.wait_for_function("document.querySelector('[data-figure=traces]')._fullLayout.width < 990")
+    sizes = """() => [...document.querySelectorAll(".js-plotly-plot")]
+        .map(place => place.querySelector(".main-svg").getBoundingClientRect())
+        .map(svg => [Math.round(svg.width), Math.round(svg.height)])"""
     before = page.evaluate(sizes)
     page.evaluate("window.dispatchEvent(new Event('beforeprint'))")
-    assert max(page.evaluate(sizes)) <= 690
+    printed = page.evaluate(sizes)
+    assert all(width == 680 for width, _ in printed)
+    assert [h for _, h in printed] == [round(0.8 * height) for _, height in before]
     assert page.locator("details:not([open])").count() == 0
     page.evaluate("window.dispatchEvent(new Event('afterprint'))")
     assert page.evaluate(sizes) == before

@@ -158,4 +158,4 @@ class TraceModel:
                 best = float(loss[i])
                 noise = known if known is not None else white_share * scale[i]
                 chosen = np.array([np.log(stiffness[i]), np.log(friction[i]), noise])
-        return chosen
+        return np.asarray(chosen)

@@ -29,6 +29,7 @@ BLOCKS = 4
 HIGHEST_POWER = 2.0
 WORTH_A_POWER = 2e-3  # nats per value by which m > 0 must be better
 OUTLIERS = 1e-3
+MISTRACKED = 10.0  # in medians of the steps
 STARTS = ((-1.0, 0.0), (-0.3, -3.0), (-0.05, -15.0))  # edge and slope, in units of the width
 
 
@@ -61,8 +62,11 @@ def largest_noise_nm(z_nm: FloatArray) -> float:
     """Bound on white noise from the covariance of successive steps, -cov = noise^2.
 
     Diffusion leaves the covariance as it is, and the blur of a frame only lowers the bound.
+    Steps far beyond the usual are mistracking.
     """
     step = np.diff(z_nm)
+    farthest = MISTRACKED * float(np.median(np.abs(step)))
+    step = np.where(np.abs(step) > farthest, 0.0, step)
     return math.sqrt(max(0.0, -float(np.mean(step[1:] * step[:-1]))))
 
 

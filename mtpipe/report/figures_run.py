@@ -71,15 +71,12 @@ def forces_figure(arrays: Arrays, folder: RunFolder, beads: list[str]) -> Figure
         "data": data,
         "layout": layout(
             380,
-            xaxis=axis(title, domain=[0, 0.48], **ends),
-            xaxis2=axis(title, domain=[0.52, 1], anchor="y2", matches="x", **ends),
-            yaxis=log_axis("force / pN", seen),
-            yaxis2=log_axis("", seen, anchor="x2", matches="y", showticklabels=False),
-            annotations=[
-                {"text": f"from {name}", "xref": f"{panel} domain", "yref": "paper", "x": 1}
-                | {"y": 1, "xanchor": "right", "yanchor": "bottom", "showarrow": False}
-                for name, panel in (("x", "x"), ("y", "x2"))
-            ],
+            xaxis=axis(title, domain=[0, 0.47], **ends),
+            xaxis2=axis(title, domain=[0.53, 1], anchor="y2", matches="x", **ends),
+            yaxis=log_axis("force from x / pN", seen),
+            yaxis2=log_axis(
+                "force from y / pN", seen, anchor="x2", matches="y", showticklabels=False
+            ),
         ),
     }
 

@@ -88,7 +88,7 @@ def spectrum_figure(arrays: Arrays, table: pd.DataFrame, axis_name: str) -> Figu
             460,
             xaxis=log_axis("frequency / Hz", f, anchor="y2"),
             yaxis=log_axis("power density / (nm²/Hz)", power, domain=[0.36, 1]),
-            yaxis2=log_axis("data / model", ratio, domain=[0, 0.28]),
+            yaxis2=log_axis("data / model", ratio, dense=20, domain=[0, 0.28]),
             shapes=[one | {"line": {"color": INK, "width": 1}}],
             annotations=[] if np.isfinite(model).any() else [note("no model: trace refused")],
         ),

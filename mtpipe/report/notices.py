@@ -1,8 +1,8 @@
-"""Notices as the report lists them: grouped by code, the most severe first."""
+"""Notices as the report lists them: grouped by what they say, the most severe first."""
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Collection, Iterable
 from dataclasses import dataclass
 
 from mtpipe.notice import Notice
@@ -11,10 +11,19 @@ from mtpipe.report import words
 
 @dataclass(frozen=True)
 class NoticeGroup:
-    """All notices of one code; `items` are (bead, place, message), `beads` those concerned."""
+    """Notices of one code, either on the recording as a whole or on single tethered beads.
+
+    Attributes
+    ----------
+    severity : that of the worst of them.
+    general : on the recording as a whole, or on a reference bead, which concerns every bead.
+    items : (bead, place, message) of each.
+    beads : the beads concerned.
+    """
 
     code: str
     severity: str
+    general: bool
     items: tuple[tuple[str, str, str], ...]
     beads: tuple[str, ...]
 
@@ -24,21 +33,19 @@ class NoticeGroup:
         return words.label(self.code)
 
 
-def notice_groups(notices: Iterable[Notice]) -> list[NoticeGroup]:
-    """Notices by code, the most severe first; a group is as severe as its worst notice."""
-    groups: dict[str, list[Notice]] = {}
+def notice_groups(notices: Iterable[Notice], tethered: Collection[str]) -> list[NoticeGroup]:
+    """Notices by code, the most severe first."""
+    groups: dict[tuple[str, bool], list[Notice]] = {}
     for notice in notices:
-        groups.setdefault(notice.code, []).append(notice)
+        groups.setdefault((notice.code, notice.bead not in tethered), []).append(notice)
     made = [
         NoticeGroup(
             code=code,
             severity=min((n.severity for n in group), key=words.SEVERITY_ORDER.__getitem__),
-            items=tuple(
-                (n.bead or "", words.place(n.plateau, n.axis) if n.bead else "", n.message)
-                for n in group
-            ),
+            general=general,
+            items=tuple((n.bead or "", words.place(n.plateau, n.axis), n.message) for n in group),
             beads=tuple(sorted({n.bead for n in group if n.bead}, key=words.natural)),
         )
-        for code, group in groups.items()
+        for (code, general), group in groups.items()
     ]
     return sorted(made, key=lambda group: (words.SEVERITY_ORDER[group.severity], group.code))

@@ -115,15 +115,20 @@ def _environment() -> Environment:
 def _index_page(run: RunFolder, beads: list[rows.BeadRow]) -> dict[str, Any]:
     arrays = Arrays()
     figures: dict[str, Any] = {"forces": forces_figure(arrays, run, [row.bead for row in beads])}
+    if not figures["forces"]["data"]:
+        figures = {}
     if len(run.drift):
         figures["drift"] = drift_figure(arrays, run)
     drift: Mapping[str, Any] = run.run["drift"] or {"method": "none"}
     method = str(drift["method"])
-    forces = run.forces["force_pN"].dropna()
+    best = next((v for v in rows.VERDICTS if any(row.verdict == v for row in beads)), "")
+    chosen = [row.bead for row in beads if row.verdict == best]
+    forces = run.forces.loc[run.forces["bead"].isin(chosen), "force_pN"].dropna()
     return {
         "counts": {v: sum(row.verdict == v for row in beads) for v in rows.VERDICTS},
-        "all_forces": words.span(forces.min(), forces.max()) if len(forces) else words.EMPTY,
-        "groups": notice_groups(run.notices),
+        "best": best,
+        "best_forces": words.span(forces.min(), forces.max()) if len(forces) else "",
+        "groups": notice_groups(run.notices, set(run.beads["bead"])),
         "setup": words.setup_in_words(run.setup),
         "source": run.run["setup"].get("source"),
         "drift_words": DRIFT_METHOD.get(method, method),
@@ -172,7 +177,7 @@ def _bead_page(run: RunFolder, row: rows.BeadRow) -> dict[str, Any]:
         ],
         "models": rows.model_rows(run, bead),
         "valid": {words.MODEL[name]: valid_range(name) for name in words.MODEL},
-        "groups": notice_groups(run.notices_of(bead)),
+        "groups": notice_groups(run.notices_of(bead), {bead}),
         "charts": {
             "arrays": arrays.packed(),
             "figures": figures,

@@ -66,19 +66,20 @@ def axis(title: str = "", **extra: Any) -> dict[str, Any]:
         "tickcolor": GREY,
         "zeroline": False,
         "automargin": True,
+        "exponentformat": "none",
         **extra,
     }
     return made
 
 
-def log_axis(title: str, values: ArrayLike, **extra: Any) -> dict[str, Any]:
-    """A logarithmic axis with labels at the decades, over few decades at 2 and 5 as well.
+def log_axis(title: str, values: ArrayLike, *, dense: float = 200, **extra: Any) -> dict[str, Any]:
+    """A logarithmic axis with labels at the decades, at 2 and 5 as well up to a ratio of `dense`.
 
     The labels are set here because plotly's own are "2" and "5" whatever the decade.
     """
     seen = positive(values)
     low, high = (seen.min(), seen.max()) if len(seen) else (0.1, 10.0)
-    steps = (1, 2, 5) if high / low < 200 else (1,)
+    steps = (1, 2, 5) if high / low < dense else (1,)
     decades = range(math.floor(math.log10(low)) - 2, math.ceil(math.log10(high)) + 3)
     ticks = {
         "tickvals": [step * 10.0**decade for decade in decades for step in steps],

@@ -79,6 +79,7 @@ class PlateauRows:
     plateau: int
     magnet: Cell
     times: str
+    lost: str
     axes: tuple[ForceRow, ...]
 
 
@@ -113,6 +114,7 @@ def plateau_rows(folder: RunFolder, bead: str) -> list[PlateauRows]:
             plateau=plateau,
             magnet=_plain(rows[0]["magnet_mm"], "the recording has no magnet position"),
             times=_times(rows[0]["start_s"], rows[0]["duration_s"]),
+            lost=_lost(rows),
             axes=tuple(_force_row(row) for row in rows),
         )
         for plateau, rows in groups.items()
@@ -183,7 +185,7 @@ def _bead_row(row: Mapping[str, Any]) -> BeadRow:
     return BeadRow(
         bead=row["bead"],
         verdict=row["verdict"],
-        reasons=tuple(r.strip() for r in words.text(row["reasons"]).split("|") if r.strip()),
+        reasons=tuple(r.strip(" .") for r in words.text(row["reasons"]).split("|") if r.strip()),
         plateaus=f"{int(row['plateaus_used'])} of {int(row['plateaus'])}",
         forces=Cell(
             words.span(low, high),
@@ -209,15 +211,16 @@ def _force_row(row: Mapping[str, Any]) -> ForceRow:
         "not_identified": "the data do not determine it",
         "not_converged": "the fit did not converge",
     }.get(status, "not determined")
-    remarks = [] if status in ("ok", "refused") else [words.STATUS.get(status, words.label(status))]
-    if words.is_number(row["posterior_rhat"]) and not row["posterior_converged"]:
+    codes = words.flags(row["flags"])
+    remarks = []
+    if status not in ("ok", "refused", *codes):
+        remarks.append(words.STATUS.get(status, words.label(status)))
+    sampled = words.is_number(row["posterior_rhat"])
+    if sampled and not row["posterior_converged"] and "not_converged" not in codes:
         remarks.append("posterior not converged")
     if status != "refused" and axis != "z" and not words.is_number(row["force_pN"]):
         why_no_force = why if words.is_number(row["extension_nm"]) else "there is no extension"
         remarks.append(f"no force: {why_no_force}")
-    frames, lost = row["frames"], row["lost_frames"]
-    if words.is_number(lost) and lost > 0 and "lost_frames" not in words.flags(row["flags"]):
-        remarks.append(f"{words.number(100 * lost / frames, 2)} % of frames lost")
     return ForceRow(
         key=f"{int(row['plateau'])}/{axis}",
         axis=axis,
@@ -236,7 +239,7 @@ def _force_row(row: Mapping[str, Any]) -> ForceRow:
             _quality(row["fit_deviance"], row["fit_dof"], row["fit_p_value"], "deviance"),
         ),
         status=status,
-        flags=tuple(words.flags(row["flags"])),
+        flags=tuple(code for code in codes if code != "refused"),
         remarks=tuple(filter(None, (words.text(row["refusal"]).rstrip("."), *remarks))),
     )
 
@@ -262,6 +265,12 @@ def _times(start_s: Any, duration_s: Any) -> str:
     if not (words.is_number(start_s) and words.is_number(duration_s)):
         return words.EMPTY
     return f"{start_s:.0f} – {start_s + duration_s:.0f}"
+
+
+def _lost(axes: Sequence[Mapping[str, Any]]) -> str:
+    """Share of the frames lost in the axis that lost most; empty where none lost any."""
+    share = max(row["lost_frames"] / row["frames"] if row["frames"] else 0.0 for row in axes)
+    return f"{words.number(100 * share, 2)} % lost" if share > 0 else ""
 
 
 def _plain(value: Any, why_empty: str) -> Cell:

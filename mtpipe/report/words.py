@@ -153,9 +153,9 @@ def setup_in_words(setup: Setup) -> list[tuple[str, str]]:
 
 
 def place(plateau: int | None, axis: str | None) -> str:
-    """Where in a bead a notice applies."""
+    """Where in a bead a notice applies; empty for all of it."""
     parts = ([] if plateau is None else [f"plateau {plateau}"]) + ([] if axis is None else [axis])
-    return ", ".join(parts) or "whole trace"
+    return ", ".join(parts)
 
 
 def natural(name: str) -> list[tuple[int, int, str]]:

@@ -26,7 +26,7 @@ from several_beads import truth_of
 
 from mtpipe.physics.camera import Camera, FloatArray
 
-SEED = 20261122
+SEED = 2027
 CAMERA = Camera(frame_s=1 / 150, exposure_s=1 / 150)
 FLUID = Fluid(temperature_K=297.65, viscosity_mPa_s=0.900)
 RADIUS_NM, RADIUS_STDERR_NM, CONTOUR_NM = 1400.0, 20.0, 1700.0

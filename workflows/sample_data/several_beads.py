@@ -25,7 +25,7 @@ from instrument import (
 from mtpipe.physics.camera import Camera, FloatArray
 from mtpipe.physics.langevin import simulate_mode
 
-SEED = 20261121
+SEED = 2026
 CAMERA = Camera(frame_s=1 / 120, exposure_s=0.007)
 FLUID = Fluid(temperature_K=296.15, viscosity_mPa_s=0.932)
 RADIUS_NM, RADIUS_STDERR_NM, CONTOUR_NM = 1400.0, 20.0, 2700.0

@@ -23,6 +23,8 @@ function withArrays(part) {
 
 function draw(place, figure) {
   const { data, layout } = withArrays(figure);
+  place.dataset.height = layout.height;
+  place.style.height = `${layout.height}px`;
   return Plotly.react(place, data, layout, CONFIG);
 }
 
@@ -48,8 +50,12 @@ function show(key) {
   }
   for (const place of document.querySelectorAll("[data-choice]")) {
     const figure = charts.choices[place.dataset.choice][key];
-    if (figure) draw(place, figure);
-    else Plotly.purge(place);
+    if (figure) {
+      draw(place, figure);
+    } else {
+      Plotly.purge(place);
+      place.style.height = "";
+    }
   }
   for (const caption of document.querySelectorAll("[data-caption]")) {
     const captions = charts.captions[key];
@@ -105,25 +111,25 @@ for (const table of document.querySelectorAll("table.sortable")) {
   }));
 }
 
-// --- printing: charts as wide as the paper, everything folded is opened ---------------------------
+// --- printing: charts as wide as the paper; what is folded is opened, but for long lists ----------
 
 let opened = [];
 const drawn = () => document.querySelectorAll(".js-plotly-plot");
 
 // The element gets the size as well: plotly reads it there when the browser resizes the page.
-function resize(place, width, height) {
-  const rounded = Math.round(height);
+function resize(place, width, shrink) {
+  const height = Math.round(shrink * place.dataset.height);
   place.style.width = width === null ? "" : `${width}px`;
-  place.style.height = `${rounded}px`;
-  Plotly.relayout(place, { width, height: rounded, autosize: width === null });
+  place.style.height = `${height}px`;
+  Plotly.relayout(place, { width, height, autosize: width === null });
 }
 
 window.addEventListener("beforeprint", () => {
-  opened = [...document.querySelectorAll("details:not([open])")];
+  opened = [...document.querySelectorAll("details:not([open], .screen)")];
   for (const details of opened) details.open = true;
-  for (const place of drawn()) resize(place, PRINT_WIDTH_PX, PRINT_SHRINK * place.layout.height);
+  for (const place of drawn()) resize(place, PRINT_WIDTH_PX, PRINT_SHRINK);
 });
 window.addEventListener("afterprint", () => {
   for (const details of opened) details.open = false;
-  for (const place of drawn()) resize(place, null, place.layout.height / PRINT_SHRINK);
+  for (const place of drawn()) resize(place, null, 1);
 });

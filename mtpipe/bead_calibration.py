@@ -1,0 +1,275 @@
+"""Calibration of one bead: every plateau and axis, in two passes.
+
+First every trace is fitted freely (stiffness, friction, noise), and traces that are no tethered
+bead's are refused. Then what all free fits together say of the bead's friction
+(`mtpipe.friction_prior`) enters the second fit as prior knowledge. Above about half the Nyquist
+frequency only this keeps errors of the model from becoming errors of the force (PHYSICS 3.B). The
+second fit gives stiffness and force; its posterior is sampled with emcee.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from mtpipe import refusal
+from mtpipe.conditions import Conditions
+from mtpipe.errors import FitError
+from mtpipe.estimate import Estimate
+from mtpipe.extension import mean_with_stderr
+from mtpipe.fit.model import TraceModel
+from mtpipe.fit.posterior import Posterior, sample_posterior
+from mtpipe.fit.trace import TraceFit, fit_model
+from mtpipe.friction_prior import FrictionPrior, MeasuredFriction, ratio_estimate
+from mtpipe.recording import AXES, Plateau
+from mtpipe.spectrum import periodogram
+from mtpipe.traces import Trace
+
+# Free fits that know the friction worse than this say nothing about the bead's friction.
+USEFUL_FRICTION_LN = 0.3
+LATERAL = (0, 1)
+
+
+@dataclass(frozen=True)
+class AxisResult:
+    """Calibration of one bead, plateau and axis.
+
+    `fit` is None where the trace could not be fitted (`refusal` says why). `posterior` is sampled
+    on the lateral axes, whose stiffness gives the force; `force` is None for z, where refused, and
+    where the tether's extension is not known. `free` is the fit without prior knowledge of the
+    friction; the effective radius is read from it, on the lateral axes (z mixes in the lateral
+    motion: its friction is no measure of the radius).
+    """
+
+    axis: str
+    method: str
+    free: TraceFit | None
+    fit: TraceFit | None
+    posterior: Posterior | None
+    force: Estimate | None
+    effective_radius: Estimate | None
+    refusal: str = ""
+
+    @property
+    def estimates(self) -> Posterior | TraceFit | None:
+        """Where to read stiffness, friction, noise and corner frequency; None where refused."""
+        return None if self.refusal else self.posterior or self.fit
+
+
+@dataclass(frozen=True)
+class PlateauResult:
+    """Calibration of one bead in one plateau; extension and its standard error in nm."""
+
+    trace: Trace
+    extension_nm: float
+    extension_stderr_nm: float
+    axes: tuple[AxisResult, ...]
+
+    @property
+    def plateau(self) -> Plateau:
+        """Where the magnets rested."""
+        return self.trace.plateau
+
+
+@dataclass(frozen=True)
+class BeadResult:
+    """Calibration of one bead.
+
+    `friction_ratio` is the measured friction over the one expected from the setup (wall included
+    if the setup lists it), None where no free fit tells it.
+    """
+
+    bead: str
+    plateaus: tuple[PlateauResult, ...]
+    friction_ratio: Estimate | None
+    friction_contradicts: bool
+
+
+def calibrate_bead(
+    bead: str,
+    traces: Sequence[Trace],
+    conditions: Conditions,
+    lowest_hz: tuple[float, float, float],
+    contour_length_nm: float,
+    z_is_extension: bool,
+    seed: int,
+) -> BeadResult:
+    """Both passes for one bead.
+
+    Parameters
+    ----------
+    lowest_hz : per axis, frequency below which drift removal has emptied the spectrum.
+    contour_length_nm : as the setup states it, 0 where unknown.
+    z_is_extension : False where z = 0 is not the surface; then there is no extension, no force.
+    """
+    recorded = [axis for axis in range(3) if any(trace.recorded[axis] for trace in traces)]
+    extensions = [
+        mean_with_stderr(trace.position_nm[:, 2]) if z_is_extension else (math.nan, math.nan)
+        for trace in traces
+    ]
+    free = [
+        {axis: _free_fit(trace, axis, conditions, length[0], lowest_hz[axis]) for axis in recorded}
+        for trace, length in zip(traces, extensions, strict=True)
+    ]
+    refusals = [
+        _refusals(trace, fits, conditions, length[0], contour_length_nm)
+        for trace, fits, length in zip(traces, free, extensions, strict=True)
+    ]
+    measured = tuple(
+        MeasuredFriction(i, axis, *ratio)
+        for i, fits in enumerate(free)
+        for axis in LATERAL
+        if axis in fits
+        and axis not in refusals[i]
+        and (ratio := _friction_ratio(fits[axis], conditions, axis, extensions[i][0])) is not None
+    )
+    expectation = FrictionPrior(measured, conditions.friction_relative_stderr)
+    plateaus = []
+    for i, (trace, extension) in enumerate(zip(traces, extensions, strict=True)):
+        axes = []
+        for axis in recorded:
+            nominal = conditions.friction_pN_s_per_nm(axis, extension[0])
+            axes.append(
+                _axis_result(
+                    axis,
+                    free[i][axis],
+                    None if nominal is None else expectation.prior(nominal, i, axis),
+                    expectation.contradicted(axis),
+                    refusals[i].get(axis, ""),
+                    extension,
+                    conditions,
+                    np.random.default_rng(_seed(seed, bead, i, axis)),
+                )
+            )
+        plateaus.append(PlateauResult(trace, extension[0], extension[1], tuple(axes)))
+    contradicts = any(expectation.contradicted(axis) for axis in LATERAL)
+    return BeadResult(bead, tuple(plateaus), ratio_estimate(measured), contradicts)
+
+
+def _free_fit(
+    trace: Trace, axis: int, conditions: Conditions, extension_nm: float, lowest_hz: float
+) -> TraceFit | str:
+    """A free fit, or the reason why there is none."""
+    try:
+        spectrum = periodogram(
+            trace.position_nm[:, axis], 1 / conditions.frame_rate_hz, lowest_hz=lowest_hz
+        )
+    except FitError as error:
+        return str(error)
+    return fit_model(
+        TraceModel(
+            spectrum,
+            conditions.exposure_s,
+            conditions.thermal_energy_pN_nm,
+            noise_variance_nm2=None,
+            modes=conditions.modes(axis, extension_nm),
+        )
+    )
+
+
+def _refusals(
+    trace: Trace,
+    fits: Mapping[int, TraceFit | str],
+    conditions: Conditions,
+    extension_nm: float,
+    contour_length_nm: float,
+) -> dict[int, str]:
+    """Axes on which the trace is no tethered bead's, and why."""
+    lateral = {
+        axis: fit for axis, fit in fits.items() if axis in LATERAL and isinstance(fit, TraceFit)
+    }
+    if len(lateral) == 2:
+        relaxation = max(math.exp(fit.theta[1] - fit.theta[0]) for fit in lateral.values())
+        circling = refusal.driven(
+            trace.position_nm[:, :2], 1 / conditions.frame_rate_hz, relaxation
+        )
+        if circling is not None:
+            return dict.fromkeys(fits, circling)
+    tether = max(extension_nm, contour_length_nm) if extension_nm > 0 else contour_length_nm
+    still = [refusal.stuck(fit, conditions, axis, tether) for axis, fit in lateral.items()]
+    if still and all(still):
+        return dict.fromkeys(fits, still[0] or "")
+    reasons = {
+        axis: fit if isinstance(fit, str) else refusal.without_plateau(fit)
+        for axis, fit in fits.items()
+    }
+    return {axis: reason for axis, reason in reasons.items() if reason is not None}
+
+
+def _friction_ratio(
+    fit: TraceFit | str, conditions: Conditions, axis: int, extension_nm: float
+) -> tuple[float, float] | None:
+    """ln of measured over expected friction and its standard error, where the fit knows it."""
+    nominal = conditions.friction_pN_s_per_nm(axis, extension_nm)
+    if isinstance(fit, str) or nominal is None:
+        return None
+    stderr = math.sqrt(fit.covariance[1, 1])
+    if not stderr < USEFUL_FRICTION_LN:
+        return None
+    return float(fit.theta[1]) - math.log(nominal), stderr
+
+
+def _axis_result(
+    axis: int,
+    free: TraceFit | str,
+    prior: tuple[float, float] | None,
+    contradicts: bool,
+    refused: str,
+    extension: tuple[float, float],
+    conditions: Conditions,
+    generator: np.random.Generator,
+) -> AxisResult:
+    name = AXES[axis]
+    if isinstance(free, str):
+        return AxisResult(name, "none", None, None, None, None, None, refused or free)
+    method = "spectrum, friction free"
+    fit = free
+    if prior is not None:
+        fit = fit_model(replace(free.model, friction=prior))
+        source = "measured on this bead" if contradicts else "expected from the setup"
+        method = f"spectrum, friction {source}"
+    if refused:
+        return AxisResult(name, method, free, fit, None, None, None, refused)
+    if axis == 2:
+        return AxisResult(name, method, free, fit, None, None, None)
+    radius = _effective_radius(free, axis, extension[0], conditions)
+    posterior = sample_posterior(fit, seed=generator)
+    force = _force(posterior, axis, extension, conditions, generator)
+    return AxisResult(name, method, free, fit, posterior, force, radius)
+
+
+def _force(
+    posterior: Posterior,
+    axis: int,
+    extension: tuple[float, float],
+    conditions: Conditions,
+    generator: np.random.Generator,
+) -> Estimate | None:
+    """Force from stiffness and lever, the lever's own uncertainty included."""
+    lever = conditions.lever_nm(axis, extension[0])
+    if lever is None:
+        return None
+    error = extension[1]
+    if axis != conditions.along and conditions.radius_nm is not None:
+        error = math.hypot(error, conditions.radius_nm[1])
+    levers = lever + error * generator.normal(size=len(posterior.theta))
+    return posterior.summary(posterior.stiffness_pN_per_nm * np.maximum(levers, 0.0), "pN")
+
+
+def _effective_radius(
+    free: TraceFit, axis: int, extension_nm: float, conditions: Conditions
+) -> Estimate | None:
+    """Radius whose Stokes friction (with the wall's factor, if listed) the free fit shows."""
+    nominal = conditions.friction_pN_s_per_nm(axis, extension_nm)
+    if nominal is None or conditions.radius_nm is None:
+        return None
+    return free.friction.scaled(conditions.radius_nm[0] / nominal, "nm")
+
+
+def _seed(seed: int, bead: str, plateau: int, axis: int) -> list[int]:
+    name = int.from_bytes(hashlib.sha256(bead.encode()).digest()[:8], "little")
+    return [seed, name, plateau, axis]

@@ -1,0 +1,132 @@
+"""What is wrong with a recording is refused or remarked on, each in its own words."""
+
+import numpy as np
+import pytest
+
+from mtpipe.errors import RecordingError, SetupError
+from mtpipe.ingest import load
+from tests.ingest_recordings import RATE, canonical_lines, codes, motion, setup_of, write
+
+
+def read(tmp_path, positions, setup=None, **kwargs):
+    lines = canonical_lines(positions, **kwargs)
+    return load(write(tmp_path / "recording.csv", lines), setup or setup_of())
+
+
+def test_a_good_recording_has_no_warning(tmp_path):
+    recording = read(tmp_path, motion(500), magnet=[2.0] * 500)
+    assert recording.notices == ()
+    assert (recording.references, recording.tethered) == (("ref1",), ("b1",))
+
+
+def test_a_bead_that_never_moves_is_left_out_and_named(tmp_path):
+    positions = motion(400, beads=("b1", "b2", "ref1"))
+    positions["b2"][:, :2] = 77.0
+    recording = read(tmp_path, positions)
+    assert recording.tethered == ("b1",)
+    (said,) = [n for n in recording.notices if n.code == "constant_bead"]
+    assert said.bead == "b2"
+    positions["b1"][:] = 0.0
+    with pytest.raises(RecordingError, match=r"no tethered bead is left.*never moves"):
+        read(tmp_path, positions)
+
+
+def test_a_constant_axis_counts_as_not_recorded(tmp_path):
+    positions = motion(400)
+    positions["b1"][:, 2] = 5.0
+    recording = read(tmp_path, positions)
+    assert np.isnan(recording.positions_nm["b1"][:, 2]).all()
+    assert "constant_column" in codes(recording)
+
+
+@pytest.mark.parametrize(("factor", "what"), [(1000.0, "wanders over"), (1e-3, "moves by only"),
+                                              (1e-9, "moves by only")])  # fmt: skip
+def test_a_wrong_unit_is_an_error(tmp_path, factor, what):
+    positions = {bead: p * factor for bead, p in motion(400).items()}
+    with pytest.raises(RecordingError, match=what):
+        read(tmp_path, positions)
+
+
+def test_one_bead_that_wanders_loses_no_other(tmp_path):
+    positions = motion(400, beads=("b1", "b2", "ref1"))
+    positions["b2"][:, 0] += np.linspace(0, 30000, 400)
+    recording = read(tmp_path, positions)
+    assert recording.tethered == ("b1", "b2")
+    assert [n.bead for n in recording.notices if n.code == "unit"] == ["b2"]
+
+
+def test_a_frame_rate_that_contradicts_the_stamps_is_an_error(tmp_path):
+    with pytest.raises(RecordingError, match=r"setup says 101 .*time stamps say 100"):
+        read(tmp_path, motion(400), setup_of(rate=101.0))
+    read(tmp_path, motion(400), setup_of(rate=100.4))
+
+
+def test_an_unknown_frame_rate_is_taken_from_the_stamps(tmp_path):
+    recording = read(tmp_path, motion(400), setup_of(rate="unknown"))
+    assert recording.setup.camera.frame_rate_hz.value == pytest.approx(RATE, rel=1e-9)
+    assert "frame_rate_derived" in codes(recording)
+    lines = canonical_lines(motion(400), time=[str(i) for i in range(400)])
+    lines[0] = lines[0].replace("time_s", "frame")
+    with pytest.raises(RecordingError, match="frame rate is unknown"):
+        load(write(tmp_path / "f.csv", lines), setup_of(rate="unknown"))
+
+
+def test_an_exposure_longer_than_the_derived_frame_is_an_error(tmp_path):
+    setup = setup_of(rate="unknown")
+    exposure = setup.camera.exposure_s.model_copy(update={"value": 0.02})
+    camera = setup.camera.model_copy(update={"exposure_s": exposure})
+    with pytest.raises(SetupError, match="longer than a frame"):
+        read(tmp_path, motion(400), setup.model_copy(update={"camera": camera}))
+
+
+def test_irregular_stamps_are_remarked_on(tmp_path):
+    rng = np.random.default_rng(0)
+    time = np.arange(400) / RATE + rng.uniform(-0.3, 0.3, 400) / RATE
+    recording = read(tmp_path, motion(400), time=[f"{t:.6f}" for t in time])
+    assert "irregular_stamps" in codes(recording)
+    assert recording.frame[-1] == 399
+
+
+def test_a_missing_reference_names_those_present(tmp_path):
+    with pytest.raises(SetupError, match=r"'ref2' is not in the recording") as caught:
+        read(tmp_path, motion(400), setup_of(reference=("ref2",)))
+    assert "b1, ref1" in caught.value.mend
+    with pytest.raises(RecordingError, match="none is tethered"):
+        read(tmp_path, motion(400), setup_of(reference=("ref1", "b1")))
+
+
+def test_a_reference_that_moves_is_named(tmp_path):
+    positions = motion(1000, beads=("b1", "ref1"))
+    assert "moving_reference" not in codes(read(tmp_path, positions))
+    rng = np.random.default_rng(2)
+    positions["ref1"][:, 1] += rng.normal(0, 25, 1000)
+    recording = read(tmp_path, positions)
+    assert [n.bead for n in recording.notices if n.code == "moving_reference"] == ["ref1"]
+
+
+def test_lost_frames_are_counted_and_weighed(tmp_path):
+    positions = motion(1000)
+    positions["b1"][:20] = np.nan
+    recording = read(tmp_path, positions)
+    (said,) = [n for n in recording.notices if n.code == "lost_frames"]
+    assert (said.bead, said.severity) == ("b1", "info")
+    assert "2 %" in said.message
+    positions["b1"][:600] = np.nan
+    (said,) = [n for n in read(tmp_path, positions).notices if n.code == "lost_frames"]
+    assert said.severity == "warning"
+    positions["ref1"][:] = np.nan
+    recording = read(tmp_path, positions)
+    assert recording.references == ()
+    assert "no_positions" in codes(recording)
+
+
+def test_no_plateau_says_what_to_change(tmp_path):
+    with pytest.raises(RecordingError, match=r"lasts 3\.99 s, a plateau at least 5 s"):
+        read(tmp_path, motion(400), setup_of(minimum_s=5.0))
+    rng = np.random.default_rng(0)
+    magnet = np.round(2 + rng.normal(0, 1e-3, 400), 5)
+    with pytest.raises(RecordingError, match="no stretch of resting magnets") as caught:
+        read(tmp_path, motion(400), magnet=magnet)
+    assert "tolerance_mm" in caught.value.mend
+    recording = read(tmp_path, motion(400), setup_of(tolerance_mm=0.01), magnet=magnet)
+    assert len(recording.plateaus) == 1
