@@ -45,6 +45,7 @@ _DECISIVE_BIC = 2.0
 _STRETCHING_FROM_PN = 8.0
 _STRONG_CORRELATION = 0.98
 _POOR_P_VALUE = 1e-3
+_OUTLIER_SIGMAS = 5.0
 
 
 @dataclass(frozen=True)
@@ -87,7 +88,7 @@ def fit_curve(bead: str, points: ExtensionPoints, assay: Assay) -> ForceExtensio
     """
     usable = points.select(points.usable())
     surface_pN = surface_force_pN(usable, assay)
-    far = usable.select(usable.force_pN >= surface_pN)
+    far, outliers = without_outliers(usable.select(usable.force_pN >= surface_pN), assay)
     fits: dict[Formula, TetherFit] = {}
     for formula in VALIDITY:
         fit = _fit(far, formula, formula, assay)
@@ -99,8 +100,11 @@ def fit_curve(bead: str, points: ExtensionPoints, assay: Assay) -> ForceExtensio
         opposite: Relation = "long-chain" if assay.relation == "potential" else "potential"
         other = _fit(far, chosen.model, chosen.model, replace(assay, relation=opposite))
     notices = []
-    if len(far) < len(usable):
-        notices.append(_near_surface(len(usable) - len(far), len(usable), surface_pN))
+    near = len(usable) - len(far) - len(outliers)
+    if near > 0:
+        notices.append(_near_surface(near, len(usable), surface_pN))
+    if outliers:
+        notices.append(_off_the_curve(outliers, len(usable)))
     if chosen is None:
         notices.append(Notice("tether_not_identified", "caution", _why_not(len(far), assay)))
     else:
@@ -124,6 +128,44 @@ def surface_force_pN(points: ExtensionPoints, assay: Assay) -> float:
     variance = 2 * fit.persistence_length_nm.value * fit.contour_length_nm.value / 3
     kT = float(thermal_energy_pN_nm(assay.temperature_K))
     return float(_SURFACE_REDUCED_FORCE * kT / np.sqrt(variance))
+
+
+def without_outliers(
+    points: ExtensionPoints, assay: Assay
+) -> tuple[ExtensionPoints, tuple[int, ...]]:
+    """Leave out plateaus that lie far off the curve of the others, the worst first.
+
+    A stretch in which the tracker lost its place or the focus moved spoils the whole curve. Points
+    are left out only while the fit is bad (p < 0.001), the worst is more than five standard errors
+    away, and no more than a quarter of them: a curve that is wrong throughout stays as it is.
+
+    Returns
+    -------
+    The points kept, and the numbers of the plateaus left out.
+    """
+    kept, left_out = points, []
+    for _ in range(len(points) // 4):
+        fit = _fit(kept, "bouchiat", "extensible", assay)
+        if fit is None or fit.p_value > _POOR_P_VALUE:
+            break
+        inside = np.flatnonzero(_valid(kept, "extensible"))
+        worst = int(inside[np.argmax(np.abs(fit.residuals))])
+        if np.max(np.abs(fit.residuals)) < _OUTLIER_SIGMAS:
+            break
+        left_out.append(int(kept.plateau[worst]))
+        kept = kept.select(np.arange(len(kept)) != worst)
+    return kept, tuple(sorted(left_out))
+
+
+def _off_the_curve(plateaus: tuple[int, ...], usable: int) -> Notice:
+    numbers = ", ".join(str(plateau) for plateau in plateaus)
+    return Notice(
+        "off_the_curve",
+        "caution",
+        f"Plateau{'s' if len(plateaus) > 1 else ''} {numbers} (of {usable}) lie more than "
+        f"{_OUTLIER_SIGMAS:.0f} standard errors off the force–extension curve of the others and "
+        "were left out of the tether's fit: mistracked, out of focus, or another tether state.",
+    )
 
 
 def _valid(points: ExtensionPoints, formula: Formula) -> NDArray[np.bool_]:
@@ -161,7 +203,9 @@ def _recommend(
     if exact is None or simple is None or interpolation is None:
         return exact, None
     gain = fits["bouchiat"].chi2 - interpolation.chi2
-    choice, rival = (simple, exact) if gain > 0 else (exact, simple)
+    # a bad fit prefers neither formula; the exact one is then the better description of DNA
+    prefers_simple = gain > 0 and interpolation.p_value > _POOR_P_VALUE
+    choice, rival = (simple, exact) if prefers_simple else (exact, simple)
     return choice, rival if abs(gain) < _DECISIVE_CHI2 else None
 
 

@@ -53,7 +53,8 @@ class Run:
     def notices(self) -> tuple[Notice, ...]:
         """All notices, in the order in which they arose."""
         flags = [notice for bead in self.flags.values() for notice in bead]
-        return (*self.recording.notices, *self.calibration.notices, *flags)
+        curves = [notice for curve in self.curves.values() for notice in curve.notices]
+        return (*self.recording.notices, *self.calibration.notices, *flags, *curves)
 
 
 def run(
@@ -121,7 +122,7 @@ def run(
     say("writing", 0, 1)
     _write_tables(result, raw, out)
     clock.lap("tables")
-    write_report(out)
+    write_report(out, progress=lambda done, total: say("drawing the report", done, total))
     clock.lap("report")
     _write_json(out, {"seconds": clock.seconds})
     return result

@@ -11,7 +11,7 @@ import difflib
 import math
 import tomllib
 from pathlib import Path
-from typing import Annotated, Any, Literal
+from typing import Annotated, Any, Literal, get_args
 
 from pydantic import (
     AfterValidator,
@@ -70,6 +70,11 @@ Positive = Annotated[Measured, AfterValidator(_positive)]
 Finite = Annotated[Measured, AfterValidator(_finite)]
 
 
+def _is_measured(annotation: Any) -> bool:
+    """Whether a field holds a Measured, be it annotated or optional."""
+    return annotation is Measured or any(_is_measured(part) for part in get_args(annotation))
+
+
 class Section(BaseModel):
     """A table of the setup; joins `name` and `name_stderr` into one `Measured`."""
 
@@ -82,10 +87,10 @@ class Section(BaseModel):
             return data
         joined = dict(data)
         for name, field in cls.model_fields.items():
-            if field.annotation not in (Measured, Measured | None) or name not in joined:
+            if not _is_measured(field.annotation) or name not in joined:
                 continue
             value, stderr = joined.pop(name), joined.pop(f"{name}_stderr", 0.0)
-            if isinstance(value, (dict, Measured)):
+            if value is None or isinstance(value, (dict, Measured)):
                 joined[name] = value
             elif value == UNKNOWN:
                 joined[name] = {"value": None}

@@ -87,6 +87,15 @@ def test_irregular_stamps_are_remarked_on(tmp_path):
     assert recording.frame[-1] == 399
 
 
+def test_a_late_stamp_is_no_lost_frame_and_a_gap_is(tmp_path):
+    time = np.arange(400) / RATE
+    time[200:204] = time[204] - np.array([4, 3, 2, 1]) * 1e-4  # late, then catching up
+    time[300:] += 7 / RATE
+    recording = read(tmp_path, motion(400), time=[f"{t:.6f}" for t in time])
+    assert recording.frame[299:301].tolist() == [299, 307]
+    assert recording.frame[-1] == 406
+
+
 def test_a_missing_reference_names_those_present(tmp_path):
     with pytest.raises(SetupError, match=r"'ref2' is not in the recording") as caught:
         read(tmp_path, motion(400), setup_of(reference=("ref2",)))

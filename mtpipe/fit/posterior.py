@@ -203,7 +203,9 @@ class _StudentProposal:
         covariance = covariance * np.outer(shrink, shrink)
         root = np.linalg.cholesky(covariance + 1e-12 * np.diag(np.diag(covariance)))
         root = TAIL_WIDENING * root
-        return cls(fit.theta[list(fit.model.free)], root, np.asarray(np.linalg.inv(root)), len(size) == 3)
+        return cls(
+            fit.theta[list(fit.model.free)], root, np.asarray(np.linalg.inv(root)), len(size) == 3
+        )
 
     def draw(self, n: int, generator: np.random.Generator) -> FloatArray:
         normal = generator.normal(size=(n, len(self.centre)))

@@ -114,6 +114,7 @@ class TetherFit:
         the data do not tell it from infinity by two standard errors.
     offset_nm : what has to be added to the extensions; None where the zero of z is known.
     correlation : the most strongly correlated pair of parameters, and its coefficient.
+    residuals : (points,) signed distances from the curve in standard errors.
     chi2, dof, p_value : of the residuals; a small p-value says that the errors are understated or
         the model is wrong.
     """
@@ -126,6 +127,7 @@ class TetherFit:
     offset_nm: Estimate | None
     force_range_pN: tuple[float, float]
     points: int
+    residuals: FloatArray
     chi2: float
     dof: int
     p_value: float
@@ -287,6 +289,7 @@ def _collect(result: Any, points: ExtensionPoints, formula: Formula, assay: Assa
         ),
         force_range_pN=(float(points.force_pN.min()), float(points.force_pN.max())),
         points=len(points),
+        residuals=np.asarray(result.residual, dtype=np.float64),
         chi2=chi2,
         dof=dof,
         p_value=float(chdtrc(dof, chi2)),

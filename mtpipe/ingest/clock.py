@@ -22,7 +22,8 @@ from mtpipe.recording import FloatArray
 
 RATE_TOLERANCE = 0.005
 JITTER_FRAMES = 0.1
-LONG_GAP_FRAMES = 5.5
+LONG_GAP_FRAMES = 20
+CATCH_UP_ROWS = 20
 MOST_FRAMES = 2.0**53  # beyond, doubles no longer count by ones
 LATEST_S = 1e12
 BLOCK_ROWS = 1 << 20
@@ -121,30 +122,55 @@ def _from_stamps(
         derived = (n - 1) / (stamps[-1] - stamps[0]) if stamps[-1] > stamps[0] else 0.0
         frame = np.arange(n, dtype=np.int64)
     else:
-        between = np.diff(stamps)
-        derived = _rate(between)
-        frame = np.zeros(n, dtype=np.int64)
-        steps = _steps(between, stated_hz if stated_hz is not None else derived)
-        np.cumsum(steps, out=steps)
-        frame[1:] = steps
+        derived = _rate(stamps)
+        frame = frames_of(stamps, stated_hz if stated_hz is not None else derived)
     rate = _agreed(float(derived), stated_hz, n, stamps, notices)
     notices += _irregular(stamps, frame, rate, rounded)
     time_s = stamps[0] + frame / rate if rounded else stamps
     return Clock(time_s, frame, rate, tuple(notices))
 
 
-def _steps(between_s: FloatArray, rate_hz: float) -> FloatArray:
-    """Frames from one stamp to the next, whole numbers of at least one."""
-    steps = between_s * rate_hz
-    np.rint(steps, out=steps)
-    return np.clip(steps, 1, MOST_FRAMES, out=steps)
+def frames_of(stamps: FloatArray, rate_hz: float) -> NDArray[np.int64]:
+    """Number frames by their time stamps, from 0.
+
+    A stamp later than the next frame's is a lost frame only if the following stamps are late as
+    well; if they catch up, the computer was late and not the camera. The rate may be wrong by
+    some percents.
+
+    Parameters
+    ----------
+    stamps : (n_frames,) increasing.
+    """
+    n = len(stamps)
+    late = stamps * rate_hz  # by how many frames, but for a constant
+    late -= late[0]
+    late -= np.arange(n)
+    lost: dict[int, int] = {}
+    begin = 0
+    for row in np.flatnonzero(np.diff(late) > 0.5) + 1:
+        before = float(np.min(late[max(begin, row - CATCH_UP_ROWS) : row]))
+        after = float(np.min(late[row : row + CATCH_UP_ROWS]))
+        missing = round(min(after - before, MOST_FRAMES))
+        if missing > 0:
+            lost[int(row)] = missing
+            begin = int(row)
+    frame = np.arange(n, dtype=np.int64)
+    if lost:
+        skipped = np.zeros(n, dtype=np.int64)
+        skipped[list(lost)] = list(lost.values())
+        frame += np.cumsum(skipped)
+    return frame
 
 
-def _rate(between_s: FloatArray) -> float:
-    """Frames per second over all but long gaps, whose number of frames is not yet known."""
-    median = float(np.median(between_s))
-    short = between_s < LONG_GAP_FRAMES * median
-    return float(np.sum(_steps(between_s, 1 / median), where=short) / between_s.sum(where=short))
+def _rate(stamps: FloatArray) -> float:
+    """Frames per second over all but long gaps, whose number of frames hangs on the rate."""
+    between = np.diff(stamps)
+    rate = 1 / float(np.median(between))
+    for _ in range(2):
+        steps = np.diff(frames_of(stamps, rate))
+        short = steps <= LONG_GAP_FRAMES
+        rate = float(np.sum(steps, where=short) / np.sum(between, where=short))
+    return rate
 
 
 def _rounded(source: Source) -> bool:

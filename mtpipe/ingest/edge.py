@@ -30,7 +30,7 @@ HIGHEST_POWER = 2.0
 WORTH_A_POWER = 2e-3  # nats per value by which m > 0 must be better
 OUTLIERS = 1e-3
 MISTRACKED = 10.0  # in medians of the steps
-STARTS = ((-1.0, 0.0), (-0.3, -3.0), (-0.05, -15.0))  # edge and slope, in units of the width
+STARTS = ((-1.0, 0.0, 0.0), (-0.3, 0.0, -3.0), (-0.02, 3.0, -30.0))  # edge, noise, slope
 
 
 def lower_edge_nm(z_nm: FloatArray) -> tuple[float, float]:
@@ -103,7 +103,7 @@ class _Histogram:
 
 
 def _fitted(data: _Histogram) -> FloatArray:
-    sharp = [_best(data, np.array([edge, 0.0, slope])) for edge, slope in STARTS]
+    sharp = [_best(data, np.array(start)) for start in STARTS]
     best, cost = min(sharp, key=lambda found: found[1])
     for edge in (best[0], best[0] - 0.2):
         soft, soft_cost = _best(data, np.array([edge, best[1], best[2], -1.0]))
@@ -116,7 +116,12 @@ def _best(data: _Histogram, start: FloatArray) -> tuple[FloatArray, float]:
     def cost(parameters: FloatArray) -> float:
         return _cost(data, parameters)
 
-    fit = minimize(cost, start, method="Nelder-Mead", options={"maxiter": 600, "fatol": 1e-5})
+    fit = minimize(
+        cost,
+        start,
+        method="Nelder-Mead",
+        options={"maxiter": 600, "fatol": 1e-6, "xatol": 5e-4},
+    )
     return np.asarray(fit.x), float(fit.fun)
 
 
@@ -146,5 +151,5 @@ def _cost(data: _Histogram, parameters: FloatArray) -> float:
         return 1e3 + abs(edge)
     expected = (1 - OUTLIERS) * blurred / total + OUTLIERS / len(data.centre)
     # weak priors where edge, noise and slope trade: a bead at rest shows its noise alone
-    prior = 1e-6 * slope**2 + 1e-4 * abs(float(parameters[1]))
+    prior = 1e-8 * slope**2 + 1e-5 * abs(float(parameters[1]))
     return prior - float(data.share @ np.log(expected))

@@ -117,7 +117,7 @@ def read_head(path: Path) -> bytes:
         with open_stream(path) as stream:
             head = stream.read(HEAD_BYTES)
     except (OSError, EOFError, zlib.error) as error:
-        raise RecordingError(f"cannot be read ({error})", where=str(path)) from None
+        raise RecordingError(f"is damaged or cut off ({error})", where=str(path)) from None
     if not head:
         raise RecordingError("is empty", where=str(path))
     return head

@@ -9,6 +9,7 @@ import json
 from pathlib import Path
 from typing import Any
 
+CHAIN = "marko-siggia"  # the formula of that simulator's potential
 CASES = {"clean_short_tether": "rec_296fe416", "clean_long_tether": "rec_6cf4a54e"}
 
 
@@ -31,6 +32,7 @@ def _truth(answer: dict[str, Any]) -> dict[str, Any]:
         "what": "one tether",
         "contour_length_nm": world["contour_nm"],
         "persistence_length_nm": world["persistence_nm"],
+        "chain": CHAIN,
         "force_pN": [p["force_pN"] for p in plateaus],
         "extension_nm": [p["extension_nm"] for p in plateaus],
         "friction_pN_s_per_nm": [p["friction_xy_pN_s_per_nm"] for p in plateaus],

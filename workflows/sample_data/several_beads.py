@@ -118,6 +118,7 @@ def truth_of(what: str, bead: Tethered, forces_pN: list[float], fluid: Fluid) ->
         "what": what,
         "contour_length_nm": bead.contour_nm,
         "persistence_length_nm": bead.persistence_nm,
+        "chain": "bouchiat",
         "force_pN": [round(s.force_pN, 6) for s in states],
         "extension_nm": [round(s.extension_nm, 3) for s in states],
         "friction_pN_s_per_nm": [
