@@ -25,8 +25,10 @@ class MtpipeError(Exception):
 
     def __str__(self) -> str:
         head = f"{self.where}: " if self.where else ""
-        tail = f" {self.mend}" if self.mend else ""
-        return f"{head}{self.message}{tail}"
+        if not self.mend:
+            return f"{head}{self.message}"
+        end = "" if self.message.endswith((".", "!", "?")) else "."
+        return f"{head}{self.message}{end} {self.mend}"
 
 
 class SetupError(MtpipeError):

@@ -145,7 +145,8 @@ def without_outliers(
     """
     kept, left_out = points, []
     for _ in range(len(points) // 4):
-        fit = _fit(kept, "bouchiat", "extensible", assay)
+        # the most flexible chain, so that stretching is not taken for an outlier
+        fit = _fit(kept, "extensible", "extensible", assay)
         if fit is None or fit.p_value > _POOR_P_VALUE:
             break
         inside = np.flatnonzero(_valid(kept, "extensible"))

@@ -25,6 +25,7 @@ from mtpipe.drift import subtract_drift
 from mtpipe.extension_curve import ForceExtension
 from mtpipe.files import write_atomically
 from mtpipe.ingest import load
+from mtpipe.ingest.surface import put_surface_at_zero
 from mtpipe.notice import Notice
 from mtpipe.quality import BeadVerdict, bead_verdict, trace_flags
 from mtpipe.recording import Recording
@@ -90,7 +91,8 @@ def run(
     raw = load(path, setup)
     clock.lap("read")
     say("subtracting drift", 0, 1)
-    recording = subtract_drift(raw)
+    # the stretch in which beads touch the surface tells z = 0 better once the stage stands still
+    recording = put_surface_at_zero(subtract_drift(raw))
     clock.lap("drift")
     beads = len(recording.tethered)
     say("calibrating beads", 0, beads)
