@@ -79,12 +79,15 @@ class PlateauResult:
 class BeadResult:
     """Calibration of one bead.
 
-    `friction_ratio` is the measured friction over the one expected from the setup (wall included
-    if the setup lists it), None where no free fit tells it.
+    `z_zero_stderr_nm` is the standard error, common to all plateaus, of where z = 0 lies; the
+    forces' errors hold it, the extensions' do not. `friction_ratio` is the measured friction over
+    the one expected from the setup (wall included if the setup lists it), None where no free fit
+    tells it.
     """
 
     bead: str
     plateaus: tuple[PlateauResult, ...]
+    z_zero_stderr_nm: float
     friction_ratio: Estimate | None
     friction_contradicts: bool
 
@@ -95,7 +98,7 @@ def calibrate_bead(
     conditions: Conditions,
     lowest_hz: tuple[float, float, float],
     contour_length_nm: float,
-    z_is_extension: bool,
+    z_zero_stderr_nm: float,
     seed: int,
 ) -> BeadResult:
     """Both passes for one bead.
@@ -104,11 +107,14 @@ def calibrate_bead(
     ----------
     lowest_hz : per axis, frequency below which drift removal has emptied the spectrum.
     contour_length_nm : as the setup states it, 0 where unknown.
-    z_is_extension : False where z = 0 is not the surface; then there is no extension, no force.
+    z_zero_stderr_nm : of where z = 0 lies; infinite where that is unknown: then there is no
+        extension, and no force.
     """
     recorded = [axis for axis in range(3) if any(trace.recorded[axis] for trace in traces)]
     extensions = [
-        mean_with_stderr(trace.position_nm[:, 2]) if z_is_extension else (math.nan, math.nan)
+        (math.nan, math.nan)
+        if math.isinf(z_zero_stderr_nm)
+        else mean_with_stderr(trace.position_nm[:, 2])
         for trace in traces
     ]
     free = [
@@ -140,14 +146,16 @@ def calibrate_bead(
                     None if nominal is None else expectation.prior(nominal, i, axis),
                     expectation.contradicted(axis),
                     refusals[i].get(axis, ""),
-                    extension,
+                    (extension[0], math.hypot(extension[1], z_zero_stderr_nm)),
                     conditions,
                     np.random.default_rng(_seed(seed, bead, i, axis)),
                 )
             )
         plateaus.append(PlateauResult(trace, extension[0], extension[1], tuple(axes)))
     contradicts = any(expectation.contradicted(axis) for axis in LATERAL)
-    return BeadResult(bead, tuple(plateaus), ratio_estimate(measured), contradicts)
+    return BeadResult(
+        bead, tuple(plateaus), z_zero_stderr_nm, ratio_estimate(measured), contradicts
+    )
 
 
 def _free_fit(

@@ -58,7 +58,6 @@ def calibrate(
         notices = (*notices, notice)
     lowest_hz = _lowest_frequencies(recording)
     contour = recording.setup.tether.contour_length_nm.value or 0.0
-    source = recording.setup.source
     jobs = [
         (
             bead,
@@ -66,7 +65,7 @@ def calibrate(
             conditions,
             lowest_hz,
             contour,
-            source is None or source.knows_z_zero(bead),
+            recording.z_zero_stderr_nm.get(bead, 0.0),
             seed,
         )
         for bead, traces in beads.items()

@@ -4,11 +4,12 @@ Three chains are fitted (`mtpipe.physics.tether.VALIDITY` says over which forces
 plateaus that are far enough from the surface, and one is recommended by the data:
 
 1. Bouchiat's chain or Marko and Siggia's interpolation, whichever fits the same points up to 10 pN
-   better. They have as many parameters, and persistence lengths 8 % apart. Where chi2 differs by
-   less than 6 (odds of 20) a notice names the other's.
+   better over all beads of a recording (`fit_curves`), so that beads can be compared. They have as
+   many parameters, and persistence lengths 8 % apart. Where a bead's chi2 differs by less than 6
+   (odds of 20) a notice names the other's.
 2. The extensible chain instead, when some force reaches above 8 pN, the stretch modulus is told
-   from infinity by two standard errors, and BIC improves by more than 2 (Kass & Raftery 1995) over
-   the fit of Bouchiat's chain to the same points.
+   from infinity by two standard errors, and BIC improves by more than 6 ("strong", Kass & Raftery
+   1995) over the fit of Bouchiat's chain to the same points.
 
 No priors. With fewer points than parameters plus one, or forces too much alike, nothing is
 recommended and the notices say why.
@@ -21,7 +22,7 @@ Points below 3.5 kT/sigma are left out: 0.05 pN for a contour of 2700 nm, 0.14 p
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -41,7 +42,7 @@ from mtpipe.physics.tether import VALIDITY, Formula
 
 _SURFACE_REDUCED_FORCE = 3.5
 _DECISIVE_CHI2 = 6.0
-_DECISIVE_BIC = 2.0
+_DECISIVE_BIC = 6.0
 _STRETCHING_FROM_PN = 8.0
 _STRONG_CORRELATION = 0.98
 _POOR_P_VALUE = 1e-3
@@ -59,6 +60,8 @@ class ForceExtension:
     recommended : the fit to quote, one of `fits`; None when the chain is not identified.
     other_relation : the recommended chain fitted with the other relation between force and
         mean height (`mtpipe.fit.tether.Relation`), to show how much that choice matters.
+    interpolation_gain : chi2 by which Marko and Siggia's formula fits the same points better than
+        Bouchiat's; 0 where either is not identified, or neither fits.
     surface_force_pN : points below were left out; 0 when the surface was not considered, for
         want of a fit.
     notices : what a user has to know, in words.
@@ -69,11 +72,25 @@ class ForceExtension:
     fits: tuple[TetherFit, ...]
     recommended: TetherFit | None
     other_relation: TetherFit | None
+    interpolation_gain: float
     surface_force_pN: float
     notices: tuple[Notice, ...]
 
 
-def fit_curve(bead: str, points: ExtensionPoints, assay: Assay) -> ForceExtension:
+def fit_curves(beads: Mapping[str, tuple[ExtensionPoints, Assay]]) -> dict[str, ForceExtension]:
+    """Fit the curves of all beads of a recording, with one formula for the inextensible chain."""
+    curves = {bead: fit_curve(bead, points, assay) for bead, (points, assay) in beads.items()}
+    if sum(curve.interpolation_gain for curve in curves.values()) <= 0:
+        return curves
+    return {
+        bead: fit_curve(bead, points, assay, inextensible="marko-siggia")
+        for bead, (points, assay) in beads.items()
+    }
+
+
+def fit_curve(
+    bead: str, points: ExtensionPoints, assay: Assay, *, inextensible: Formula = "bouchiat"
+) -> ForceExtension:
     """Fit every chain to a bead's points and choose one.
 
     Parameters
@@ -81,6 +98,7 @@ def fit_curve(bead: str, points: ExtensionPoints, assay: Assay) -> ForceExtensio
     bead : its name, for the notices.
     points : one per plateau; unusable ones (no force, no extension) are left out.
     assay : temperature, and how extensions and forces came about.
+    inextensible : formula recommended where stretching is not seen.
 
     Returns
     -------
@@ -94,7 +112,10 @@ def fit_curve(bead: str, points: ExtensionPoints, assay: Assay) -> ForceExtensio
         fit = _fit(far, formula, formula, assay)
         if fit is not None:
             fits[formula] = fit
-    chosen, rival = _recommend(fits, far, assay)
+    gain = _interpolation_gain(fits, far, assay)
+    chosen, rival = _recommend(fits, far, assay, inextensible)
+    if abs(gain) > _DECISIVE_CHI2:
+        rival = None
     other = None
     if chosen is not None:
         opposite: Relation = "long-chain" if assay.relation == "potential" else "potential"
@@ -115,6 +136,7 @@ def fit_curve(bead: str, points: ExtensionPoints, assay: Assay) -> ForceExtensio
         tuple(fits.values()),
         chosen,
         other,
+        gain,
         surface_pN,
         tuple(replace(notice, bead=bead) for notice in notices),
     )
@@ -184,10 +206,24 @@ def _fit(
     return fit_tether(within, formula, assay)
 
 
-def _recommend(
+def _interpolation_gain(
     fits: dict[Formula, TetherFit], points: ExtensionPoints, assay: Assay
+) -> float:
+    exact, simple = fits.get("bouchiat"), _fit(points, "marko-siggia", "bouchiat", assay)
+    if exact is None or simple is None or not (exact.identified and simple.identified):
+        return 0.0
+    if max(exact.p_value, simple.p_value) < _POOR_P_VALUE:
+        return 0.0
+    return exact.chi2 - simple.chi2
+
+
+def _recommend(
+    fits: dict[Formula, TetherFit],
+    points: ExtensionPoints,
+    assay: Assay,
+    inextensible: Formula,
 ) -> tuple[TetherFit | None, TetherFit | None]:
-    """The choice described at the top of this module, and the rival that it hardly beats."""
+    """The choice described at the top of this module, and its rival among the formulas."""
     sound = {formula: fit for formula, fit in fits.items() if fit.identified}
     soft, rigid = sound.get("extensible"), _fit(points, "bouchiat", "extensible", assay)
     if (
@@ -200,14 +236,8 @@ def _recommend(
     ):
         return soft, None
     exact, simple = sound.get("bouchiat"), sound.get("marko-siggia")
-    interpolation = _fit(points, "marko-siggia", "bouchiat", assay)
-    if exact is None or simple is None or interpolation is None:
-        return exact, None
-    gain = fits["bouchiat"].chi2 - interpolation.chi2
-    # a bad fit prefers neither formula; the exact one is then the better description of DNA
-    prefers_simple = gain > 0 and interpolation.p_value > _POOR_P_VALUE
-    choice, rival = (simple, exact) if prefers_simple else (exact, simple)
-    return choice, rival if abs(gain) < _DECISIVE_CHI2 else None
+    choice, rival = (simple, exact) if inextensible == "marko-siggia" else (exact, simple)
+    return (rival, None) if choice is None else (choice, rival)
 
 
 def _near_surface(left_out: int, usable: int, surface_pN: float) -> Notice:

@@ -61,19 +61,37 @@ def _stretches(
         return [(int(a), int(b)) for a, b in itertools.pairwise(edges) if allowed[a]]
     stretches = []
     start = 0
-    block = 4096
     while start < n:
         if not allowed[start]:
             start += 1
             continue
-        stop = start + 1
-        while stop < n:
-            piece = slice(stop, min(stop + block, n))
-            away = ~allowed[piece] | (np.abs(position[piece] - position[start]) > tolerance_mm)
-            if away.any():
-                stop += int(np.argmax(away))
+        stop = _end(position, allowed, start, float(position[start]), tolerance_mm)
+        # a stretch that began in the last steps of a move would end at the first noise to the
+        # other side: its own median decides where the magnets rest
+        while True:
+            centre = float(np.median(position[start:stop]))
+            start += int(np.argmax(np.abs(position[start:stop] - centre) <= tolerance_mm))
+            farther = _end(position, allowed, start, centre, tolerance_mm)
+            if farther <= stop:
                 break
-            stop = min(stop + block, n)
+            stop = farther
         stretches.append((start, stop))
         start = stop
     return stretches
+
+
+def _end(
+    position: FloatArray,
+    allowed: NDArray[np.bool_],
+    start: int,
+    centre_mm: float,
+    tolerance_mm: float,
+) -> int:
+    """First frame after `start` that is not allowed or farther than the tolerance from a centre."""
+    block = 4096
+    for begin in range(start + 1, len(position), block):
+        piece = slice(begin, begin + block)
+        away = ~allowed[piece] | (np.abs(position[piece] - centre_mm) > tolerance_mm)
+        if away.any():
+            return begin + int(np.argmax(away))
+    return len(position)

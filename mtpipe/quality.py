@@ -7,6 +7,7 @@ reason; where a flag compares numbers, it needs both a size that matters and thr
 from __future__ import annotations
 
 import math
+from collections import Counter
 from dataclasses import dataclass
 from typing import Literal
 
@@ -33,6 +34,7 @@ RELAXATION_TIMES = 50.0
 RADIUS_DIFFERENCE = 0.10
 FORCE_DIFFERENCE = 0.10
 LOST_SHARE = 0.05
+MISTRACKED_SHARE = 0.01
 # A few percent of contour length is a usual error of z = 0 and the refractive index; persistence
 # length varies with salt and with the calibration of all other lengths.
 CONTOUR_DIFFERENCE = 0.05
@@ -67,7 +69,7 @@ def trace_flags(
     if trace.mistracked:
         flag(
             "mistracked",
-            "caution" if trace.mistracked > 0.001 * frames else "info",
+            "caution" if trace.mistracked > MISTRACKED_SHARE * frames else "info",
             f"{trace.mistracked} frames are mistracked (positions no bead can reach) and were "
             "treated as lost.",
         )
@@ -108,10 +110,15 @@ def _axis_flags(one: AxisResult, conditions: Conditions) -> list[tuple[str, Seve
     stiffness = known.stiffness
     if stiffness.status == "not_identified":
         low, high = stiffness.interval
+        span = (
+            f"lies anywhere from {low:.2g} to {high:.2g} pN/nm"
+            if math.isfinite(high)
+            else "is not bounded by it"
+        )
         flags.append((
             "not_identified", "warning" if lateral else "info",
-            "Stiffness, friction and noise cannot be told apart in this trace; the stiffness lies "
-            f"anywhere from {low:.2g} to {high:.2g} pN/nm.",
+            "Stiffness, friction and noise cannot be told apart in this trace; the stiffness "
+            f"{span}.",
         ))  # fmt: skip
     elif posterior is not None and not posterior.converged:
         flags.append((
@@ -210,21 +217,23 @@ def bead_verdict(
 ) -> BeadVerdict:
     """Verdict on a bead from the flags of its traces, its friction and its tether.
 
-    "refused": no plateau gives a stiffness. "caution": the bead's friction or tether contradicts
-    the setup, or a flag of severity caution or worse stands in more than a quarter of its plateaus.
+    "refused": no plateau gives a stiffness, or half of its traces or more are no tethered bead's.
+    "caution": the bead's friction or tether contradicts the setup, or a flag of severity caution or
+    worse stands in more than a quarter of its plateaus. Else "good".
     """
     lateral = [one for plateau in bead.plateaus for one in plateau.axes if one.axis != "z"]
     usable = [
         one for one in lateral
         if one.estimates is not None and one.estimates.stiffness.status == "ok"
     ]  # fmt: skip
-    if not usable:
-        if not lateral:
-            alone = "x and y were not recorded, and the force comes from the lateral motion"
-            return BeadVerdict(bead.bead, "refused", (alone,))
-        sentences = sorted({one.refusal for one in lateral if one.refusal})
+    if not lateral:
+        alone = "x and y were not recorded, and the force comes from the lateral motion"
+        return BeadVerdict(bead.bead, "refused", (alone,))
+    sentences = [one.refusal for one in lateral if one.refusal]
+    if not usable or 2 * len(sentences) >= len(lateral):
         fallback = "stiffness is not identified in any plateau"
-        return BeadVerdict(bead.bead, "refused", tuple(sentences[:3]) or (fallback,))
+        common = [sentence for sentence, _ in Counter(sentences).most_common(3)]
+        return BeadVerdict(bead.bead, "refused", tuple(common) or (fallback,))
     reasons = []
     if bead.friction_contradicts and bead.friction_ratio is not None:
         ratio = bead.friction_ratio

@@ -8,7 +8,7 @@ numbers count on the camera's own regular grid, so gaps show as jumps in it, and
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Literal
 
 import numpy as np
@@ -97,6 +97,8 @@ class Recording:
         columns of NaN where an axis was not recorded.
     magnet_mm : (n_frames,) or None.
     plateaus : in time order.
+    z_zero_stderr_nm : standard error of each bead's z = 0, where it was estimated; infinite where
+        z has another zero than the surface. Beads that are not named have their extension as z.
     drift : None for a recording as read; else what was subtracted (`mtpipe.subtract_drift`).
     """
 
@@ -110,6 +112,7 @@ class Recording:
     notices: tuple[Notice, ...] = ()
     files: tuple[SourceFile, ...] = ()
     drift: Drift | None = None
+    z_zero_stderr_nm: Mapping[str, float] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
         n = len(self.time_s)

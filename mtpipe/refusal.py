@@ -19,8 +19,9 @@ from mtpipe.physics.camera import FloatArray
 
 # DNA overstretches at 65 pN (Smith, Cui & Bustamante 1996); no calibration is meant beyond.
 STRONGEST_TETHER_PN = 65.0
-# With a relaxation time above a quarter of the trace the bead has not explored its well.
-LONGEST_RELAXATION = 0.25
+# A random walk fitted as a tether shows a relaxation time of at least a twentieth of the trace in
+# 99 of 100 cases (Dickey & Fuller 1979: their 1 % value is T/τ = 20.7); a tether must do better.
+LONGEST_RELAXATION = 0.05
 LINE_SHARE = 0.75
 LINE_LOWEST_ORDINATE = 3
 # A ring stays below; a disc, the motion of a tether without force, has 4/3.
@@ -84,8 +85,8 @@ def without_plateau(fit: TraceFit) -> str | None:
     if relaxation_s < LONGEST_RELAXATION * duration_s:
         return None
     return (
-        f"the spectrum has no plateau: over {duration_s:.3g} s the bead wanders without returning, "
-        "as in free diffusion or drift"
+        f"the spectrum has no plateau: over {duration_s:.3g} s the motion cannot be told from free "
+        "diffusion or drift, which never return"
     )
 
 

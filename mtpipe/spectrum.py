@@ -28,6 +28,9 @@ BIN_GROWTH = 1.04
 SHORT_LAGS = 36
 LN_TAU_STEP = 0.2
 MINIMUM_FRAMES = 64
+# Longer traces are cut into equal segments: their mean periodogram has nearly all the information,
+# and neither memory nor time grows faster than the trace.
+LONGEST_SEGMENT = 2**16
 
 
 @dataclass(frozen=True)
@@ -80,14 +83,24 @@ def periodogram(x_nm: FloatArray, frame_s: float, *, lowest_hz: float = 0.0) -> 
     variance = float(np.sum(centred**2) / n)
     if not variance > 0:
         raise FitError("the position never changes in this trace")
-    edges = _bin_edges(frames, max(1, int(np.ceil(lowest_hz * frame_s * frames))))
-    window = _window(frames, present.tobytes() if n < frames else None, edges, frame_s)
-    ordinates = np.abs(fft.rfft(centred)) ** 2 * (2 * frame_s / n)
+    segments = -(-frames // LONGEST_SEGMENT)
+    length = frames // segments
+    used = present[: segments * length].reshape(segments, length)
+    seen = int(used.sum())
+    edges = _bin_edges(length, max(1, int(np.ceil(lowest_hz * frame_s * length))))
+    key = used.tobytes() if seen < used.size else None
+    window = _window(segments, length, key, tuple(edges.tolist()), frame_s)
+    pieces = centred[: segments * length].reshape(segments, length)
+    ordinates = np.zeros(length // 2 + 1)
+    for piece, mask in zip(pieces, used, strict=True):
+        mean = piece.sum() / max(mask.sum(), 1)
+        ordinates += np.abs(fft.rfft(np.where(mask, piece - mean, 0.0))) ** 2
+    ordinates *= 2 * frame_s / seen
     counts = np.diff(edges)
     return Spectrum(
-        frequency_hz=(edges[:-1] + edges[1:] - 1) / 2 / (frames * frame_s),
+        frequency_hz=(edges[:-1] + edges[1:] - 1) / 2 / (length * frame_s),
         power=np.add.reduceat(ordinates[: edges[-1]], edges[:-1]) / counts,
-        ordinates=counts * (n / frames),
+        ordinates=counts * (seen / length),
         window=window,
         variance_nm2=variance,
         frames=frames,
@@ -157,38 +170,40 @@ def _bin_edges(frames: int, first: int) -> NDArray[np.int64]:
     return np.array(edges)
 
 
-def _window(frames: int, present: bytes | None, edges: NDArray[np.int64], frame_s: float) -> Window:
-    return _cached_window(frames, present, tuple(edges.tolist()), frame_s)
-
-
 @functools.lru_cache(maxsize=64)
-def _cached_window(
-    frames: int, present: bytes | None, edges: tuple[int, ...], frame_s: float
+def _window(
+    segments: int, length: int, present: bytes | None, edges: tuple[int, ...], frame_s: float
 ) -> Window:
-    mask = np.ones(frames) if present is None else np.frombuffer(present, dtype=bool).astype(float)
-    bins = np.array(edges)
-    expectation = _Expectation(mask, bins)
-    lags = np.arange(frames)
+    masks = (
+        np.ones((1, length), dtype=bool)
+        if present is None
+        else np.frombuffer(present, dtype=bool).reshape(segments, length)
+    )
+    expectation = _Expectation(masks, np.array(edges))
+    lags = np.arange(length)
     white = expectation.of((lags == 0).astype(float))
     short = np.array([expectation.of((lags == m).astype(float)) for m in range(1, SHORT_LAGS + 1)])
     # two knots below τ = D keep the spline's ends away from where it is used
-    ln_tau = np.arange(-2 * LN_TAU_STEP, np.log(20.0 * frames) + 2 * LN_TAU_STEP, LN_TAU_STEP)
+    ln_tau = np.arange(-2 * LN_TAU_STEP, np.log(20.0 * length) + 2 * LN_TAU_STEP, LN_TAU_STEP)
     slow = np.array([expectation.of(np.exp(-lags * np.exp(-u))) for u in ln_tau])
     return Window(frame_s, white, short, interpolate.CubicSpline(ln_tau, np.log(slow)))
 
 
 class _Expectation:
-    """(1/n) E|Σ_t m_t (x_t − x̄) e^{−iθt}|², binned, for a given covariance of x."""
+    """(1/n) Σ_segments E|Σ_t m_t (x_t − x̄) e^{−iθt}|², binned, for a given covariance of x."""
 
-    def __init__(self, mask: FloatArray, edges: NDArray[np.int64]) -> None:
-        self.mask, self.edges = mask, edges
-        self.frames, self.n = len(mask), float(mask.sum())
-        self.gapless = self.n == self.frames
-        self.length = fft.next_fast_len(2 * self.frames)
-        self.padded = fft.rfft(mask, self.length)
-        self.mask_dft = fft.rfft(mask)
-        pairs = fft.irfft(np.abs(self.padded) ** 2, self.length)[: self.frames]
-        self.weights = np.maximum(pairs, 0.0) / self.n
+    def __init__(self, masks: NDArray[np.bool_], edges: NDArray[np.int64]) -> None:
+        self.mask, self.edges = masks[0].astype(float), edges
+        self.length, self.n = masks.shape[1], float(masks.sum())
+        self.padding = fft.next_fast_len(2 * self.length)
+        pairs = np.zeros(self.padding // 2 + 1)
+        for mask in masks:
+            pairs += np.abs(fft.rfft(mask.astype(float), self.padding)) ** 2
+        weights = fft.irfft(pairs, self.padding)[: self.length] / self.n
+        self.weights = np.maximum(weights, 0.0)
+        # with several segments relaxation is short against each, and what subtracting a segment's
+        # mean over its gaps changes is far below the statistical error
+        self.mean_matters = len(masks) == 1 and self.n < self.length
 
     def of(self, covariance: FloatArray) -> FloatArray:
         weighted = covariance * self.weights
@@ -196,19 +211,19 @@ class _Expectation:
         folded = weighted.copy()
         folded[1:] += weighted[:0:-1]
         power = fft.rfft(folded).real
-        if not self.gapless:
+        if self.mean_matters:
             power = power + self._mean_subtraction(covariance)
         binned = np.add.reduceat(power[: self.edges[-1]], self.edges[:-1]) / np.diff(self.edges)
         return np.asarray(binned)
 
     def _mean_subtraction(self, covariance: FloatArray) -> FloatArray:
         """The change that subtracting the mean of the frames present makes (none without gaps)."""
-        symmetric = np.zeros(self.length)
-        symmetric[: self.frames] = covariance
-        symmetric[-self.frames + 1 :] += covariance[:0:-1]
-        smooth = fft.irfft(fft.rfft(symmetric).real * self.padded, self.length)[: self.frames]
-        smooth *= self.mask
-        with_mean = fft.rfft(smooth) / self.n
+        symmetric = np.zeros(self.padding)
+        symmetric[: self.length] = covariance
+        symmetric[-self.length + 1 :] += covariance[:0:-1]
+        spectrum = fft.rfft(symmetric).real * fft.rfft(self.mask, self.padding)
+        smooth = self.mask * fft.irfft(spectrum, self.padding)[: self.length]
+        mask_dft = fft.rfft(self.mask)
+        cross = -2 * np.real(fft.rfft(smooth) / self.n * np.conj(mask_dft))
         mean_variance = smooth.sum() / self.n**2
-        cross = -2 * np.real(with_mean * np.conj(self.mask_dft))
-        return np.asarray((cross + mean_variance * np.abs(self.mask_dft) ** 2) / self.n)
+        return np.asarray((cross + mean_variance * np.abs(mask_dft) ** 2) / self.n)

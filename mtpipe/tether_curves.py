@@ -6,10 +6,10 @@ import math
 
 import numpy as np
 
-from mtpipe.bead_calibration import BeadResult, PlateauResult
+from mtpipe.bead_calibration import AxisResult, BeadResult, PlateauResult
 from mtpipe.calibration import Calibration, calibrate
-from mtpipe.estimate import Estimate
-from mtpipe.extension_curve import ForceExtension, fit_curve
+from mtpipe.conditions import Conditions
+from mtpipe.extension_curve import ForceExtension, fit_curves
 from mtpipe.fit.tether import Assay, ExtensionPoints
 from mtpipe.recording import AXES, Recording
 
@@ -19,13 +19,17 @@ CONSISTENT_SIGMAS = 3.0
 def tether_curves(calibration: Calibration) -> dict[str, ForceExtension]:
     """The curve of each bead that has a force in at least one plateau."""
     conditions = calibration.conditions
-    assay = Assay(conditions.temperature_K, bead_turns=conditions.rotation)
-    curves = {}
+    beads = {}
     for bead in calibration.beads:
-        points = extension_points(bead, conditions.along)
+        points = extension_points(bead, conditions)
+        assay = Assay(
+            conditions.temperature_K,
+            bead_turns=conditions.rotation,
+            zero_stderr_nm=bead.z_zero_stderr_nm,
+        )
         if points.usable().any():
-            curves[bead.bead] = fit_curve(bead.bead, points, assay)
-    return curves
+            beads[bead.bead] = (points, assay)
+    return fit_curves(beads)
 
 
 def force_extension(recording: Recording, *, seed: int = 0) -> dict[str, ForceExtension]:
@@ -38,13 +42,14 @@ def force_extension(recording: Recording, *, seed: int = 0) -> dict[str, ForceEx
     return tether_curves(calibrate(recording, seed=seed))
 
 
-def extension_points(bead: BeadResult, along: int) -> ExtensionPoints:
+def extension_points(bead: BeadResult, conditions: Conditions) -> ExtensionPoints:
     """Force and mean extension of every plateau, nan where there is none.
 
     The force is that along the field, averaged with the one across (which needs the bead's radius
-    and the modes of its rotation) where both agree within three standard errors.
+    and the modes of its rotation) where both agree within three standard errors. Its error is
+    without that of z = 0, which is common to all plateaus.
     """
-    forces = [_force(plateau, along) for plateau in bead.plateaus]
+    forces = [_force(plateau, conditions) for plateau in bead.plateaus]
     return ExtensionPoints(
         plateau=np.array([p.plateau.number for p in bead.plateaus], dtype=np.int64),
         force_pN=np.array([f[0] for f in forces]),
@@ -55,19 +60,31 @@ def extension_points(bead: BeadResult, along: int) -> ExtensionPoints:
     )
 
 
-def _force(plateau: PlateauResult, along: int) -> tuple[float, float]:
-    by_axis = {one.axis: one.force for one in plateau.axes if _usable(one.force)}
-    first, second = by_axis.get(AXES[along]), by_axis.get(AXES[1 - along])
-    if first is None:
+def _force(plateau: PlateauResult, conditions: Conditions) -> tuple[float, float]:
+    along, across = (
+        next((_own(one, plateau, conditions) for one in plateau.axes if one.axis == name), None)
+        for name in (AXES[conditions.along], AXES[1 - conditions.along])
+    )
+    if along is None:
         return math.nan, math.nan
-    if second is None or abs(first.value - second.value) > CONSISTENT_SIGMAS * math.hypot(
-        first.stderr, second.stderr
+    if across is None or abs(along[0] - across[0]) > CONSISTENT_SIGMAS * math.hypot(
+        along[1], across[1]
     ):
-        return first.value, first.stderr
-    weights = np.array([first.stderr, second.stderr]) ** -2.0
-    values = np.array([first.value, second.value])
+        return along
+    weights = np.array([along[1], across[1]]) ** -2.0
+    values = np.array([along[0], across[0]])
     return float(weights @ values / weights.sum()), float(weights.sum() ** -0.5)
 
 
-def _usable(force: Estimate | None) -> bool:
-    return force is not None and force.status == "ok"
+def _own(
+    one: AxisResult, plateau: PlateauResult, conditions: Conditions
+) -> tuple[float, float] | None:
+    """Force and its standard error from this plateau alone; None where there is no force."""
+    if one.force is None or one.force.status != "ok" or one.posterior is None:
+        return None
+    lever = conditions.lever_nm(AXES.index(one.axis), plateau.extension_nm)
+    stiffness = one.posterior.stiffness
+    if lever is None:
+        return None
+    relative = math.hypot(stiffness.stderr / stiffness.value, plateau.extension_stderr_nm / lever)
+    return one.force.value, one.force.value * relative

@@ -6,6 +6,7 @@ parameter. Run as a script for 300 experiments per case, which gave 0.65 to 0.71
 """
 
 import json
+import math
 from dataclasses import replace
 from pathlib import Path
 
@@ -15,8 +16,8 @@ import pytest
 
 from mtpipe.errors import FitError
 from mtpipe.extension import mean_with_stderr
+from mtpipe.extension_curve import fit_curve, fit_curves
 from mtpipe.fit.tether import Assay, ExtensionPoints, expected_extension_nm, fit_tether
-from mtpipe.extension_curve import fit_curve
 from mtpipe.physics.buffer import thermal_energy_pN_nm
 from mtpipe.physics.tether import VALIDITY, Chain, force_pN
 
@@ -53,7 +54,7 @@ CASES = {
         BOUCHIAT, np.geomspace(0.2, 9, 8), Assay(298.0, "long-chain", True), 0.02, 0.5, 0.0
     ),
     "zero of z unknown": (
-        BOUCHIAT, np.geomspace(0.1, 9, 10), Assay(298.0, offset_unknown=True), 0.02, 0.5, 80.0
+        BOUCHIAT, np.geomspace(0.1, 9, 10), Assay(298.0, zero_stderr_nm=math.inf), 0.02, 0.5, 80.0
     ),
 }  # fmt: skip
 
@@ -96,10 +97,10 @@ def test_exact_data_give_back_the_chain(case):
     assert fit.chi2 == pytest.approx(0, abs=1e-3)
     assert fit.contour_length_nm.value == pytest.approx(chain.contour_length_nm, rel=1e-3)
     assert fit.persistence_length_nm.value == pytest.approx(50.0, rel=1e-3)
-    assert fit.dof == len(force) - 2 - (chain is EXTENSIBLE) - assay.offset_unknown
+    assert fit.dof == len(force) - 2 - (chain is EXTENSIBLE) - (assay.zero_stderr_nm > 0)
     if chain is EXTENSIBLE:
         assert fit.stretch_modulus_pN.value == pytest.approx(1000, rel=1e-2)
-    if assay.offset_unknown:
+    if assay.zero_stderr_nm > 0:
         assert fit.offset_nm.value == pytest.approx(offset, abs=0.1)
 
 
@@ -127,7 +128,7 @@ def test_errors_of_forces_count_as_much_as_they_matter():
     ],
 )
 def test_the_data_choose_the_model(chain, force, model):
-    curve = fit_curve("b1", measure(chain, force, error=0.01), ASSAY)
+    curve = fit_curves({"b1": (measure(chain, force, error=0.01), ASSAY)})["b1"]
     assert curve.recommended.model == model
     assert curve.recommended in curve.fits
 
@@ -209,7 +210,7 @@ def test_a_bad_fit_is_called_one():
 
 
 def test_an_unknown_zero_of_z_is_seen_to_be_correlated():
-    assay = Assay(298.0, offset_unknown=True)
+    assay = Assay(298.0, zero_stderr_nm=math.inf)
     points = measure(BOUCHIAT, np.geomspace(0.2, 9, 8), assay, offset_nm=50.0)
     curve = fit_curve("b1", points, assay)
     assert "tether_correlated" in [notice.code for notice in curve.notices]
@@ -266,7 +267,7 @@ def test_tethers_of_an_independent_simulator(case):
     force = np.array([p["force_pN"] for p in truth["plateaus"]])
     points = ExtensionPoints(np.arange(len(force)), force, 0.005 * force, extension, stderr)
     assay = Assay(world["temperature_K"], bead_turns=world["rotation"])
-    curve = fit_curve("b1", points, assay)
+    curve = fit_curves({"b1": (points, assay)})["b1"]
     assert curve.recommended.model == "marko-siggia"
     assert curve.recommended.contour_length_nm.value == pytest.approx(world["contour_nm"], rel=1e-3)
     assert curve.recommended.persistence_length_nm.value == pytest.approx(50, rel=0.015)
@@ -277,3 +278,49 @@ def test_tethers_of_an_independent_simulator(case):
 if __name__ == "__main__":
     for name in CASES:
         print(f"{name}: {coverage(name, 300, seed=1)}")
+
+
+def test_an_uncertain_zero_of_z_widens_the_contour_length():
+    """Offsets drawn from their stated error are covered; without stating it they are not."""
+    rng = np.random.default_rng(5)
+    hits = {0.0: 0, 15.0: 0}
+    for _ in range(40):
+        offset = 15.0 * rng.normal()
+        points = measure(
+            BOUCHIAT, np.geomspace(0.2, 9, 8), ASSAY, error=0.02, error_nm=0.5,
+            offset_nm=offset, rng=rng,
+        )  # fmt: skip
+        for zero_stderr_nm in hits:
+            fit = fit_tether(points, "bouchiat", Assay(298.0, zero_stderr_nm=zero_stderr_nm))
+            low, high = fit.contour_length_nm.interval
+            hits[zero_stderr_nm] += low <= BOUCHIAT.contour_length_nm <= high
+    # binomial, three sigma about 0.68 · 40
+    assert 18 <= hits[15.0] <= 36
+    assert hits[0.0] < 15
+
+
+def test_a_plateau_off_the_curve_is_left_out_and_named():
+    rng = np.random.default_rng(6)
+    points = measure(BOUCHIAT, np.geomspace(0.2, 9, 12), ASSAY, error=0.02, error_nm=0.5, rng=rng)
+    away = replace(points, extension_nm=points.extension_nm + 300.0 * np.eye(12)[7])
+    curve = fit_curve("b1", away, ASSAY)
+    assert curve.recommended is not None
+    assert curve.recommended.contour_length_nm.value == pytest.approx(2700, rel=0.01)
+    named = [notice.message for notice in curve.notices if notice.code == "off_the_curve"]
+    assert len(named) == 1
+    assert "Plateau 7" in named[0]
+    clean = fit_curve("b1", points, ASSAY)
+    assert "off_the_curve" not in [notice.code for notice in clean.notices]
+
+
+def test_one_recording_has_one_formula():
+    """Beads of one recording are compared with one another: the formula is chosen over all."""
+    rng = np.random.default_rng(8)
+    force = np.geomspace(0.1, 9, 10)
+    beads = {
+        f"b{i}": (measure(chain, force, ASSAY, error=0.02, error_nm=0.5, rng=rng), ASSAY)
+        for i, chain in enumerate([BOUCHIAT] * 4)
+    }
+    models = {curve.recommended.model for curve in fit_curves(beads).values()}
+    assert models <= {"bouchiat", "extensible"}
+    assert "bouchiat" in models

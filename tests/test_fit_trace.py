@@ -58,7 +58,7 @@ def test_pulls_are_standard_normal(ratio, share, options, noise_nm):
 
 
 def test_wrong_exposure_is_wrong():
-    """Negative control: a half-frame exposure fitted as a whole one is low by 28 % (PHYSICS 3.B)."""
+    """Negative control: a half-frame exposure fitted as a whole one is 28 % low (PHYSICS 3.B)."""
     x = simulate(0.4, np.random.default_rng(1), share=0.5, frames=60_000)
     right, wrong = fit(x, 0.5), fit(x, 1.0)
     truth = stiffness_at(0.4)

@@ -17,8 +17,8 @@ def test_modes_are_those_of_the_two_by_two_system(extension, radius, ratio):
     """Normal modes of Γ dX = −K X dt + noise in (y, φ), by eigen-decomposition (PHYSICS 2)."""
     force, gamma = 3.0, 2e-5
     gamma_phi = ratio * 4 / 3 * radius**2 * gamma
-    stiffness = force / extension * np.array(
-        [[1, -radius], [-radius, radius**2 + radius * extension]]
+    stiffness = (
+        force / extension * np.array([[1, -radius], [-radius, radius**2 + radius * extension]])
     )
     root = np.diag([gamma, gamma_phi]) ** 0.5
     root = np.diag(1 / np.diag(root))

@@ -1,5 +1,7 @@
 """Periodograms: expectation for gaps, short traces and bins against averages over simulations."""
 
+import itertools
+
 import numpy as np
 import pytest
 
@@ -32,7 +34,7 @@ def direct_expectation(mask, covariance, edges):
     matrix = weighted @ matrix @ weighted.T
     phase = np.exp(-2j * np.pi * np.outer(np.arange(frames // 2 + 1), np.arange(frames)) / frames)
     power = np.real(np.einsum("ft,ts,fs->f", phase, matrix, phase.conj())) / n
-    return np.array([power[a:b].mean() for a, b in zip(edges[:-1], edges[1:], strict=True)])
+    return np.array([power[a:b].mean() for a, b in itertools.pairwise(edges)])
 
 
 @pytest.mark.parametrize("gaps", ["none", "scattered", "contiguous"])

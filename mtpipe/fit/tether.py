@@ -94,13 +94,14 @@ class Assay:
     relation : see the module's text.
     bead_turns : the bead turns freely about the field's axis and its attachment swings, which
         lowers its centre by kT/(2F) (effect `rotation_coupling`).
-    offset_unknown : the zero of z is unknown; an offset is fitted and forces follow it.
+    zero_stderr_nm : standard error of where z = 0 lies, common to all points; infinite where it is
+        unknown. Unless 0 an offset is fitted, with this as its prior, and forces follow it.
     """
 
     temperature_K: float
     relation: Relation = "potential"
     bead_turns: bool = False
-    offset_unknown: bool = False
+    zero_stderr_nm: float = 0.0
 
 
 @dataclass(frozen=True)
@@ -112,7 +113,7 @@ class TetherFit:
     force_range_pN : lowest and highest measured force that was fitted.
     stretch_modulus_pN : None for inextensible chains; "not_identified" with a lower limit where
         the data do not tell it from infinity by two standard errors.
-    offset_nm : what has to be added to the extensions; None where the zero of z is known.
+    offset_nm : what has to be added to the extensions; None where the zero of z is exact.
     correlation : the most strongly correlated pair of parameters, and its coefficient.
     residuals : (points,) signed distances from the curve in standard errors.
     chi2, dof, p_value : of the residuals; a small p-value says that the errors are understated or
@@ -158,8 +159,8 @@ def expected_extension_nm(chain: Chain, force_pN: ArrayLike, assay: Assay) -> Fl
 
 
 def parameters_of(formula: Formula, assay: Assay) -> int:
-    """How many parameters a fit has; it takes one point more."""
-    return 2 + (formula == "extensible") + assay.offset_unknown
+    """How many parameters the points alone must determine; a fit takes one point more."""
+    return 2 + (formula == "extensible") + math.isinf(assay.zero_stderr_nm)
 
 
 def fit_tether(points: ExtensionPoints, formula: Formula, assay: Assay) -> TetherFit:
@@ -188,7 +189,7 @@ def fit_tether(points: ExtensionPoints, formula: Formula, assay: Assay) -> Tethe
     start.add("ln_persistence", math.log(persistence), min=math.log(0.05), max=math.log(1e5))
     if formula == "extensible":
         start.add("compliance", 1e-3)
-    if assay.offset_unknown:
+    if assay.zero_stderr_nm > 0:
         start.add("offset", 0.0)
     result: Any = lmfit.minimize(
         _residuals, start, args=(points, formula, assay), scale_covar=False, max_nfev=500
@@ -238,7 +239,7 @@ def _heights(
 def _residuals(
     parameters: Any, points: ExtensionPoints, formula: Formula, assay: Assay
 ) -> FloatArray:
-    """(points,) signed distances of the points from the curve, in standard errors."""
+    """Signed distances of the points from the curve, in standard errors; the offset's own last."""
     values = parameters.valuesdict()
     offset = values.get("offset", 0.0)
     extension = points.extension_nm + offset
@@ -249,13 +250,16 @@ def _residuals(
 
     margin = 0.1 + 6 * relative_error.max()
     grid = np.linspace(log_force.min() - margin, log_force.max() + margin, 64)
-    return signed_distances(
+    distances = signed_distances(
         log_force,
         relative_error,
         extension,
         points.extension_stderr_nm,
         curve=CubicSpline(grid, _heights(values, np.exp(grid), formula, assay)),
     )
+    if not 0 < assay.zero_stderr_nm < math.inf:
+        return distances
+    return np.append(distances, offset / assay.zero_stderr_nm)
 
 
 def _collect(result: Any, points: ExtensionPoints, formula: Formula, assay: Assay) -> TetherFit:
@@ -284,12 +288,12 @@ def _collect(result: Any, points: ExtensionPoints, formula: Formula, assay: Assa
         ),
         offset_nm=(
             _linear(values["offset"], error["offset"], "nm", method, done)
-            if assay.offset_unknown
+            if assay.zero_stderr_nm > 0
             else None
         ),
         force_range_pN=(float(points.force_pN.min()), float(points.force_pN.max())),
         points=len(points),
-        residuals=np.asarray(result.residual, dtype=np.float64),
+        residuals=np.asarray(result.residual[: len(points)], dtype=np.float64),
         chi2=chi2,
         dof=dof,
         p_value=float(chdtrc(dof, chi2)),

@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from mtpipe.estimate import Estimate, Status
-from mtpipe.fit.model import COORDINATES, TraceModel
+from mtpipe.fit.model import COORDINATES, PRIOR_HALF_WIDTH, TraceModel
 from mtpipe.physics.buffer import thermal_energy_pN_nm
 from mtpipe.physics.camera import Camera, FloatArray
 from mtpipe.physics.modes import SINGLE_MODE, Modes
@@ -24,6 +24,8 @@ from mtpipe.spectrum import Spectrum, periodogram
 NOT_IDENTIFIED_LN = 0.5
 # A noise below this share of the trace's variance is indistinguishable from none.
 AT_ZERO = 1e-7
+# All coordinates are of order one; a larger covariance is lmfit's way of saying undetermined.
+SENSIBLE_COVARIANCE = 1e6
 METHOD = "spectrum, maximum likelihood"
 
 
@@ -160,7 +162,7 @@ def fit_model(model: TraceModel) -> TraceFit:
     if model.noise_variance_nm2 is None and theta[2] < AT_ZERO * scale:
         without = fit_model(replace(model, noise_variance_nm2=0.0))
         return _describe(model, without.theta, _inverse(model.information(without.theta)))
-    if result.covar is None or not np.all(np.isfinite(result.covar)):
+    if result.covar is None or not np.all(np.abs(result.covar) < SENSIBLE_COVARIANCE):
         return _describe(model, theta, _inverse(model.information(theta)))
     to_nm2 = np.array([1.0, 1.0, scale])[: len(model.free)]
     return _describe(model, theta, result.covar * np.outer(to_nm2, to_nm2))
@@ -200,7 +202,9 @@ def _describe(model: TraceModel, theta: FloatArray, free_covariance: FloatArray)
 def _logarithmic(ln_value: float, variance: float, unit: str) -> Estimate:
     sigma = math.sqrt(max(float(variance), 0.0))
     value = math.exp(ln_value)
-    interval = (math.exp(max(ln_value - sigma, -600.0)), math.exp(min(ln_value + sigma, 600.0)))
+    if not sigma < PRIOR_HALF_WIDTH:
+        return Estimate(math.nan, math.nan, (0.0, math.inf), unit, METHOD, "not_identified")
+    interval = (math.exp(ln_value - sigma), math.exp(ln_value + sigma))
     if sigma > NOT_IDENTIFIED_LN:
         return Estimate(math.nan, math.nan, interval, unit, METHOD, "not_identified")
     return Estimate(value, value * sigma, interval, unit, METHOD)

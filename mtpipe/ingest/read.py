@@ -20,7 +20,7 @@ from mtpipe.ingest.files import describe, find_recording, kind_of
 from mtpipe.ingest.magnets import read_magnets
 from mtpipe.ingest.parquet import open_parquet
 from mtpipe.ingest.source import Format, Layout, Lost, Source
-from mtpipe.ingest.surface import surface_heights
+from mtpipe.ingest.surface import find_surface
 from mtpipe.ingest.text import TextTable, open_text
 from mtpipe.notice import Notice
 from mtpipe.plateaus import find_plateaus
@@ -120,8 +120,8 @@ def _assembled(
     )
     if not plateaus:
         raise _no_plateau(recording)
-    heights, said = surface_heights(recording)
-    for bead, height in heights.items():
+    surface = find_surface(recording)
+    for bead, height in surface.height_nm.items():
         sound.positions_nm[bead][:, 2] -= height
     notices = (
         *_guesses(tables, source),
@@ -130,9 +130,9 @@ def _assembled(
         *check_gaps(clock.frame, locate),
         *magnets.notices,
         *sound.notices,
-        *said,
+        *surface.notices,
     )
-    return dataclasses.replace(recording, notices=notices)
+    return dataclasses.replace(recording, notices=notices, z_zero_stderr_nm=surface.stderr_nm)
 
 
 def _without(data: Collected, source: Source | None) -> dict[str, np.ndarray]:

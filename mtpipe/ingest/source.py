@@ -279,11 +279,6 @@ class Source(Layout):
     z_zero: ZZero | None = None
     z_zero_of: dict[str, ZZero] = Field(default_factory=dict)
 
-    def knows_z_zero(self, bead: str) -> bool:
-        """Whether z of this bead, as read, is its height above the surface."""
-        choice = self.z_zero_of.get(bead, self.z_zero)
-        return not self.beads or (choice is not None and choice.unknown is None)
-
     @model_validator(mode="after")
     def _is_complete(self) -> Source:
         for key, ranges in (("keep_rows", self.keep_rows), ("skip_rows", self.skip_rows)):
