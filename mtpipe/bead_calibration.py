@@ -1,10 +1,11 @@
 """Calibration of one bead: every plateau and axis, in two passes.
 
-First every trace is fitted freely (stiffness, friction, noise), and traces that are no tethered
-bead's are refused. Then what all free fits together say of the bead's friction
-(`mtpipe.friction_prior`) enters the second fit as prior knowledge. Above about half the Nyquist
-frequency only this keeps errors of the model from becoming errors of the force (PHYSICS 3.B). The
-second fit gives stiffness and force; its posterior is sampled with emcee.
+First every trace is fitted for stiffness, friction and noise, the noise known within a factor from
+the reference beads, and traces that are no tethered bead's are refused. Then what all these fits
+together say of the bead's friction (`mtpipe.friction_prior`) enters the second fit as prior
+knowledge. Above about half the Nyquist frequency only this keeps errors of the model from becoming
+errors of the force (PHYSICS 3.B). The second fit gives stiffness and force; its posterior is
+sampled with emcee.
 """
 
 from __future__ import annotations
@@ -32,6 +33,9 @@ from mtpipe.traces import Trace
 # Free fits that know the friction worse than this say nothing about the bead's friction.
 USEFUL_FRICTION_LN = 0.3
 LATERAL = (0, 1)
+# Beads differ in their rings, and the tether keeps them out of focus: a tethered bead's tracking
+# noise is that of the reference beads within this factor (68 %).
+NOISE_FACTOR = 2.0
 
 
 @dataclass(frozen=True)
@@ -99,6 +103,7 @@ def calibrate_bead(
     lowest_hz: tuple[float, float, float],
     contour_length_nm: float,
     z_zero_stderr_nm: float,
+    noise_nm: tuple[float | None, float | None, float | None],
     seed: int,
 ) -> BeadResult:
     """Both passes for one bead.
@@ -109,6 +114,7 @@ def calibrate_bead(
     contour_length_nm : as the setup states it, 0 where unknown.
     z_zero_stderr_nm : of where z = 0 lies; infinite where that is unknown: then there is no
         extension, and no force.
+    noise_nm : per axis, the reference beads' tracking noise, or None where there is none.
     """
     recorded = [axis for axis in range(3) if any(trace.recorded[axis] for trace in traces)]
     extensions = [
@@ -118,7 +124,10 @@ def calibrate_bead(
         for trace in traces
     ]
     free = [
-        {axis: _free_fit(trace, axis, conditions, length[0], lowest_hz[axis]) for axis in recorded}
+        {
+            axis: _free_fit(trace, axis, conditions, length[0], lowest_hz[axis], noise_nm[axis])
+            for axis in recorded
+        }
         for trace, length in zip(traces, extensions, strict=True)
     ]
     refusals = [
@@ -159,9 +168,14 @@ def calibrate_bead(
 
 
 def _free_fit(
-    trace: Trace, axis: int, conditions: Conditions, extension_nm: float, lowest_hz: float
+    trace: Trace,
+    axis: int,
+    conditions: Conditions,
+    extension_nm: float,
+    lowest_hz: float,
+    noise_nm: float | None,
 ) -> TraceFit | str:
-    """A free fit, or the reason why there is none."""
+    """A fit without prior knowledge of the friction, or the reason why there is none."""
     try:
         spectrum = periodogram(
             trace.position_nm[:, axis], 1 / conditions.frame_rate_hz, lowest_hz=lowest_hz
@@ -174,6 +188,7 @@ def _free_fit(
             conditions.exposure_s,
             conditions.thermal_energy_pN_nm,
             noise_variance_nm2=None,
+            noise_prior_nm=None if not noise_nm else (noise_nm, NOISE_FACTOR),
             modes=conditions.modes(axis, extension_nm),
         )
     )

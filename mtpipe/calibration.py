@@ -6,6 +6,7 @@ beads share.
 
 from __future__ import annotations
 
+import statistics
 from collections.abc import Callable
 from concurrent.futures import ProcessPoolExecutor, as_completed
 from dataclasses import dataclass, replace
@@ -52,8 +53,10 @@ def calibrate(
     """
     conditions, notices = conditions_of(recording.setup)
     beads = {bead: traces_of(recording, bead) for bead in recording.tethered}
+    noise = _reference_noise(recording)
     if recording.setup.camera.exposure_s.value is None:
-        exposure, notice = estimate_exposure(recording, beads, conditions)
+        lateral = None if noise[0] is None or noise[1] is None else (noise[0], noise[1])
+        exposure, notice = estimate_exposure(beads, conditions, lateral)
         conditions = replace(conditions, exposure_s=exposure)
         notices = (*notices, notice)
     lowest_hz = _lowest_frequencies(recording)
@@ -66,6 +69,7 @@ def calibrate(
             lowest_hz,
             contour,
             recording.z_zero_stderr_nm.get(bead, 0.0),
+            noise,
             seed,
         )
         for bead, traces in beads.items()
@@ -85,6 +89,20 @@ def calibrate(
                 if progress is not None:
                     progress(len(results), len(jobs))
     return Calibration(conditions, tuple(results[job[0]] for job in jobs), notices)
+
+
+def _reference_noise(recording: Recording) -> tuple[float | None, float | None, float | None]:
+    """Per axis, the white tracking noise of the reference beads in use, in nm."""
+    used = [one for one in recording.drift.references if one.used] if recording.drift else []
+    if not used:
+        return (None, None, None)
+    x, y, z = (_median_positive([one.noise_nm[axis] for one in used]) for axis in range(3))
+    return (x, y, z)
+
+
+def _median_positive(values: list[float]) -> float | None:
+    known = [value for value in values if value > 0]
+    return statistics.median(known) if known else None
 
 
 def _lowest_frequencies(recording: Recording) -> tuple[float, float, float]:

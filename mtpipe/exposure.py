@@ -9,7 +9,6 @@ frequency moves forces by a few percent at most.
 
 from __future__ import annotations
 
-import math
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 
@@ -20,7 +19,6 @@ from mtpipe.errors import FitError
 from mtpipe.fit.model import TraceModel
 from mtpipe.fit.trace import fit_model
 from mtpipe.notice import Notice
-from mtpipe.recording import Recording
 from mtpipe.spectrum import Spectrum, periodogram
 from mtpipe.traces import Trace
 
@@ -31,16 +29,20 @@ MOST_TRACES = 24
 
 
 def estimate_exposure(
-    recording: Recording, beads: Mapping[str, Sequence[Trace]], conditions: Conditions
+    beads: Mapping[str, Sequence[Trace]], conditions: Conditions, noise: tuple[float, float] | None
 ) -> tuple[float, Notice]:
     """Exposure in s that all lateral traces together find most likely.
+
+    Parameters
+    ----------
+    beads : their traces. conditions : all but the exposure.
+    noise : tracking noise of the reference beads in x and y, nm; None without reference beads.
 
     Returns
     -------
     The exposure, and a notice with its 68 % interval and what was assumed.
     """
     frame_s = 1 / conditions.frame_rate_hz
-    noise = _reference_noise(recording)
     models = [] if noise is None else _informative(beads, conditions, noise)
     if noise is None or not models:
         reason = (
@@ -74,15 +76,6 @@ def estimate_exposure(
         "shorter exposure and more noise look the same on these traces; read the camera's register "
         "to be sure.",
     )
-
-
-def _reference_noise(recording: Recording) -> tuple[float, float] | None:
-    """White noise of the reference beads in x and y; None where there is no good reference."""
-    used = [r for r in recording.drift.references if r.used] if recording.drift else []
-    if not used:
-        return None
-    x, y = (float(np.median([r.noise_nm[axis] for r in used])) for axis in (0, 1))
-    return (x, y) if math.isfinite(x) and math.isfinite(y) else None
 
 
 def _informative(

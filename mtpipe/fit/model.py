@@ -1,15 +1,15 @@
 """The model of one trace's spectrum and its likelihood, in the coordinates that are fitted.
 
-Coordinates θ = (ln stiffness, ln friction, noise variance): k in pN/nm, γ in pN s/nm, ε² in nm².
-The logarithms make both scale parameters unbounded and the likelihood close to Gaussian; the noise
-enters as variance because the likelihood is regular in it at the limit ε² = 0. Everything works on
-many θ at once: shape (n, 3) in, (n, …) out.
+Coordinates θ = (ln stiffness, ln friction, noise): k in pN/nm, γ in pN s/nm. The logarithms make
+both scale parameters unbounded and the likelihood close to Gaussian. The noise enters as variance
+ε² ≥ 0 in nm², in which the likelihood is regular at the limit zero, or as ln ε² where its size is
+known beforehand. Everything works on many θ at once: shape (n, 3) in, (n, …) out.
 """
 
 from __future__ import annotations
 
 import functools
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from scipy import special, stats
@@ -18,11 +18,12 @@ from mtpipe.physics.camera import FloatArray
 from mtpipe.physics.modes import SINGLE_MODE, Modes
 from mtpipe.spectrum import Spectrum
 
-COORDINATES = ("ln_stiffness", "ln_friction", "noise_variance")
+COORDINATES = ("ln_stiffness", "ln_friction", "noise")
 # Half-width of the flat priors in ln k and ln γ about the start. Where noise explains everything
 # the likelihood does not bound the stiffness from above; this keeps the posterior proper, and one
 # that fills it is reported as not identified.
 PRIOR_HALF_WIDTH = 5.0
+LARGEST_LN_NOISE = 50.0
 
 
 @dataclass(frozen=True)
@@ -35,6 +36,8 @@ class TraceModel:
     exposure_s, thermal_energy_pN_nm : of camera and buffer.
     noise_variance_nm2 : known white tracking noise, or None where it is fitted.
     friction : prior mean and standard error in pN s/nm, or None.
+    noise_prior_nm : where the noise is fitted, its prior median in nm and the factor that holds
+        68 % of it (ln ε is Gaussian), or None: flat in ε² ≥ 0.
     modes : relaxation modes of this axis.
     """
 
@@ -43,6 +46,7 @@ class TraceModel:
     thermal_energy_pN_nm: float
     noise_variance_nm2: float | None = 0.0
     friction: tuple[float, float] | None = None
+    noise_prior_nm: tuple[float, float] | None = None
     modes: Modes = SINGLE_MODE
 
     @property
@@ -50,11 +54,20 @@ class TraceModel:
         """Indices of the coordinates that are fitted."""
         return (0, 1) if self.noise_variance_nm2 is not None else (0, 1, 2)
 
+    @property
+    def noise_is_log(self) -> bool:
+        """Whether the third coordinate is ln ε² and not ε²."""
+        return self.noise_variance_nm2 is None and self.noise_prior_nm is not None
+
+    def noise_nm2(self, theta: FloatArray) -> FloatArray:
+        """Variance ε² of the tracking noise, (n,) nm², for coordinates (n, 3)."""
+        return np.exp(theta[:, 2]) if self.noise_is_log else theta[:, 2]
+
     def expected(self, theta: FloatArray) -> FloatArray:
         """Expected binned periodogram, (n, n_bins) nm²/Hz, for coordinates (n, 3)."""
         stiffness, friction = np.exp(theta[:, 0]), np.exp(theta[:, 1])
         window = self.spectrum.window
-        noise = 2 * window.frame_s * theta[:, 2, None] * window.white
+        noise = 2 * window.frame_s * self.noise_nm2(theta)[:, None] * window.white
         variance = self.thermal_energy_pN_nm / stiffness
         for share, rate in zip(self.modes.shares, self.modes.rates, strict=True):
             tau_s = friction / (stiffness * rate)
@@ -64,46 +77,49 @@ class TraceModel:
     def residuals(self, theta: FloatArray) -> FloatArray:
         """Signed roots of the deviance per bin (and of the prior): their squares sum to −2 ln L.
 
-        (n, n_bins) or (n, n_bins + 1); the deviance is that of the Gamma law of each bin.
+        (n, n_bins + number of priors); the deviance is that of the Gamma law of each bin.
         """
         u = self.spectrum.power / self.expected(theta)
         deviance = 2 * self.spectrum.ordinates * (u - 1 - np.log(u))
         signed = np.sign(u - 1) * np.sqrt(np.maximum(deviance, 0.0))
-        return signed if self.friction is None else np.hstack([signed, self._pull(theta)])
+        return np.hstack([signed, self._pulls(theta)])
 
     def log_posterior(self, theta: FloatArray) -> FloatArray:
         """ln of likelihood × prior, (n,), up to a constant; −inf for negative noise.
 
-        Priors are flat in ln k and ln γ (to e^±5 about the start) and in ε² ≥ 0, times the
-        Gaussian prior of the friction.
+        Priors are flat in ln k and ln γ (to e^±5 about the start) and in ε² ≥ 0, unless friction
+        or noise have a prior of their own.
         """
         near = np.abs(theta[:, :2] - self.start[:2]) < PRIOR_HALF_WIDTH
-        allowed = (theta[:, 2] >= 0) & near.all(axis=1)
+        possible = np.abs(theta[:, 2]) < LARGEST_LN_NOISE if self.noise_is_log else theta[:, 2] >= 0
+        allowed = possible & near.all(axis=1)
         out = np.full(len(theta), -np.inf)
         if allowed.any():
             inside = theta[allowed]
             expected = self.expected(inside)
             per_bin = np.log(expected) + self.spectrum.power / expected
             value = -per_bin @ self.spectrum.ordinates
-            if self.friction is not None:
-                value = value - 0.5 * self._pull(inside)[:, 0] ** 2
-            out[allowed] = value
+            out[allowed] = value - 0.5 * np.sum(self._pulls(inside) ** 2, axis=1)
         return out
 
     def information(self, theta: FloatArray) -> FloatArray:
         """Expected Fisher information of the free coordinates at one θ (3,), prior included."""
-        steps = np.array([1e-4, 1e-4, 1e-4 * self.spectrum.variance_nm2])
+        unit = 1.0 if self.noise_is_log else self.spectrum.variance_nm2
+        steps = 1e-4 * np.array([1.0, 1.0, unit])
         free = np.array(self.free)
         shift = np.zeros((len(free), 3))
         shift[np.arange(len(free)), free] = steps[free]
-        # one-sided in the noise, which may not be negative
-        low = np.maximum(theta - shift, np.array([-np.inf, -np.inf, 0.0]))
+        low = theta - shift
+        if not self.noise_is_log:
+            low[:, 2] = np.maximum(low[:, 2], 0.0)
         high = theta + shift
         width = (high - low)[np.arange(len(free)), free][:, None]
         slope = (np.log(self.expected(high)) - np.log(self.expected(low))) / width
         information = (slope * self.spectrum.ordinates) @ slope.T
         if self.friction is not None:
             information[1, 1] += (np.exp(theta[1]) / self.friction[1]) ** 2
+        if self.noise_is_log and self.noise_prior_nm is not None:
+            information[2, 2] += (2 * np.log(self.noise_prior_nm[1])) ** -2
         return np.asarray(information)
 
     def p_value(self, deviance: float, fitted: int) -> tuple[float, float]:
@@ -118,9 +134,15 @@ class TraceModel:
         variance = float(np.sum(4 * n**2 * special.polygamma(1, n) - 4 * n)) - 2 * fitted
         return mean, float(stats.gamma.sf(deviance, mean**2 / variance, scale=variance / mean))
 
-    def _pull(self, theta: FloatArray) -> FloatArray:
-        value, stderr = self.friction or (0.0, np.inf)
-        return np.asarray((np.exp(theta[:, 1:2]) - value) / stderr)
+    def _pulls(self, theta: FloatArray) -> FloatArray:
+        """(n, number of priors) distances from the priors in their standard errors."""
+        pulls = []
+        if self.friction is not None:
+            pulls.append((np.exp(theta[:, 1]) - self.friction[0]) / self.friction[1])
+        if self.noise_is_log and self.noise_prior_nm is not None:
+            median, factor = self.noise_prior_nm
+            pulls.append((theta[:, 2] / 2 - np.log(median)) / np.log(factor))
+        return np.column_stack(pulls) if pulls else np.empty((len(theta), 0))
 
     @functools.cached_property
     def start(self) -> FloatArray:
@@ -134,8 +156,8 @@ class TraceModel:
         tau = np.geomspace(0.02 * window.frame_s, self.spectrum.duration_s, 40)
         theta = np.zeros((len(tau), 3))
         theta[:, 1] = np.log(tau * rate)
-        theta[:, 0] = 0.0
-        shape = self.expected(theta) / self.thermal_energy_pN_nm
+        bare = replace(self, noise_variance_nm2=0.0)
+        shape = bare.expected(theta) / self.thermal_energy_pN_nm
         white = 2 * window.frame_s * window.white
         weight = self.spectrum.ordinates / self.spectrum.ordinates.sum()
         best, chosen = np.inf, theta[0]
@@ -158,4 +180,6 @@ class TraceModel:
                 best = float(loss[i])
                 noise = known if known is not None else white_share * scale[i]
                 chosen = np.array([np.log(stiffness[i]), np.log(friction[i]), noise])
+        if self.noise_is_log and self.noise_prior_nm is not None:
+            chosen[2] = np.log(max(chosen[2], self.noise_prior_nm[0] ** 2))
         return np.asarray(chosen)

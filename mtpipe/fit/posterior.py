@@ -35,7 +35,7 @@ class Posterior:
 
     Attributes
     ----------
-    theta : (n_samples, 3) ln stiffness, ln friction, noise variance.
+    theta : (n_samples, 3) in the coordinates of `mtpipe.fit.model`.
     r_hat : largest split R-hat over the sampled coordinates (Gelman et al. 2013, section 11.4).
     effective_samples : smallest number of independent samples over the coordinates.
     autocorrelation_steps : longest integrated autocorrelation time.
@@ -63,7 +63,7 @@ class Posterior:
     @property
     def noise_nm(self) -> FloatArray:
         """(n_samples,)"""
-        return np.asarray(np.sqrt(self.theta[:, 2]))
+        return np.asarray(np.sqrt(self.fit.model.noise_nm2(self.theta)))
 
     @property
     def stiffness(self) -> Estimate:
@@ -185,7 +185,7 @@ def _split_r_hat(chain: NDArray[np.float64]) -> FloatArray:
 
 @dataclass(frozen=True)
 class _StudentProposal:
-    """Multivariate Student law about the maximum; a variance is folded to stay positive."""
+    """Multivariate Student law about the maximum; a noise variance is folded to stay positive."""
 
     centre: FloatArray
     root: FloatArray
@@ -198,14 +198,15 @@ class _StudentProposal:
         covariance = fit.covariance[free]
         # where the data say nothing the Gaussian approximation is no guide: keep it within reason
         size = np.sqrt(np.diag(covariance))
-        limit = np.array([3.0, 3.0, fit.model.spectrum.variance_nm2])[: len(size)]
+        log = fit.model.noise_is_log
+        limit = np.array([3.0, 3.0, 3.0 if log else fit.model.spectrum.variance_nm2])[: len(size)]
         shrink = np.minimum(1.0, limit / size)
         covariance = covariance * np.outer(shrink, shrink)
         root = np.linalg.cholesky(covariance + 1e-12 * np.diag(np.diag(covariance)))
         root = TAIL_WIDENING * root
-        return cls(
-            fit.theta[list(fit.model.free)], root, np.asarray(np.linalg.inv(root)), len(size) == 3
-        )
+        folded = len(size) == 3 and not log
+        inverse = np.asarray(np.linalg.inv(root))
+        return cls(fit.theta[list(fit.model.free)], root, inverse, folded)
 
     def draw(self, n: int, generator: np.random.Generator) -> FloatArray:
         normal = generator.normal(size=(n, len(self.centre)))

@@ -37,7 +37,7 @@ class TraceFit:
     ----------
     stiffness : pN/nm. friction : pN s/nm. noise : nm. corner_frequency : Hz, k/(2πγ).
     theta, covariance : (3,) maximum of the likelihood and (3, 3) covariance in the coordinates of
-        `fit.model`; zero rows for what was not fitted.
+        `mtpipe.fit.model`; zero rows for what was not fitted.
     deviance, dof, p_value : quality of the fit of the spectrum; p is uniform for a true model.
     """
 
@@ -126,7 +126,7 @@ def fit_trace(
             float(thermal_energy_pN_nm(temperature_K)),
             known,
             friction,
-            modes,
+            modes=modes,
         )
     )
 
@@ -140,14 +140,17 @@ def fit_model(model: TraceModel) -> TraceFit:
     parameters = lmfit.Parameters()
     parameters.add(COORDINATES[0], value=start[0], min=start[0] - 25, max=start[0] + 25)
     parameters.add(COORDINATES[1], value=start[1], min=start[1] - 25, max=start[1] + 25)
-    if model.noise_variance_nm2 is None:
-        # in units of the variance, so that all coordinates are of order one
+    # a variance in units of the trace's, so that all coordinates are of order one
+    unit = 1.0 if model.noise_is_log else scale
+    if model.noise_is_log:
+        parameters.add(COORDINATES[2], value=start[2])
+    elif model.noise_variance_nm2 is None:
         parameters.add(COORDINATES[2], value=max(start[2] / scale, 1e-4), min=0.0)
 
     def coordinates(values: lmfit.Parameters) -> FloatArray:
         noise = model.noise_variance_nm2
         if noise is None:
-            noise = values[COORDINATES[2]].value * scale
+            noise = values[COORDINATES[2]].value * unit
         return np.array([values[COORDINATES[0]].value, values[COORDINATES[1]].value, noise])
 
     result = lmfit.minimize(
@@ -159,18 +162,18 @@ def fit_model(model: TraceModel) -> TraceFit:
         xtol=1e-8,
     )
     theta = coordinates(result.params)
-    if model.noise_variance_nm2 is None and theta[2] < AT_ZERO * scale:
+    if model.noise_variance_nm2 is None and not model.noise_is_log and theta[2] < AT_ZERO * scale:
         without = fit_model(replace(model, noise_variance_nm2=0.0))
         return _describe(model, without.theta, _inverse(model.information(without.theta)))
     if result.covar is None or not np.all(np.abs(result.covar) < SENSIBLE_COVARIANCE):
         return _describe(model, theta, _inverse(model.information(theta)))
-    to_nm2 = np.array([1.0, 1.0, scale])[: len(model.free)]
+    to_nm2 = np.array([1.0, 1.0, unit])[: len(model.free)]
     return _describe(model, theta, result.covar * np.outer(to_nm2, to_nm2))
 
 
 def _inverse(information: FloatArray) -> FloatArray:
     """Inverse of a Fisher matrix; directions that are not determined get a huge variance."""
-    size = np.sqrt(np.maximum(np.diag(information), 1e-300))
+    size = np.sqrt(np.maximum(np.diag(information), 1e-20))
     values, vectors = np.linalg.eigh(information / np.outer(size, size))
     scaled = (vectors / np.maximum(values, 1e-12)) @ vectors.T
     return np.asarray(scaled / np.outer(size, size))
@@ -210,12 +213,15 @@ def _logarithmic(ln_value: float, variance: float, unit: str) -> Estimate:
     return Estimate(value, value * sigma, interval, unit, METHOD)
 
 
-def _noise(model: TraceModel, variance_nm2: float, variance_of_it: float) -> Estimate:
-    value = math.sqrt(max(variance_nm2, 0.0))
+def _noise(model: TraceModel, coordinate: float, variance_of_it: float) -> Estimate:
+    sigma = math.sqrt(max(variance_of_it, 0.0))
+    if model.noise_is_log:
+        low, value, high = (math.exp((coordinate + s * sigma) / 2) for s in (-1, 0, 1))
+        return Estimate(value, (high - low) / 2, (low, high), "nm", METHOD)
+    value = math.sqrt(max(coordinate, 0.0))
     if model.noise_variance_nm2 is not None:
         return Estimate(value, 0.0, (value, value), "nm", METHOD, "fixed")
-    sigma = math.sqrt(max(variance_of_it, 0.0))
-    low, high = (math.sqrt(max(variance_nm2 + s * sigma, 0.0)) for s in (-1, 1))
+    low, high = (math.sqrt(max(coordinate + s * sigma, 0.0)) for s in (-1, 1))
     # half the interval: the standard error of a square root is no derivative near zero
-    status: Status = "at_bound" if variance_nm2 == 0 else "ok"
+    status: Status = "at_bound" if coordinate == 0 else "ok"
     return Estimate(value, (high - low) / 2, (low, high), "nm", METHOD, status)

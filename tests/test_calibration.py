@@ -1,0 +1,226 @@
+"""Calibration of whole recordings: forces, friction, exposure, and what is refused."""
+
+import dataclasses
+import math
+
+import numpy as np
+import pytest
+
+import mtpipe
+from mtpipe.calibration import calibrate
+from mtpipe.physics.tether import mean_extension_nm
+from mtpipe.quality import bead_verdict, trace_flags
+from mtpipe.setup import parse_setup
+from tests import simulated
+from tests.simulated import CHAIN, RATE_HZ, bead_nm, recording, setup_content
+
+
+def calibrated(*args, **options):
+    return calibrate(mtpipe.subtract_drift(recording(*args, **options)))
+
+
+def verdict_of(calibration, setup):
+    (bead,) = calibration.beads
+    flags = tuple(
+        notice
+        for plateau in bead.plateaus
+        for notice in trace_flags(calibration, bead, plateau, setup)
+    )
+    return bead_verdict(bead, flags, None, setup), {notice.code for notice in flags}
+
+
+def test_forces_lie_within_their_errors():
+    """Pulls of 36 forces: mean within 0.5 (3 sigma), standard deviation between 0.7 and 1.3."""
+    forces, pulls = (0.4, 1.5, 5.0), []
+    for seed in range(6):
+        (bead,) = calibrated(forces, 2048, seed).beads
+        for plateau, true in zip(bead.plateaus, forces, strict=True):
+            for one in plateau.axes[:2]:
+                assert one.force.status == "ok"
+                pulls.append((one.force.value - true) / one.force.stderr)
+    assert abs(np.mean(pulls)) < 0.5
+    assert 0.7 < np.std(pulls) < 1.3
+
+
+def test_force_is_stiffness_times_lever():
+    (bead,) = calibrated((1.0,), 8192).beads
+    x, y, z = bead.plateaus[0].axes
+    length = bead.plateaus[0].extension_nm
+    assert length == pytest.approx(float(mean_extension_nm(CHAIN, 1.0)), abs=4)
+    assert x.force.value == pytest.approx(x.posterior.stiffness.value * length, rel=5e-3)
+    assert y.force.value == pytest.approx(
+        y.posterior.stiffness.value * (length + simulated.RADIUS_NM), rel=5e-3
+    )
+    assert z.force is None
+    assert z.fit is not None
+
+
+def test_field_along_y_swaps_the_levers():
+    setup = parse_setup(setup_content(field={"direction": "y"}))
+    (bead,) = calibrated((1.0,), 8192, setup=setup).beads
+    x, y, _ = bead.plateaus[0].axes
+    length = bead.plateaus[0].extension_nm
+    assert y.force.value == pytest.approx(y.posterior.stiffness.value * length, rel=5e-3)
+    assert x.force.value / x.posterior.stiffness.value == pytest.approx(
+        length + simulated.RADIUS_NM, rel=5e-3
+    )
+
+
+def test_friction_that_contradicts_the_setup_is_measured_and_said():
+    """1.5 times the friction: a prior from the setup would pull the force at high force."""
+    random = np.random.default_rng(4)
+    forces = (0.3, 1.0, 4.0)
+    beads = {"b1": np.vstack([bead_nm(f, 4096, random, friction=1.5) for f in forces])}
+    raw = recording(forces, beads=beads)
+    calibration = calibrate(mtpipe.subtract_drift(raw))
+    (bead,) = calibration.beads
+    assert bead.friction_contradicts
+    assert bead.friction_ratio.value == pytest.approx(1.5, abs=5 * bead.friction_ratio.stderr)
+    assert "measured on this bead" in bead.plateaus[0].axes[0].method
+    for plateau, true in zip(bead.plateaus, forces, strict=True):
+        force = plateau.axes[0].force
+        assert abs(force.value - true) < 4 * force.stderr
+    verdict, _ = verdict_of(calibration, raw.setup)
+    assert verdict.verdict == "caution"
+    assert "friction" in verdict.reasons[0]
+
+
+def test_unknown_exposure_is_estimated_from_the_blur():
+    random = np.random.default_rng(5)
+    setup = parse_setup(setup_content(camera={"frame_rate_hz": RATE_HZ, "exposure_s": "unknown"}))
+    forces = (2.0, 4.0, 6.0)
+    half = 0.5 / RATE_HZ
+    beads = {
+        "b1": np.vstack([bead_nm(f, 8192, random, exposure_s=half, noise_nm=1.0) for f in forces])
+    }
+    calibration = calibrate(
+        mtpipe.subtract_drift(recording(forces, 8192, setup=setup, beads=beads))
+    )
+    assert calibration.conditions.exposure_s == pytest.approx(half, rel=0.2)
+    assert [n.code for n in calibration.notices] == ["exposure_estimated"]
+
+
+def test_unknown_exposure_without_reference_bead_is_assumed_and_said():
+    camera = {"frame_rate_hz": RATE_HZ, "exposure_s": "unknown"}
+    beads = {"radius_nm": 500.0}
+    raw = recording((2.0,), setup=parse_setup(setup_content(camera=camera, beads=beads)))
+    alone = dataclasses.replace(raw, positions_nm={"b1": raw.positions_nm["b1"]})
+    calibration = calibrate(mtpipe.subtract_drift(alone))
+    assert calibration.conditions.exposure_s == pytest.approx(1 / RATE_HZ)
+    assert "exposure_assumed" in [n.code for n in calibration.notices]
+
+
+def test_unknown_temperature_viscosity_and_radius_are_said_and_lived_with():
+    content = setup_content(
+        buffer={"temperature_K": "unknown", "viscosity_mPa_s": "unknown"},
+        beads={"radius_nm": "unknown", "reference": ["ref1"]},
+    )
+    calibration = calibrated((1.0,), setup=parse_setup(content))
+    assert {n.code for n in calibration.notices} == {"temperature_assumed", "viscosity_assumed"}
+    x, y, _ = calibration.beads[0].plateaus[0].axes
+    assert x.force.value == pytest.approx(1.0, abs=4 * x.force.stderr)
+    assert y.force is None  # the lever L + R is not known
+    assert y.posterior is not None
+
+
+def nothing_but(xyz):
+    return recording((1.0,), len(xyz), beads={"b1": xyz})
+
+
+def stuck(random):
+    return 1.5 * random.normal(size=(6000, 3)) + [0.0, 0.0, 2.0]
+
+
+def free(random):
+    # the bulk diffusion of this bead, one step a frame
+    return np.cumsum(60.0 * random.normal(size=(6000, 3)), axis=0)
+
+
+def driven(random):
+    angle = 2 * np.pi * 0.5 * np.arange(6000) / RATE_HZ
+    circle = 300 * np.column_stack([np.cos(angle), np.sin(angle), 0 * angle])
+    return circle + 15 * random.normal(size=(6000, 3)) + [0.0, 0.0, 800.0]
+
+
+def ring_at_changing_speed(random):
+    angle = np.cumsum(0.3 * random.normal(size=6000) + 0.05)
+    circle = 300 * np.column_stack([np.cos(angle), np.sin(angle), 0 * angle])
+    return circle + 40 * random.normal(size=(6000, 3)) + [0.0, 0.0, 800.0]
+
+
+@pytest.mark.parametrize(
+    ("motion", "words"),
+    [(stuck, "stuck"), (free, "no plateau"), (driven, "circles"), (ring_at_changing_speed, "ring")],
+)
+def test_what_is_no_tethered_bead_is_refused_with_its_reason(motion, words):
+    raw = nothing_but(motion(np.random.default_rng(3)))
+    calibration = calibrate(raw)
+    verdict, codes = verdict_of(calibration, raw.setup)
+    assert verdict.verdict == "refused"
+    assert words in " ".join(verdict.reasons)
+    assert "refused" in codes
+    for one in calibration.beads[0].plateaus[0].axes[:2]:
+        assert one.force is None
+
+
+def test_tethers_are_not_refused():
+    """Negative control over forces, seeds and axes, 60 traces."""
+    for seed in range(5):
+        (bead,) = calibrated((0.1, 0.5, 2.0, 5.0, 10.0, 20.0), 2048, seed).beads
+        assert not any(one.refusal for plateau in bead.plateaus for one in plateau.axes)
+
+
+def test_no_z_gives_stiffness_and_no_force():
+    raw = recording((1.0,))
+    positions = {name: xyz.copy() for name, xyz in raw.positions_nm.items()}
+    for xyz in positions.values():
+        xyz[:, 2] = np.nan
+    flat = dataclasses.replace(raw, positions_nm=positions)
+    calibration = calibrate(mtpipe.subtract_drift(flat))
+    axes = calibration.beads[0].plateaus[0].axes
+    assert [one.axis for one in axes] == ["x", "y"]
+    assert all(one.force is None and one.posterior is not None for one in axes)
+    verdict, codes = verdict_of(calibration, raw.setup)
+    assert "no_extension" in codes
+    assert verdict.verdict == "caution"
+
+
+def test_mistracked_frames_are_found_and_harmless():
+    raw = recording((1.0, 4.0), 4096)
+    spoiled = {name: xyz.copy() for name, xyz in raw.positions_nm.items()}
+    rows = np.random.default_rng(1).choice(4096, 90, replace=False)
+    spoiled["b1"][rows] += [900.0, -700.0, 30_000.0]
+    bad = dataclasses.replace(raw, positions_nm=spoiled)
+    calibration = calibrate(mtpipe.subtract_drift(bad))
+    first = calibration.beads[0].plateaus[0]
+    assert first.trace.mistracked == 90
+    assert abs(first.axes[0].force.value - 1.0) < 4 * first.axes[0].force.stderr
+    _, codes = verdict_of(calibration, raw.setup)
+    assert "mistracked" in codes
+
+
+def test_heavy_but_real_motion_is_not_mistracked():
+    (bead,) = calibrated((0.05, 0.5), 8192, drift_nm_per_root_s=20.0).beads
+    assert [plateau.trace.mistracked for plateau in bead.plateaus] == [0, 0]
+
+
+def test_workers_and_order_change_nothing():
+    raw = mtpipe.subtract_drift(recording((1.0,), 1024))
+    two = dataclasses.replace(
+        raw, positions_nm={"b2": raw.positions_nm["b1"][::-1].copy(), **raw.positions_nm}
+    )
+    alone = calibrate(raw).beads[0]
+    spread = {bead.bead: bead for bead in calibrate(two, workers=2).beads}
+    assert list(spread) == ["b2", "b1"]
+    ours, theirs = alone.plateaus[0].axes[0].force, spread["b1"].plateaus[0].axes[0].force
+    assert ours == theirs
+
+
+def test_extension_longer_than_the_contour_is_flagged():
+    raw = recording((4.0,))
+    positions = dict(raw.positions_nm)
+    positions["b1"] = positions["b1"] + [0.0, 0.0, 400.0]
+    calibration = calibrate(mtpipe.subtract_drift(dataclasses.replace(raw, positions_nm=positions)))
+    _, codes = verdict_of(calibration, raw.setup)
+    assert "extension" in codes
+    assert math.isfinite(calibration.beads[0].plateaus[0].axes[0].force.value)

@@ -1,0 +1,69 @@
+"""mtpipe on the real recordings, beside what their owners say.
+
+    python workflows/real_recordings/compare.py --recordings ../shared/recordings
+
+Prints the tables of docs/real-recordings.md. Nothing is written but temporary files: the recordings
+are not ours, and neither they nor anything made of them but numbers belongs into the repository.
+"""
+
+from __future__ import annotations
+
+import argparse
+import tempfile
+import time
+from pathlib import Path
+
+import cmaddry
+import others
+
+from mtpipe import pipeline
+from mtpipe.calibration import calibrate
+
+CHECKOUT = Path(__file__).resolve().parents[2]
+SETUPS = CHECKOUT / "tests" / "data" / "real_setups"
+
+
+def main() -> None:
+    """Run everything and print it."""
+    parser = argparse.ArgumentParser(description="mtpipe on the real recordings.")
+    parser.add_argument(
+        "--recordings", type=Path, default=CHECKOUT.parent / "shared" / "recordings"
+    )
+    parser.add_argument("--only", choices=("cmaddry", "others"), help="one part alone")
+    choice = parser.parse_args()
+    if choice.only != "others":
+        _complete_case(choice.recordings / "cmaddry-run2")
+    if choice.only != "cmaddry":
+        _say("Other recordings", others.answers(choice.recordings, SETUPS))
+
+
+def _complete_case(folder: Path) -> None:
+    began = time.perf_counter()
+    with tempfile.TemporaryDirectory() as out:
+        run = pipeline.run(folder, Path(out), setup=SETUPS / "cmaddry-run2.toml")
+    conditions = run.calibration.conditions
+    recording = cmaddry.with_exposure(run.recording, conditions.exposure_s)
+    full_frame = cmaddry.with_exposure(run.recording, 1 / conditions.frame_rate_hz)
+    radius = conditions.radius_nm
+    assert radius is not None
+    print(f"cmaddry-run2: mtpipe run took {time.perf_counter() - began:.0f} s")
+    _say(
+        "Forces beside the owners'",
+        cmaddry.table_of_forces(recording, cmaddry.on_owners_ranges(recording)),
+    )
+    _say("Friction as mtpipe runs", cmaddry.friction_table(run.calibration))
+    _say("Friction for a full frame", cmaddry.friction_table(calibrate(full_frame, workers=2)))
+    _say("Axis of the field", cmaddry.field_axis(run.calibration))
+    _say("Attachment", cmaddry.attachment(run.recording, radius[0]))
+    _say("Tethers", cmaddry.tethers(run))
+    _say("Force and extension", cmaddry.curve_table(run))
+    _say("Quality checks", cmaddry.quality(run))
+
+
+def _say(title: str, lines: list[str]) -> None:
+    print(f"\n{title}\n{'-' * len(title)}")
+    print("\n".join(lines), flush=True)
+
+
+if __name__ == "__main__":
+    main()
