@@ -217,7 +217,9 @@ def _refusals(
     if still and all(still):
         return dict.fromkeys(fits, still[0] or "")
     reasons = {
-        axis: fit if isinstance(fit, str) else refusal.without_plateau(fit)
+        axis: fit
+        if isinstance(fit, str)
+        else refusal.without_plateau(fit, conditions.friction_pN_s_per_nm(axis, extension_nm))
         for axis, fit in fits.items()
     }
     return {axis: reason for axis, reason in reasons.items() if reason is not None}
@@ -231,9 +233,11 @@ def _friction_ratio(
     if isinstance(fit, str) or nominal is None:
         return None
     stderr = math.sqrt(fit.covariance[1, 1])
-    if not stderr < USEFUL_FRICTION_LN:
+    ln_ratio = float(fit.theta[1]) - math.log(nominal)
+    # a fit that took drift or noise for the tether's motion says nothing about the bead
+    if not stderr < USEFUL_FRICTION_LN or ln_ratio > math.log(refusal.IMPLAUSIBLE_FRICTION):
         return None
-    return float(fit.theta[1]) - math.log(nominal), stderr
+    return ln_ratio, stderr
 
 
 def _axis_result(

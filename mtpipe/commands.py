@@ -22,12 +22,14 @@ app = typer.Typer(
     add_completion=False,
     no_args_is_help=True,
     pretty_exceptions_enable=False,
+    rich_markup_mode=None,
     help="Force calibration for magnetic tweezers: from tracked beads to forces you can defend.",
 )
 
 Recording = Annotated[
     Path,
     typer.Argument(
+        metavar="RECORDING",
         help="Recording (CSV, Parquet, or a laboratory's own file), a folder with a series of "
         "files, or a setup.toml whose [source] names its files.",
         exists=True,

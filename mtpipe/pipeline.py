@@ -1,7 +1,7 @@
 """The main job: a recording in, a folder of forces, curves and a report out.
 
 Each step is a function that can be called alone; this module only calls them in order, keeps the
-clock, and writes the files that `docs/run-folder.md` describes, `run.json` last.
+clock, and writes the files that `docs/run-folder.md` describes.
 """
 
 from __future__ import annotations
@@ -123,10 +123,7 @@ def run(
     )
     say("writing", 0, 1)
     _write_tables(result, raw, out)
-    clock.lap("tables")
     write_report(out, progress=lambda done, total: say("drawing the report", done, total))
-    clock.lap("report")
-    _write_json(out, {"seconds": clock.seconds})
     return result
 
 
@@ -180,11 +177,6 @@ def _run_json(result: Run) -> str:
         "seconds": result.seconds,
     }
     return json.dumps(_without_nan(content), indent=2, ensure_ascii=False, allow_nan=False)
-
-
-def _write_json(out: Path, more: dict[str, object]) -> None:
-    content = json.loads((out / "run.json").read_text(encoding="utf-8"))
-    write_atomically(out / "run.json", json.dumps(content | more, indent=2, ensure_ascii=False))
 
 
 def _without_nan(value: object) -> object:

@@ -22,6 +22,8 @@ STRONGEST_TETHER_PN = 65.0
 # A random walk fitted as a tether shows a relaxation time of at least a twentieth of the trace in
 # 99 of 100 cases (Dickey & Fuller 1979: their 1 % value is T/τ = 20.7); a tether must do better.
 LONGEST_RELAXATION = 0.05
+# No bead near a surface has this many times its Stokes friction with the wall's correction.
+IMPLAUSIBLE_FRICTION = 5.0
 LINE_SHARE = 0.75
 LINE_LOWEST_ORDINATE = 3
 # A ring stays below; a disc, the motion of a tether without force, has 4/3.
@@ -78,11 +80,20 @@ def _circling_line(xy: FloatArray) -> tuple[int, float] | None:
     return None
 
 
-def without_plateau(fit: TraceFit) -> str | None:
-    """Free diffusion: the spectrum has no plateau within the length of the trace."""
+def without_plateau(fit: TraceFit, expected_friction: float | None) -> str | None:
+    """Free diffusion: the spectrum has no plateau within the length of the trace.
+
+    Parameters
+    ----------
+    expected_friction : in pN s/nm, or None. A bead diffuses as fast as its friction lets it; slow
+        motion that is much slower than that is drift under a tether's own, faster motion.
+    """
     relaxation_s = math.exp(fit.theta[1] - fit.theta[0])
     duration_s = fit.spectrum.duration_s
     if relaxation_s < LONGEST_RELAXATION * duration_s:
+        return None
+    friction = math.exp(fit.theta[1])
+    if expected_friction is not None and friction > IMPLAUSIBLE_FRICTION * expected_friction:
         return None
     return (
         f"the spectrum has no plateau: over {duration_s:.3g} s the motion cannot be told from free "

@@ -2,21 +2,22 @@
 
 Walkers start from the Gaussian approximation at the maximum and mostly propose from a heavy-tailed
 version of it (independence proposals, nearly uncorrelated where the posterior is nearly Gaussian);
-every fifth step is a stretch move (Goodman & Weare 2010), which does not need that to be so. The
-chain grows until it is 50 autocorrelation times long; whether it got there is part of the result.
+about every fifth step is a stretch move (Goodman & Weare 2010), which does not need that to be so.
+The chain grows until it is 50 autocorrelation times long; whether it got there is part of the
+result.
 """
 
 from __future__ import annotations
 
 import math
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
 from mtpipe.estimate import Estimate, Status
-from mtpipe.fit.trace import NOT_IDENTIFIED_LN, TraceFit
+from mtpipe.fit.trace import NOT_IDENTIFIED_LN, TraceFit, fit_model
 from mtpipe.physics.camera import FloatArray
 
 METHOD = "spectrum, posterior"
@@ -113,7 +114,7 @@ def sample_posterior(fit: TraceFit, *, seed: int | np.random.Generator = 0) -> P
 
     generator = np.random.default_rng(seed)
     free = list(fit.model.free)
-    proposal = _StudentProposal.at(fit)
+    proposal = _Proposal.at(fit)
     start = proposal.draw(WALKERS, generator)
 
     def log_probability(free_theta: FloatArray) -> FloatArray:
@@ -134,7 +135,7 @@ def sample_posterior(fit: TraceFit, *, seed: int | np.random.Generator = 0) -> P
     )
     sampler.random_state = np.random.RandomState(generator.integers(2**31)).get_state()
     state, autocorrelation, enough = (
-        _inside(start, proposal.centre, log_probability),
+        _inside(start, fit.theta[free], log_probability),
         math.inf,
         False,
     )
@@ -184,46 +185,77 @@ def _split_r_hat(chain: NDArray[np.float64]) -> FloatArray:
 
 
 @dataclass(frozen=True)
-class _StudentProposal:
-    """Multivariate Student law about the maximum; a noise variance is folded to stay positive."""
+class _Student:
+    """Multivariate Student law, up to a constant that all share with the same dimension."""
 
     centre: FloatArray
     root: FloatArray
     inverse: FloatArray
-    folded: bool
+    log_volume: float
 
     @classmethod
-    def at(cls, fit: TraceFit) -> _StudentProposal:
-        free = np.ix_(fit.model.free, fit.model.free)
-        covariance = fit.covariance[free]
-        # where the data say nothing the Gaussian approximation is no guide: keep it within reason
-        size = np.sqrt(np.diag(covariance))
-        log = fit.model.noise_is_log
-        limit = np.array([3.0, 3.0, 3.0 if log else fit.model.spectrum.variance_nm2])[: len(size)]
-        shrink = np.minimum(1.0, limit / size)
-        covariance = covariance * np.outer(shrink, shrink)
-        root = np.linalg.cholesky(covariance + 1e-12 * np.diag(np.diag(covariance)))
-        root = TAIL_WIDENING * root
-        folded = len(size) == 3 and not log
-        inverse = np.asarray(np.linalg.inv(root))
-        return cls(fit.theta[list(fit.model.free)], root, inverse, folded)
+    def about(cls, centre: FloatArray, covariance: FloatArray) -> _Student:
+        lower = np.linalg.cholesky(covariance + 1e-12 * np.diag(np.diag(covariance)))
+        root = np.asarray(TAIL_WIDENING * lower, dtype=np.float64)
+        inverse = np.asarray(np.linalg.inv(root), dtype=np.float64)
+        return cls(np.asarray(centre), root, inverse, float(np.sum(np.log(np.diag(root)))))
 
     def draw(self, n: int, generator: np.random.Generator) -> FloatArray:
         normal = generator.normal(size=(n, len(self.centre)))
         tail = np.sqrt(TAIL_DEGREES / generator.chisquare(TAIL_DEGREES, size=(n, 1)))
-        drawn = self.centre + (normal * tail) @ self.root.T
-        if self.folded:
-            drawn[:, 2] = np.abs(drawn[:, 2])
-        return np.asarray(drawn)
+        return np.asarray(self.centre + (normal * tail) @ self.root.T)
 
     def log_density(self, points: FloatArray) -> FloatArray:
-        density = self._log_unfolded(points)
-        if self.folded:
-            mirrored = points * np.array([1.0, 1.0, -1.0])
-            density = np.logaddexp(density, self._log_unfolded(mirrored))
-        return density
-
-    def _log_unfolded(self, points: FloatArray) -> FloatArray:
         scaled = (points - self.centre) @ self.inverse.T
         power = -0.5 * (TAIL_DEGREES + len(self.centre))
-        return np.asarray(power * np.log1p(np.sum(scaled**2, axis=1) / TAIL_DEGREES))
+        distance = np.sum(scaled**2, axis=1)
+        return np.asarray(power * np.log1p(distance / TAIL_DEGREES) - self.log_volume)
+
+
+@dataclass(frozen=True)
+class _Proposal:
+    """Where walkers are proposed to go: an equal mixture of Student laws.
+
+    One lies about the maximum. Where noise has a prior, a second one holds what the prior alone
+    says of it, with stiffness and friction as they are then: the posterior has a shoulder there.
+    A noise variance is folded to stay positive.
+    """
+
+    parts: tuple[_Student, ...]
+    folded: bool
+
+    @classmethod
+    def at(cls, fit: TraceFit) -> _Proposal:
+        free = fit.model.free
+        log = fit.model.noise_is_log
+        covariance = fit.covariance[np.ix_(free, free)]
+        # where the data say nothing the Gaussian approximation is no guide: keep it within reason
+        size = np.sqrt(np.diag(covariance))
+        limit = np.array([3.0, 3.0, 3.0 if log else fit.model.spectrum.variance_nm2])[: len(size)]
+        shrink = np.minimum(1.0, limit / size)
+        main = _Student.about(fit.theta[list(free)], covariance * np.outer(shrink, shrink))
+        if not log or fit.model.noise_prior_nm is None:
+            return cls((main,), folded=len(free) == 3)
+        median, factor = fit.model.noise_prior_nm
+        usual = fit_model(replace(fit.model, noise_variance_nm2=median**2))
+        centre = np.append(usual.theta[:2], 2 * math.log(median))
+        covariance = np.zeros((3, 3))
+        covariance[:2, :2] = usual.covariance[:2, :2] * np.outer(shrink[:2], shrink[:2])
+        covariance[2, 2] = (2 * math.log(factor)) ** 2
+        return cls((main, _Student.about(centre, covariance)), folded=False)
+
+    def draw(self, n: int, generator: np.random.Generator) -> FloatArray:
+        drawn = np.stack([part.draw(n, generator) for part in self.parts])
+        chosen = drawn[generator.integers(len(self.parts), size=n), np.arange(n)]
+        if self.folded:
+            chosen[:, 2] = np.abs(chosen[:, 2])
+        return np.asarray(chosen)
+
+    def log_density(self, points: FloatArray) -> FloatArray:
+        density = self.parts[0].log_density(points)
+        for part in self.parts[1:]:
+            density = np.logaddexp(density, part.log_density(points))
+        if self.folded:
+            mirrored = points * np.array([1.0, 1.0, -1.0])
+            density = np.logaddexp(density, self.parts[0].log_density(mirrored))
+        return density
