@@ -122,12 +122,19 @@ def run(
         recording, calibration, flags, verdicts, curves, seed, started, dict(clock.seconds)
     )
     say("writing", 0, 1)
-    _write_tables(result, raw, out)
+    _write_tables(result, raw, out, _title(path, raw.name))
     write_report(out, progress=lambda done, total: say("drawing the report", done, total))
     return result
 
 
-def _write_tables(result: Run, raw: Recording, out: Path) -> None:
+def _title(path: Path, name: str) -> str:
+    """What the report calls the recording; a plain "recording.csv" goes by its folder too."""
+    if name.startswith("recording."):
+        return f"{path.resolve().parent.name}/{name}"
+    return name
+
+
+def _write_tables(result: Run, raw: Recording, out: Path, title: str) -> None:
     calibration = result.calibration
     forces = tables.forces_table(calibration, result.flags)
     beads = tables.beads_table(calibration, result.verdicts, result.curves)
@@ -144,7 +151,7 @@ def _write_tables(result: Run, raw: Recording, out: Path) -> None:
         write_atomically(out / f"{name}.csv", table.to_csv(index=False))
     for name, table in details.items():
         write_atomically(out / "details" / f"{name}.parquet", _parquet(table))
-    write_atomically(out / "run.json", _run_json(result))
+    write_atomically(out / "run.json", _run_json(result, title))
 
 
 def _parquet(table: pd.DataFrame) -> bytes:
@@ -153,13 +160,13 @@ def _parquet(table: pd.DataFrame) -> bytes:
     return buffer.getvalue()
 
 
-def _run_json(result: Run) -> str:
+def _run_json(result: Run, title: str) -> str:
     recording = result.recording
     drift = recording.drift
     conditions = result.calibration.conditions
     content = {
         "version": mtpipe.__version__,
-        "recording": recording.name,
+        "recording": title,
         "setup": recording.setup.model_dump(mode="json", by_alias=True),
         "inputs": [asdict(file) for file in recording.files],
         "conditions": asdict(conditions),

@@ -6,6 +6,7 @@ by its suffix: text named `.xls` is common in this field.
 
 from __future__ import annotations
 
+import glob
 import gzip
 import hashlib
 import io
@@ -165,14 +166,9 @@ def _named(folder: Path, setup: Setup) -> tuple[Path, ...]:
     assert setup.source is not None
     found: list[Path] = []
     for pattern in setup.source.files:
-        if Path(pattern).is_absolute():
-            matches = [Path(pattern)] if Path(pattern).is_file() else []
-        else:
-            # glob does not follow "..": that part of the pattern is a plain folder
-            base, rest = folder, Path(pattern).parts
-            while rest and rest[0] == "..":
-                base, rest = base / "..", rest[1:]
-            matches = [p for p in base.glob(str(Path(*rest))) if p.is_file()] if rest else []
+        # an absolute pattern stands alone; "~" and ".." work as in a shell
+        expanded = str(folder / Path(pattern).expanduser())
+        matches = [Path(p) for p in glob.glob(expanded, recursive=True) if Path(p).is_file()]
         if not matches:
             raise RecordingError(
                 f"there is no file {pattern!r} there, though [source] files names it",

@@ -17,7 +17,7 @@ from mtpipe.demo import recording_in, sample_data
 from mtpipe.pipeline import run
 
 PICTURE = Path(__file__).parents[2] / "docs" / "images" / "report.png"
-SIZE = {"width": 1180, "height": 560}
+SIZE = {"width": 1180, "height": 640}
 
 
 def main() -> None:
