@@ -27,7 +27,7 @@ from mtpipe.files import write_atomically
 from mtpipe.ingest import load
 from mtpipe.ingest.surface import put_surface_at_zero
 from mtpipe.notice import Notice
-from mtpipe.quality import BeadVerdict, bead_verdict, trace_flags
+from mtpipe.quality import BeadVerdict, bead_verdicts, trace_flags
 from mtpipe.recording import Recording
 from mtpipe.tether_curves import tether_curves
 
@@ -114,10 +114,7 @@ def run(
         )
         for bead in calibration.beads
     }
-    verdicts = tuple(
-        bead_verdict(bead, flags[bead.bead], curves.get(bead.bead), recording.setup)
-        for bead in calibration.beads
-    )
+    verdicts = bead_verdicts(calibration, flags, curves, recording.setup)
     result = Run(
         recording, calibration, flags, verdicts, curves, seed, started, dict(clock.seconds)
     )

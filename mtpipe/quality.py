@@ -7,7 +7,9 @@ reason; where a flag compares numbers, it needs both a size that matters and thr
 from __future__ import annotations
 
 import math
+import statistics
 from collections import Counter
+from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Literal
 
@@ -35,10 +37,16 @@ RADIUS_DIFFERENCE = 0.10
 FORCE_DIFFERENCE = 0.10
 LOST_SHARE = 0.05
 MISTRACKED_SHARE = 0.01
+# Look-up tables of two beads agree within a few percent: over this range that is tens of nm.
+STAGE_MOVED_NM = 500.0
 # A few percent of contour length is a usual error of z = 0 and the refractive index; persistence
 # length varies with salt and with the calibration of all other lengths.
 CONTOUR_DIFFERENCE = 0.05
 PERSISTENCE_DIFFERENCE = 0.20
+# Tethers of one preparation are alike; one shorter than this share of the others' median is another
+# thing: a fragment, or two tethers that hold the bead low.
+CONTOUR_RATIO = 0.7
+FEWEST_OTHERS = 2
 FLAGGED_SHARE = 0.25
 P_POOR = 1e-3
 LOW_ORDINATES = 6
@@ -73,14 +81,22 @@ def trace_flags(
             f"{trace.mistracked} frames are mistracked (positions no bead can reach) and were "
             "treated as lost.",
         )
+    if trace.stage_z_nm > STAGE_MOVED_NM:
+        flag(
+            "focus_moved",
+            "caution",
+            f"Stage or focus moved by {trace.stage_z_nm:.0f} nm in z: the extension rests on bead "
+            "and reference being scaled alike over that range.",
+        )
     for one in plateau.axes:
         if one.refusal:
-            flag("refused", "warning", f"Refused: {one.refusal}.", one.axis)
+            severity: Severity = "info" if one.axis == "z" else "warning"
+            flag("refused", severity, f"Refused: {one.refusal}.", one.axis)
             continue
-        for code, severity, message in _axis_flags(one, calibration.conditions):
-            flag(code, severity, message, one.axis)
-    for code, severity, message in _extension_flags(plateau, setup):
-        flag(code, severity, message)
+        for code, grade, message in _axis_flags(one, calibration.conditions):
+            flag(code, grade, message, one.axis)
+    for code, grade, message in _extension_flags(plateau, setup):
+        flag(code, grade, message)
     difference = _force_difference(plateau)
     if difference is not None:
         flag("fx_fy", "caution", difference)
@@ -212,14 +228,57 @@ def _differs(estimate: Estimate, value: float, stderr: float, size: float) -> bo
     )
 
 
+def bead_verdicts(
+    calibration: Calibration,
+    flags: Mapping[str, tuple[Notice, ...]],
+    curves: Mapping[str, ForceExtension],
+    setup: Setup,
+) -> tuple[BeadVerdict, ...]:
+    """Verdicts on all beads of a recording, which are also compared with one another."""
+    odd = _unlike_the_others(curves)
+    return tuple(
+        bead_verdict(bead, flags[bead.bead], curves.get(bead.bead), setup, odd.get(bead.bead, ()))
+        for bead in calibration.beads
+    )
+
+
+def _unlike_the_others(curves: Mapping[str, ForceExtension]) -> dict[str, tuple[str, ...]]:
+    """Beads whose tether is far shorter or longer than the others', and what to say of them."""
+    lengths = {
+        bead: curve.recommended.contour_length_nm
+        for bead, curve in curves.items()
+        if curve.recommended is not None
+    }
+    found: dict[str, tuple[str, ...]] = {}
+    for bead, own in lengths.items():
+        others = [length.value for other, length in lengths.items() if other != bead]
+        if len(others) < FEWEST_OTHERS:
+            continue
+        ratio = own.value / statistics.median(others)
+        if abs(math.log(ratio)) > abs(math.log(CONTOUR_RATIO)):
+            hint = ", perhaps held by more than one" if ratio < 1 else ""
+            found[bead] = (
+                f"its tether is {ratio:.2f} times as long as the other beads' (median){hint}",
+            )
+    return found
+
+
 def bead_verdict(
-    bead: BeadResult, flags: tuple[Notice, ...], curve: ForceExtension | None, setup: Setup
+    bead: BeadResult,
+    flags: tuple[Notice, ...],
+    curve: ForceExtension | None,
+    setup: Setup,
+    compared: tuple[str, ...] = (),
 ) -> BeadVerdict:
     """Verdict on a bead from the flags of its traces, its friction and its tether.
 
     "refused": no plateau gives a stiffness, or half of its traces or more are no tethered bead's.
     "caution": the bead's friction or tether contradicts the setup, or a flag of severity caution or
     worse stands in more than a quarter of its plateaus. Else "good".
+
+    Parameters
+    ----------
+    compared : what comparing the bead with the others of its recording found.
     """
     lateral = [one for plateau in bead.plateaus for one in plateau.axes if one.axis != "z"]
     usable = [
@@ -234,7 +293,7 @@ def bead_verdict(
         fallback = "stiffness is not identified in any plateau"
         common = [sentence for sentence, _ in Counter(sentences).most_common(3)]
         return BeadVerdict(bead.bead, "refused", tuple(common) or (fallback,))
-    reasons = []
+    reasons = list(compared)
     if bead.friction_contradicts and bead.friction_ratio is not None:
         ratio = bead.friction_ratio
         wall = "with" if "wall_drag" in setup.model.effects else "without"
@@ -297,4 +356,5 @@ FLAG_WORDS = {
     "no_extension": "no extension",
     "extension": "extension impossible for the tether",
     "fx_fy": "forces from x and y differ",
+    "focus_moved": "stage or focus moved far in z",
 }

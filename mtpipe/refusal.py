@@ -26,6 +26,7 @@ LONGEST_RELAXATION = 0.05
 IMPLAUSIBLE_FRICTION = 5.0
 LINE_SHARE = 0.75
 LINE_LOWEST_ORDINATE = 3
+CIRCLING_WINDOW = 2048
 # A ring stays below; a disc, the motion of a tether without force, has 4/3.
 RING_MOMENT = 1.25
 
@@ -42,13 +43,9 @@ def driven(lateral_nm: FloatArray, frame_s: float, relaxation_s: float) -> str |
     xy = lateral_nm[present] - lateral_nm[present].mean(axis=0)
     if len(xy) < 64:
         return None
-    line = _circling_line(np.where(present[:, None], lateral_nm - np.nanmean(lateral_nm, 0), 0.0))
-    if line is not None:
-        frequency, share = line[0] / (len(lateral_nm) * frame_s), line[1]
-        return (
-            f"the bead circles at {frequency:.3g} Hz ({share:.0%} of its motion), as when rotating "
-            "magnets drive it"
-        )
+    frequency = _circling_hz(lateral_nm, frame_s)
+    if frequency is not None:
+        return f"the bead circles at {frequency:.3g} Hz, as when rotating magnets drive it"
     whitened = np.linalg.solve(np.linalg.cholesky(np.cov(xy.T) + 1e-12 * np.eye(2)), xy.T)
     squared = np.sum(whitened**2, axis=0)
     moment = float(np.mean(squared**2) / np.mean(squared) ** 2)
@@ -62,7 +59,29 @@ def driven(lateral_nm: FloatArray, frame_s: float, relaxation_s: float) -> str |
     return None
 
 
-def _circling_line(xy: FloatArray) -> tuple[int, float] | None:
+def _circling_hz(lateral_nm: FloatArray, frame_s: float) -> float | None:
+    """Frequency at which a bead circles over the whole trace or a part of it; None: it does not.
+
+    A part counts when two neighbouring windows show the same line.
+    """
+    whole = _circling_ordinate(lateral_nm)
+    if whole is not None:
+        return whole / (len(lateral_nm) * frame_s)
+    before: int | None = None
+    for start in range(0, len(lateral_nm) - CIRCLING_WINDOW + 1, CIRCLING_WINDOW):
+        ordinate = _circling_ordinate(lateral_nm[start : start + CIRCLING_WINDOW])
+        if ordinate is not None and before is not None and abs(ordinate - before) <= 1:
+            return ordinate / (CIRCLING_WINDOW * frame_s)
+        before = ordinate
+    return None
+
+
+def _circling_ordinate(lateral_nm: FloatArray) -> int | None:
+    """The ordinate that holds most of the motion on both axes, a quarter turn apart."""
+    present = np.all(np.isfinite(lateral_nm), axis=1)
+    if 2 * present.sum() < len(lateral_nm):
+        return None
+    xy = np.where(present[:, None], lateral_nm - lateral_nm[present].mean(axis=0), 0.0)
     dft = fft.rfft(xy, axis=0)[1:-1]
     power = np.abs(dft) ** 2
     total = power.sum(axis=0)
@@ -76,7 +95,7 @@ def _circling_line(xy: FloatArray) -> tuple[int, float] | None:
     phase = np.angle(dft[peak, 1] / dft[peak, 0])
     quadrature = abs(abs(phase) - math.pi / 2) < math.radians(35)
     if np.all(share > LINE_SHARE) and quadrature:
-        return peak + 1, float(np.min(share))
+        return peak + 1
     return None
 
 

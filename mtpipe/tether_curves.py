@@ -67,13 +67,16 @@ def _force(plateau: PlateauResult, conditions: Conditions) -> tuple[float, float
     )
     if along is None:
         return math.nan, math.nan
-    if across is None or abs(along[0] - across[0]) > CONSISTENT_SIGMAS * math.hypot(
-        along[1], across[1]
-    ):
+    if across is None:
         return along
-    weights = np.array([along[1], across[1]]) ** -2.0
-    values = np.array([along[0], across[0]])
-    return float(weights @ values / weights.sum()), float(weights.sum() ** -0.5)
+    # errors of forces are relative; absolute weights would favour whichever came out low
+    logs = np.log([along[0], across[0]])
+    errors = np.array([along[1] / along[0], across[1] / across[0]])
+    if abs(logs[0] - logs[1]) > CONSISTENT_SIGMAS * math.hypot(*errors):
+        return along
+    weights = errors**-2.0
+    value = math.exp(float(weights @ logs / weights.sum()))
+    return value, value * float(weights.sum() ** -0.5)
 
 
 def _own(

@@ -13,12 +13,16 @@ from mtpipe.recording import Plateau, Recording
 
 @dataclass(frozen=True)
 class Trace:
-    """One bead in one plateau, cleaned: (n_frames, 3) nm on the camera's grid, NaN where lost."""
+    """One bead in one plateau, cleaned: (n_frames, 3) nm on the camera's grid, NaN where lost.
+
+    `stage_z_nm` is how far the drift that was subtracted moved in z during the plateau.
+    """
 
     plateau: Plateau
     start_s: float
     position_nm: FloatArray
     mistracked: int
+    stage_z_nm: float
 
     @property
     def recorded(self) -> tuple[bool, bool, bool]:
@@ -39,5 +43,13 @@ def traces_of(recording: Recording, bead: str) -> list[Trace]:
     for plateau in recording.plateaus:
         position, mistracked = without_mistracked(recording.trace_nm(bead, plateau))
         start_s = float(recording.time_s[plateau.start])
-        traces.append(Trace(plateau, start_s, position, mistracked))
+        traces.append(Trace(plateau, start_s, position, mistracked, _stage_z(recording, plateau)))
     return traces
+
+
+def _stage_z(recording: Recording, plateau: Plateau) -> float:
+    if recording.drift is None:
+        return 0.0
+    z = recording.drift.subtracted_nm[plateau.start : plateau.stop, 2]
+    known = z[np.isfinite(z)]
+    return float(np.ptp(known)) if len(known) else 0.0

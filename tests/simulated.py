@@ -34,16 +34,18 @@ def setup_content(**changes) -> dict:
     return content | changes
 
 
-def bead_nm(force_pN, frames, random, *, exposure_s=1 / RATE_HZ, noise_nm=1.3, friction=1.0):
+def bead_nm(
+    force_pN, frames, random, *, exposure_s=1 / RATE_HZ, noise_nm=1.3, friction=1.0, chain=CHAIN
+):
     """(frames, 3) positions of a tethered bead at one force; `friction` scales the lateral one."""
     camera, kT = Camera(1 / RATE_HZ, exposure_s), float(thermal_energy_pN_nm(TEMPERATURE_K))
-    length = float(mean_extension_nm(CHAIN, force_pN))
+    length = float(mean_extension_nm(chain, force_pN))
     gamma = float(stokes_pN_s_per_nm(RADIUS_NM, VISCOSITY_MPA_S))
     gamma *= friction * float(parallel_wall_factor(length + RADIUS_NM, RADIUS_NM))
     stiffness = (
         force_pN / length,
         force_pN / (length + RADIUS_NM),
-        float(stiffness_pN_per_nm(CHAIN, length)),
+        float(stiffness_pN_per_nm(chain, length)),
     )
     motion = [simulate_axis(k, gamma, kT, camera, frames, random) for k in stiffness]
     noise = noise_nm * random.normal(size=(frames, 3))

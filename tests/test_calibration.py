@@ -8,9 +8,10 @@ import pytest
 
 import mtpipe
 from mtpipe.calibration import calibrate
-from mtpipe.physics.tether import mean_extension_nm
-from mtpipe.quality import bead_verdict, trace_flags
+from mtpipe.physics.tether import Chain, mean_extension_nm
+from mtpipe.quality import bead_verdict, bead_verdicts, trace_flags
 from mtpipe.setup import parse_setup
+from mtpipe.tether_curves import extension_points, tether_curves
 from tests import simulated
 from tests.simulated import CHAIN, RATE_HZ, bead_nm, recording, setup_content
 
@@ -224,3 +225,52 @@ def test_extension_longer_than_the_contour_is_flagged():
     _, codes = verdict_of(calibration, raw.setup)
     assert "extension" in codes
     assert math.isfinite(calibration.beads[0].plateaus[0].axes[0].force.value)
+
+
+def test_a_bead_that_circles_for_a_part_of_the_trace_is_refused():
+    random = np.random.default_rng(8)
+    still = bead_nm(1.0, 12_000, random)
+    angle = 2 * np.pi * 0.6 * np.arange(6000) / RATE_HZ
+    still[3000:9000, 0] += 300 * np.cos(angle)
+    still[3000:9000, 1] += 300 * np.sin(angle)
+    calibration = calibrate(nothing_but(still))
+    for one in calibration.beads[0].plateaus[0].axes[:2]:
+        assert "circles at 0.5" in one.refusal  # to one ordinate of a window, 0.06 Hz
+
+
+def test_forces_of_both_axes_are_averaged_by_their_relative_errors():
+    """Absolute errors would pull the mean towards the axis that came out low."""
+    calibration = calibrated((0.2,), 1024, seed=3)
+    (bead,) = calibration.beads
+    x, y, _ = (one.force for one in bead.plateaus[0].axes)
+    points = extension_points(bead, calibration.conditions)
+    weights = np.array([x.value / x.stderr, y.value / y.stderr]) ** 2
+    expected = np.exp(weights @ np.log([x.value, y.value]) / weights.sum())
+    assert points.force_pN[0] == pytest.approx(expected, rel=0.02)
+
+
+def test_the_short_one_of_several_tethers_is_singled_out():
+    random = np.random.default_rng(9)
+    forces = (0.3, 1.0, 3.0, 8.0)
+    beads = {
+        name: np.vstack([bead_nm(force, 2048, random) for force in forces])
+        for name in ("b1", "b2", "b3")
+    }
+    beads["short"] = np.vstack(
+        [bead_nm(force, 2048, random, chain=Chain(500.0, 50.0, 298.15)) for force in forces]
+    )
+    raw = recording(forces, 2048, beads=beads)
+    calibration = calibrate(mtpipe.subtract_drift(raw))
+    curves = tether_curves(calibration)
+    flags = {
+        bead.bead: tuple(
+            notice
+            for plateau in bead.plateaus
+            for notice in trace_flags(calibration, bead, plateau, raw.setup)
+        )
+        for bead in calibration.beads
+    }
+    verdicts = {v.bead: v for v in bead_verdicts(calibration, flags, curves, raw.setup)}
+    assert "0.4" in verdicts["short"].reasons[0]
+    assert "other beads" in verdicts["short"].reasons[0]
+    assert all("other beads" not in " ".join(verdicts[b].reasons) for b in ("b1", "b2", "b3"))
