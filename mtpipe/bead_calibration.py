@@ -12,6 +12,7 @@ from __future__ import annotations
 
 import hashlib
 import math
+from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
@@ -134,6 +135,7 @@ def calibrate_bead(
         _refusals(trace, fits, conditions, length[0], contour_length_nm)
         for trace, fits, length in zip(traces, free, extensions, strict=True)
     ]
+    refusals = _whole_bead(refusals, recorded)
     measured = tuple(
         MeasuredFriction(i, axis, *ratio)
         for i, fits in enumerate(free)
@@ -223,6 +225,19 @@ def _refusals(
         for axis, fit in fits.items()
     }
     return {axis: reason for axis, reason in reasons.items() if reason is not None}
+
+
+def _whole_bead(refusals: list[dict[int, str]], recorded: list[int]) -> list[dict[int, str]]:
+    """Refuse all traces of a bead that is no tethered bead in half of its lateral traces or more.
+
+    Chance then decides which of the others look like a tether's.
+    """
+    lateral = [axis for axis in recorded if axis in LATERAL]
+    reasons = [plateau[axis] for plateau in refusals for axis in lateral if axis in plateau]
+    if not reasons or 2 * len(reasons) < len(refusals) * len(lateral):
+        return refusals
+    usual = Counter(reasons).most_common(1)[0][0]
+    return [{axis: plateau.get(axis, usual) for axis in recorded} for plateau in refusals]
 
 
 def _friction_ratio(

@@ -272,9 +272,9 @@ def bead_verdict(
 ) -> BeadVerdict:
     """Verdict on a bead from the flags of its traces, its friction and its tether.
 
-    "refused": no plateau gives a stiffness, or half of its traces or more are no tethered bead's.
-    "caution": the bead's friction or tether contradicts the setup, or a flag of severity caution or
-    worse stands in more than a quarter of its plateaus. Else "good".
+    "refused": no plateau gives a stiffness. "caution": the bead's friction or tether contradicts
+    the setup, or a flag of severity caution or worse stands in more than a quarter of its plateaus.
+    Else "good".
 
     Parameters
     ----------
@@ -289,7 +289,7 @@ def bead_verdict(
         alone = "x and y were not recorded, and the force comes from the lateral motion"
         return BeadVerdict(bead.bead, "refused", (alone,))
     sentences = [one.refusal for one in lateral if one.refusal]
-    if not usable or 2 * len(sentences) >= len(lateral):
+    if not usable:
         fallback = "stiffness is not identified in any plateau"
         common = [sentence for sentence, _ in Counter(sentences).most_common(3)]
         return BeadVerdict(bead.bead, "refused", tuple(common) or (fallback,))

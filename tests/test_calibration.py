@@ -274,3 +274,12 @@ def test_the_short_one_of_several_tethers_is_singled_out():
     assert "0.4" in verdicts["short"].reasons[0]
     assert "other beads" in verdicts["short"].reasons[0]
     assert all("other beads" not in " ".join(verdicts[b].reasons) for b in ("b1", "b2", "b3"))
+
+
+def test_a_bead_refused_in_most_plateaus_gives_no_force_in_any():
+    random = np.random.default_rng(11)
+    step = 60.0 * random.normal(size=(6 * 2000, 3))
+    raw = recording((1.0,) * 6, 2000, beads={"b1": np.cumsum(step, axis=0)})
+    calibration = calibrate(raw)
+    axes = [one for plateau in calibration.beads[0].plateaus for one in plateau.axes]
+    assert all(one.refusal and one.force is None for one in axes)
