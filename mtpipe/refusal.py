@@ -115,8 +115,8 @@ def without_plateau(fit: TraceFit, expected_friction: float | None) -> str | Non
     if expected_friction is not None and friction > IMPLAUSIBLE_FRICTION * expected_friction:
         return None
     return (
-        "the spectrum has no plateau: the motion cannot be told from free diffusion or drift, which "
-        "never return"
+        "the spectrum has no plateau: the motion cannot be told from free diffusion or drift, "
+        "which never return"
     )
 
 
