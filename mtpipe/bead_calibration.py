@@ -27,6 +27,7 @@ from mtpipe.fit.model import TraceModel
 from mtpipe.fit.posterior import Posterior, sample_posterior
 from mtpipe.fit.trace import TraceFit, fit_model
 from mtpipe.friction_prior import FrictionPrior, MeasuredFriction, ratio_estimate
+from mtpipe.physics.camera import FloatArray
 from mtpipe.recording import AXES, Plateau
 from mtpipe.spectrum import periodogram
 from mtpipe.traces import Trace
@@ -45,8 +46,8 @@ class AxisResult:
 
     `fit` is None where the trace could not be fitted (`refusal` says why). `posterior` is sampled
     on the lateral axes, whose stiffness gives the force; `force` is None for z, where refused, and
-    where the tether's extension is not known. `free` is the fit without prior knowledge of the
-    friction; the effective radius is read from it, on the lateral axes (z mixes in the lateral
+    where the tether's extension is not known; `force_sample_pN` are the draws behind it. `free` is
+    the fit without prior knowledge of the friction; the effective radius is read from it, on the lateral axes (z mixes in the lateral
     motion: its friction is no measure of the radius).
     """
 
@@ -57,6 +58,7 @@ class AxisResult:
     posterior: Posterior | None
     force: Estimate | None
     effective_radius: Estimate | None
+    force_sample_pN: FloatArray | None = None
     refusal: str = ""
 
     @property
@@ -267,7 +269,7 @@ def _axis_result(
 ) -> AxisResult:
     name = AXES[axis]
     if isinstance(free, str):
-        return AxisResult(name, "none", None, None, None, None, None, refused or free)
+        return AxisResult(name, "none", None, None, None, None, None, refusal=refused or free)
     method = "spectrum, friction free"
     fit = free
     if prior is not None:
@@ -275,23 +277,24 @@ def _axis_result(
         source = "measured on this bead" if contradicts else "expected from the setup"
         method = f"spectrum, friction {source}"
     if refused:
-        return AxisResult(name, method, free, fit, None, None, None, refused)
+        return AxisResult(name, method, free, fit, None, None, None, refusal=refused)
     if axis == 2:
         return AxisResult(name, method, free, fit, None, None, None)
     radius = _effective_radius(free, axis, extension[0], conditions)
     posterior = sample_posterior(fit, seed=generator)
-    force = _force(posterior, axis, extension, conditions, generator)
-    return AxisResult(name, method, free, fit, posterior, force, radius)
+    sample = _force_sample(posterior, axis, extension, conditions, generator)
+    force = None if sample is None else posterior.summary(sample, "pN")
+    return AxisResult(name, method, free, fit, posterior, force, radius, sample)
 
 
-def _force(
+def _force_sample(
     posterior: Posterior,
     axis: int,
     extension: tuple[float, float],
     conditions: Conditions,
     generator: np.random.Generator,
-) -> Estimate | None:
-    """Force from stiffness and lever, the lever's own uncertainty included."""
+) -> FloatArray | None:
+    """(n_samples,) force from stiffness and lever, the lever's own uncertainty included."""
     lever = conditions.lever_nm(axis, extension[0])
     if lever is None:
         return None
@@ -299,7 +302,7 @@ def _force(
     if axis != conditions.along and conditions.radius_nm is not None:
         error = math.hypot(error, conditions.radius_nm[1])
     levers = lever + error * generator.normal(size=len(posterior.theta))
-    return posterior.summary(posterior.stiffness_pN_per_nm * np.maximum(levers, 0.0), "pN")
+    return posterior.stiffness_pN_per_nm * np.maximum(levers, 0.0)
 
 
 def _effective_radius(

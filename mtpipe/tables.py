@@ -138,14 +138,15 @@ def _tether_columns(fit: TetherFit | None) -> dict[str, float]:
 def force_extension_table(curves: Mapping[str, ForceExtension]) -> pd.DataFrame:
     """`details/force_extension`: a row per bead × model."""
     columns = [
-        "bead", "model", *_tether_columns(None), "force_low_pN", "force_high_pN", "points", "chi2",
-        "dof", "p_value", "recommended",
+        "bead", "model", *_tether_columns(None), "offset_nm", "force_low_pN",
+        "force_high_pN", "points", "chi2", "dof", "p_value", "recommended",
     ]  # fmt: skip
     rows = [
         {
             "bead": bead,
             "model": fit.model,
             **_tether_columns(fit),
+            "offset_nm": 0.0 if fit.offset_nm is None else fit.offset_nm.value,
             "force_low_pN": fit.force_range_pN[0],
             "force_high_pN": fit.force_range_pN[1],
             "points": fit.points,
@@ -196,18 +197,16 @@ def posteriors_table(calibration: Calibration) -> pd.DataFrame:
                     continue
                 n = len(one.posterior.theta)
                 keep = np.linspace(0, n - 1, min(n, POSTERIOR_POINTS)).astype(int)
-                axis = AXES.index(one.axis)
-                lever = calibration.conditions.lever_nm(axis, plateau.extension_nm)
-                stiffness = one.posterior.stiffness_pN_per_nm[keep]
-                no_force = one.force is None or lever is None
                 parts.append(
                     pd.DataFrame(
                         {
                             "bead": bead.bead,
                             "plateau": plateau.plateau.number,
                             "axis": one.axis,
-                            "force_pN": math.nan if no_force else stiffness * (lever or 0.0),
-                            "stiffness_pN_per_nm": stiffness,
+                            "force_pN": math.nan
+                            if one.force_sample_pN is None
+                            else one.force_sample_pN[keep],
+                            "stiffness_pN_per_nm": one.posterior.stiffness_pN_per_nm[keep],
                             "friction_pN_s_per_nm": one.posterior.friction_pN_s_per_nm[keep],
                             "noise_nm": one.posterior.noise_nm[keep],
                         }

@@ -179,7 +179,7 @@ def fit_row(bead: str, model: str) -> dict[str, Any]:
         | estimate("persistence_length", "nm", persistence, 0.03)
         | (modulus if model == "extensible" else missing("stretch_modulus", "pN"))
         | {"force_low_pN": 0.3, "force_high_pN": 7.5, "points": 8, "chi2": 5.3, "dof": 6}
-        | {"p_value": 0.51, "recommended": model == "bouchiat"}
+        | {"p_value": 0.51, "recommended": model == "bouchiat", "offset_nm": 0.0}
     )
 
 
@@ -277,6 +277,7 @@ def run(forces: pd.DataFrame) -> dict[str, Any]:
         "version": "0.1.0",
         "recording": "run <2> & more.csv",
         "setup": setup(),
+        "conditions": {"temperature_K": 298.15},
         "inputs": [{"name": "run 2.csv", "bytes": 1234567, "sha256": "0f" * 32}],
         "drift": {
             "method": "reference",

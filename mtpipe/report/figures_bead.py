@@ -31,6 +31,9 @@ FloatArray = NDArray[np.float64]
 MODEL_DASH = {"marko-siggia": "dash", "bouchiat": "solid", "extensible": "dashdot"}
 MODEL_COLOUR = {"marko-siggia": "#cc79a7", "bouchiat": INK, "extensible": "#009e73"}
 
+# A plateau shorter than this share of the recording has no number in the figure of traces.
+LEAST_LABELLED = 0.03
+
 
 def force_extension_figure(arrays: Arrays, folder: RunFolder, bead: str) -> Figure:
     """Force against extension, x and y, with every model: solid where fitted, thin elsewhere."""
@@ -53,13 +56,12 @@ def force_extension_figure(arrays: Arrays, folder: RunFolder, bead: str) -> Figu
                 "<extra></extra>",
             }
         )
-    temperature = folder.setup.buffer.temperature_K.value
     fits = folder.force_extension[folder.force_extension["bead"] == bead]
     seen = positive(forces["force_pN"])
-    if temperature is not None and len(seen):
+    if len(seen):
         grid = np.geomspace(seen.min() / 1.5, seen.max() * 1.5, 80)
         turns = "rotation_coupling" in folder.setup.model.effects
-        assay = Assay(temperature, bead_turns=turns)
+        assay = Assay(folder.run["conditions"]["temperature_K"], bead_turns=turns)
         for fit in records(fits):
             data += _model_lines(arrays, fit, assay, grid)
     return {
@@ -169,13 +171,15 @@ def traces_figure(arrays: Arrays, folder: RunFolder, bead: str) -> Figure:
             {"text": title, "xref": "paper", "yref": "paper", "x": left, "y": 1.0}
             | {"showarrow": False, "xanchor": "left", "yanchor": "bottom", "yshift": 18}
         )
+    narrow_s = LEAST_LABELLED * (table["time_s"].max() - table["time_s"].min())
     made["shapes"] = [
         {"type": "rect", "layer": "below", "line": {"width": 0}, "fillcolor": "#f4f5f7"}
         | {"xref": f"x{4 if column else ''}", "yref": "paper", "y0": 0, "y1": 1}
         | {"x0": row["start_s"], "x1": row["start_s"] + row["duration_s"]}
         | {
             "label": {
-                "text": str(int(row["plateau"])),
+                # the numbers of many short plateaus would cover one another
+                "text": str(int(row["plateau"])) if row["duration_s"] > narrow_s else "",
                 "textposition": "top center",
                 "yanchor": "bottom",
             }
@@ -204,25 +208,34 @@ def _model_lines(
     inside = np.geomspace(fit["force_low_pN"], fit["force_high_pN"], 60)
     line = {"color": MODEL_COLOUR[model], "dash": MODEL_DASH[model]}
     common = {"type": "scatter", "mode": "lines", "legendgroup": model}
+    offset = fit["offset_nm"]
     hover = f"{words.MODEL[model]}: %{{x:.1f}} nm, %{{y:.3g}} pN<extra></extra>"
     return [
         common
         | {
             "name": name,
-            "x": arrays.add(expected_extension_nm(chain, inside, assay)),
-            "y": arrays.add(inside),
+            **_as_measured(arrays, expected_extension_nm(chain, inside, assay), inside, offset),
             "line": line | {"width": 2.2 if fit["recommended"] else 1.6},
             "hovertemplate": hover,
         },
         common
         | {
             "showlegend": False,
-            "x": arrays.add(expected_extension_nm(chain, grid, assay)),
-            "y": arrays.add(grid),
+            **_as_measured(arrays, expected_extension_nm(chain, grid, assay), grid, offset),
             "line": line | {"width": 0.6},
             "hovertemplate": hover,
         },
     ]
+
+
+def _as_measured(
+    arrays: Arrays, extension_nm: FloatArray, force_pN: FloatArray, offset_nm: float
+) -> dict[str, Any]:
+    """A curve where the points are: z = 0 may be off, and forces are in proportion to z."""
+    measured = extension_nm - offset_nm
+    seen = measured > 0
+    force = force_pN * measured / extension_nm
+    return {"x": arrays.add(measured[seen]), "y": arrays.add(force[seen])}
 
 
 def valid_range(model: str) -> tuple[str, str]:

@@ -66,7 +66,8 @@ COLUMNS: Mapping[str, tuple[str, ...]] = {
         *_four("contour_length", "nm"),
         *_four("persistence_length", "nm"),
         *_four("stretch_modulus", "pN"),
-        *("force_low_pN", "force_high_pN", "points", "chi2", "dof", "p_value", "recommended"),
+        *("offset_nm", "force_low_pN", "force_high_pN"),
+        *("points", "chi2", "dof", "p_value", "recommended"),
     ),
 }  # fmt: skip
 
@@ -125,7 +126,8 @@ def _read_json(path: Path) -> dict[str, Any]:
         ) from None
     except (OSError, ValueError) as error:
         raise RunFolderError(f"cannot be read ({error}).", where=str(path)) from None
-    missing = [key for key in ("recording", "setup", "drift", "notices") if key not in content]
+    needed = ("recording", "setup", "conditions", "drift", "notices")
+    missing = [key for key in needed if key not in content]
     if missing:
         raise RunFolderError(f"lacks {', '.join(missing)}.", where=str(path), mend=_AGAIN)
     return dict(content)
