@@ -47,8 +47,8 @@ class AxisResult:
     `fit` is None where the trace could not be fitted (`refusal` says why). `posterior` is sampled
     on the lateral axes, whose stiffness gives the force; `force` is None for z, where refused, and
     where the tether's extension is not known; `force_sample_pN` are the draws behind it. `free` is
-    the fit without prior knowledge of the friction; the effective radius is read from it, on the lateral axes (z mixes in the lateral
-    motion: its friction is no measure of the radius).
+    the fit without prior knowledge of the friction; the effective radius is read from it, on the
+    lateral axes (z mixes in the lateral motion: its friction is no measure of the radius).
     """
 
     axis: str
