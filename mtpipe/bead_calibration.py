@@ -281,7 +281,10 @@ def _axis_result(
     if axis == 2:
         return AxisResult(name, method, free, fit, None, None, None)
     radius = _effective_radius(free, axis, extension[0], conditions)
-    posterior = sample_posterior(fit, seed=generator)
+    try:
+        posterior = sample_posterior(fit, seed=generator)
+    except FitError as error:
+        return AxisResult(name, method, free, fit, None, None, None, refusal=str(error))
     sample = _force_sample(posterior, axis, extension, conditions, generator)
     force = None if sample is None else posterior.summary(sample, "pN")
     return AxisResult(name, method, free, fit, posterior, force, radius, sample)
@@ -294,15 +297,18 @@ def _force_sample(
     conditions: Conditions,
     generator: np.random.Generator,
 ) -> FloatArray | None:
-    """(n_samples,) force from stiffness and lever, the lever's own uncertainty included."""
+    """(n_samples,) force from stiffness and lever, with the errors of lever and temperature."""
     lever = conditions.lever_nm(axis, extension[0])
     if lever is None:
         return None
     error = extension[1]
     if axis != conditions.along and conditions.radius_nm is not None:
         error = math.hypot(error, conditions.radius_nm[1])
-    levers = lever + error * generator.normal(size=len(posterior.theta))
-    return posterior.stiffness_pN_per_nm * np.maximum(levers, 0.0)
+    n = len(posterior.theta)
+    levers = np.maximum(lever + error * generator.normal(size=n), 0.0)
+    # a stiffness is in proportion to kT
+    warmth = 1 + conditions.temperature_relative_stderr * generator.normal(size=n)
+    return posterior.stiffness_pN_per_nm * levers * warmth
 
 
 def _effective_radius(

@@ -66,7 +66,12 @@ def run(
 
     with progress_bar() as progress:
         result = pipeline.run(
-            recording, out, setup=setup, seed=seed, workers=workers, progress=progress
+            recording,
+            out,
+            setup=setup,
+            seed=seed,
+            workers=workers or os.cpu_count() or 1,
+            progress=progress,
         )
     summary(result, out)
 
@@ -94,7 +99,7 @@ def demo(
     from mtpipe.demo import run_demo
 
     with progress_bar() as progress:
-        text = run_demo(out, workers=workers, progress=progress)
+        text = run_demo(out, workers=workers or os.cpu_count() or 1, progress=progress)
     typer.echo(text)
 
 

@@ -38,6 +38,7 @@ class Conditions:
     frame_rate_hz: float
     exposure_s: float
     temperature_K: float
+    temperature_relative_stderr: float
     viscosity_mPa_s: tuple[float, float]
     radius_nm: tuple[float, float] | None
     along: int
@@ -115,7 +116,8 @@ def conditions_of(setup: Setup) -> tuple[Conditions, tuple[Notice, ...]]:
             "[camera] frame_rate_hz is unknown and the recording carries no time stamps",
             mend="Write the camera's frame rate.",
         )
-    temperature, temperature_stderr = setup.buffer.temperature_K.value, 0.0
+    temperature = setup.buffer.temperature_K.value
+    temperature_stderr = setup.buffer.temperature_K.stderr
     if temperature is None:
         temperature, temperature_stderr = ROOM_TEMPERATURE_K
         notices.append(
@@ -145,11 +147,32 @@ def conditions_of(setup: Setup) -> tuple[Conditions, tuple[Notice, ...]]:
     else:
         chosen = (viscosity.value, viscosity.stderr)
     radius = setup.beads.radius_nm
+    if not radius.known:
+        notices.append(
+            Notice(
+                "radius_unknown",
+                "caution",
+                "The bead radius is unknown: friction has no expectation, so forces near the "
+                "Nyquist frequency are less certain, and there is no force across the field, whose "
+                "lever is extension plus radius.",
+            )
+        )
+    pinned = sorted(setup.model.model_extra or {})
+    if pinned:
+        notices.append(
+            Notice(
+                "pinned_not_used",
+                "info",
+                f"The parameters pinned for {', '.join(pinned)} do not enter the calibration: it "
+                "fits friction and noise itself.",
+            )
+        )
     exposure = setup.camera.exposure_s.value
     return Conditions(
         frame_rate_hz=rate,
         exposure_s=1 / rate if exposure is None else min(exposure, 1 / rate),
         temperature_K=temperature,
+        temperature_relative_stderr=temperature_stderr / temperature,
         viscosity_mPa_s=chosen,
         radius_nm=None if radius.value is None else (radius.value, radius.stderr),
         along=0 if setup.field.direction == "x" else 1,

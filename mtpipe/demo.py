@@ -58,7 +58,7 @@ def recording_in(folder: Path) -> Path:
     return next(iter(sorted(folder.glob("recording.*"))), folder / "setup.toml")
 
 
-def run_demo(out: Path, *, workers: int | None = None, progress: Progress | None = None) -> str:
+def run_demo(out: Path, *, workers: int = 1, progress: Progress | None = None) -> str:
     """Run every bundled recording and compare its forces with the true ones.
 
     Returns

@@ -9,7 +9,7 @@ from __future__ import annotations
 import io
 import json
 import math
-import os
+import tempfile
 import time
 from collections.abc import Callable
 from dataclasses import asdict, dataclass
@@ -22,6 +22,7 @@ import mtpipe
 from mtpipe import tables
 from mtpipe.calibration import Calibration, calibrate
 from mtpipe.drift import subtract_drift
+from mtpipe.errors import MtpipeError
 from mtpipe.extension_curve import ForceExtension
 from mtpipe.files import write_atomically
 from mtpipe.ingest import load
@@ -59,12 +60,12 @@ class Run:
 
 
 def run(
-    path: Path,
-    out: Path,
+    path: Path | str,
+    out: Path | str,
     *,
-    setup: Path | None = None,
+    setup: Path | str | None = None,
     seed: int = 0,
-    workers: int | None = None,
+    workers: int = 1,
     progress: Progress | None = None,
 ) -> Run:
     """Run the whole pipeline and write its folder.
@@ -75,7 +76,8 @@ def run(
     out : folder to write; files of an earlier run in it are replaced.
     setup : setup.toml; default: beside the recording.
     seed : of the posteriors.
-    workers : processes; default: one per core.
+    workers : processes, over which beads are spread. More than one needs the usual guard
+        `if __name__ == "__main__":` in a script that calls this.
     progress : called with (step, done, of how many).
 
     Raises
@@ -84,6 +86,8 @@ def run(
     """
     from mtpipe.report import write_report
 
+    path, out = Path(path), Path(out)
+    _check_writable(out)
     say = progress or (lambda step, done, total: None)
     started = datetime.now(UTC).isoformat(timespec="seconds")
     clock = _Clock()
@@ -99,7 +103,7 @@ def run(
     calibration = calibrate(
         recording,
         seed=seed,
-        workers=workers or os.cpu_count() or 1,
+        workers=workers,
         progress=lambda done, total: say("calibrating beads", done, total),
     )
     clock.lap("calibrate")
@@ -114,7 +118,9 @@ def run(
         )
         for bead in calibration.beads
     }
-    verdicts = bead_verdicts(calibration, flags, curves, recording.setup)
+    verdicts = bead_verdicts(
+        calibration, flags, curves, recording.setup, _reference_warnings(recording)
+    )
     result = Run(
         recording, calibration, flags, verdicts, curves, seed, started, dict(clock.seconds)
     )
@@ -122,6 +128,27 @@ def run(
     _write_tables(result, raw, out, _title(path, raw.name))
     write_report(out, progress=lambda done, total: say("drawing the report", done, total))
     return result
+
+
+def _reference_warnings(recording: Recording) -> tuple[str, ...]:
+    """Faults of the reference beads that are in every trace, in words."""
+    return tuple(
+        notice.message
+        for notice in recording.notices
+        if notice.severity == "warning" and notice.bead in recording.setup.beads.reference
+    )
+
+
+def _check_writable(out: Path) -> None:
+    """Fail before the work, not after it, where the folder cannot be written."""
+    try:
+        out.mkdir(parents=True, exist_ok=True)
+        with tempfile.TemporaryFile(dir=out):
+            pass
+    except OSError as error:
+        raise MtpipeError(
+            f"cannot be written ({error.strerror})", where=str(out), mend="Choose another --out."
+        ) from None
 
 
 def _title(path: Path, name: str) -> str:

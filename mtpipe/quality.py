@@ -23,6 +23,7 @@ from mtpipe.estimate import Estimate
 from mtpipe.extension_curve import ForceExtension
 from mtpipe.fit.trace import TraceFit
 from mtpipe.notice import Notice, Severity
+from mtpipe.refusal import STRONGEST_TETHER_PN
 from mtpipe.setup import Setup
 
 Verdict = Literal["good", "caution", "refused"]
@@ -35,10 +36,13 @@ NYQUIST_RATIO = 0.8
 RELAXATION_TIMES = 50.0
 RADIUS_DIFFERENCE = 0.10
 FORCE_DIFFERENCE = 0.10
+# Motors repeat to a few micrometres; [[magnet]] positions are written with two or three decimals.
+MAGNET_TOLERANCE_MM = 0.01
 LOST_SHARE = 0.05
 MISTRACKED_SHARE = 0.01
 # Look-up tables of two beads agree within a few percent: over this range that is tens of nm.
 STAGE_MOVED_NM = 500.0
+STAGE_STEP_NM = 100.0
 # A few percent of contour length is a usual error of z = 0 and the refractive index; persistence
 # length varies with salt and with the calibration of all other lengths.
 CONTOUR_DIFFERENCE = 0.05
@@ -81,6 +85,13 @@ def trace_flags(
             f"{trace.mistracked} frames are mistracked (positions no bead can reach) and were "
             "treated as lost.",
         )
+    if trace.stage_step_nm > STAGE_STEP_NM:
+        flag(
+            "reference_stepped",
+            "caution",
+            f"The reference beads step by {trace.stage_step_nm:.0f} nm in z since the plateau "
+            "before: if the stage did not, every extension from here on is wrong by that.",
+        )
     if trace.stage_z_nm > STAGE_MOVED_NM:
         flag(
             "focus_moved",
@@ -100,7 +111,28 @@ def trace_flags(
     difference = _force_difference(plateau)
     if difference is not None:
         flag("fx_fy", "caution", difference)
+    known = _known_force(plateau, setup)
+    if known is not None:
+        flag("known_force", "caution", known)
     return tuple(found)
+
+
+def _known_force(plateau: PlateauResult, setup: Setup) -> str | None:
+    """Where the measured force contradicts the one known beforehand for this magnet position."""
+    position = plateau.plateau.magnet_mm
+    force = next((one.force for one in plateau.axes if one.force is not None), None)
+    if position is None or force is None:
+        return None
+    for magnet in setup.magnet:
+        at, stated = magnet.position_mm.value, magnet.force_pN
+        if at is None or stated.value is None or abs(at - position) > MAGNET_TOLERANCE_MM:
+            continue
+        if _differs(force, stated.value, stated.stderr, FORCE_DIFFERENCE):
+            return (
+                f"The setup knows a force of {stated.value:.3g} pN at {at:g} mm; the measured one "
+                f"is {force.value:.3g} ± {force.stderr:.2g} pN."
+            )
+    return None
 
 
 def _axis_flags(one: AxisResult, conditions: Conditions) -> list[tuple[str, Severity, str]]:
@@ -146,6 +178,12 @@ def _axis_flags(one: AxisResult, conditions: Conditions) -> list[tuple[str, Seve
         flags.append((
             "poor_fit", "caution" if lateral else "info",
             f"The spectrum differs from the model's (p = {fit.p_value:.1g}).",
+        ))  # fmt: skip
+    if one.force is not None and one.force.interval[0] > STRONGEST_TETHER_PN:
+        flags.append((
+            "beyond_dna", "warning",
+            f"{one.force.value:.0f} pN is beyond what double-stranded DNA bears "
+            f"({STRONGEST_TETHER_PN:.0f} pN): stuck, or held by more than one tether.",
         ))  # fmt: skip
     excess = _low_frequency_excess(fit)
     if excess is not None:
@@ -233,11 +271,23 @@ def bead_verdicts(
     flags: Mapping[str, tuple[Notice, ...]],
     curves: Mapping[str, ForceExtension],
     setup: Setup,
+    shared: tuple[str, ...] = (),
 ) -> tuple[BeadVerdict, ...]:
-    """Verdicts on all beads of a recording, which are also compared with one another."""
+    """Verdicts on all beads of a recording, which are also compared with one another.
+
+    Parameters
+    ----------
+    shared : what spoils every bead, such as a reference bead that moves.
+    """
     odd = _unlike_the_others(curves)
     return tuple(
-        bead_verdict(bead, flags[bead.bead], curves.get(bead.bead), setup, odd.get(bead.bead, ()))
+        bead_verdict(
+            bead,
+            flags[bead.bead],
+            curves.get(bead.bead),
+            setup,
+            (*odd.get(bead.bead, ()), *shared),
+        )
         for bead in calibration.beads
     )
 
@@ -356,5 +406,8 @@ FLAG_WORDS = {
     "no_extension": "no extension",
     "extension": "extension impossible for the tether",
     "fx_fy": "forces from x and y differ",
+    "known_force": "force unlike the one known beforehand",
+    "reference_stepped": "reference beads step in z",
+    "beyond_dna": "force beyond what double-stranded DNA bears",
     "focus_moved": "stage or focus moved far in z",
 }

@@ -92,6 +92,8 @@ class Section(BaseModel):
             value, stderr = joined.pop(name), joined.pop(f"{name}_stderr", 0.0)
             if value is None or isinstance(value, (dict, Measured)):
                 joined[name] = value
+            elif value == UNKNOWN and stderr:
+                raise ValueError(f'{name}_stderr: there is no standard error of "{UNKNOWN}"')
             elif value == UNKNOWN:
                 joined[name] = {"value": None}
             elif isinstance(value, bool) or not isinstance(value, (int, float)):
@@ -101,6 +103,15 @@ class Section(BaseModel):
             else:
                 joined[name] = {"value": float(value), "stderr": float(stderr)}
         return joined
+
+
+def _within(name: str, measured: Measured, low: float, high: float, unit: str) -> None:
+    """Refuse a value that only a wrong unit explains."""
+    if measured.value is not None and not low <= measured.value <= high:
+        raise ValueError(
+            f"{name} = {measured.value:g} is not between {low:g} and {high:g} {unit}; is its unit "
+            "right?"
+        )
 
 
 class Camera(Section):
@@ -127,6 +138,11 @@ class Beads(Section):
     radius_nm: Positive
     reference: tuple[str, ...] = ()
 
+    @model_validator(mode="after")
+    def _radius_is_in_nm(self) -> Beads:
+        _within("radius_nm", self.radius_nm, 50, 50_000, "nm")
+        return self
+
 
 class Tether(Section):
     """Contour and persistence length of the tether."""
@@ -146,6 +162,7 @@ class Buffer(Section):
         temperature = self.temperature_K.value
         if temperature is not None and not 250 < temperature < 400:
             raise ValueError(f"temperature_K = {temperature:g} is no temperature of a buffer in K")
+        _within("viscosity_mPa_s", self.viscosity_mPa_s, 0.1, 1000, "mPa s")
         return self
 
 
@@ -153,6 +170,11 @@ class FieldAxis(Section):
     """Axis of the camera along the magnetic field lines."""
 
     direction: Literal["x", "y"]
+
+
+def _nearest(name: str) -> str:
+    near = difflib.get_close_matches(name, (*EFFECTS, "effects"), n=1)
+    return f"; did you mean {near[0]}?" if near else f"; known: {', '.join(EFFECTS)}"
 
 
 class Model(BaseModel):
@@ -165,9 +187,13 @@ class Model(BaseModel):
     def _effects_exist(self) -> Model:
         for effect in self.effects:
             if effect not in EFFECTS:
-                near = difflib.get_close_matches(effect, EFFECTS, n=1)
-                hint = f"; did you mean {near[0]}?" if near else f"; known: {', '.join(EFFECTS)}"
-                raise ValueError(f"effects: there is no effect {effect!r}{hint}")
+                raise ValueError(f"effects: there is no effect {effect!r}{_nearest(effect)}")
+        for key, table in (self.model_extra or {}).items():
+            if key not in EFFECTS or not isinstance(table, dict):
+                raise ValueError(
+                    f"{key}: only effects and a table [model.<effect>] can stand here"
+                    f"{_nearest(key)}"
+                )
         return self
 
 

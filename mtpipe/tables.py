@@ -69,7 +69,7 @@ def _force_row(
         "start_s": plateau.trace.start_s,
         "duration_s": frames / calibration.conditions.frame_rate_hz,
         "frames": frames,
-        "lost_frames": plateau.trace.lost,
+        "lost_frames": plateau.trace.lost_on(AXES.index(one.axis)),
         "extension_nm": plateau.extension_nm,
         "extension_stderr_nm": plateau.extension_stderr_nm,
         **four("force", "pN", one.force),

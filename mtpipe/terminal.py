@@ -71,7 +71,13 @@ def summary(run: Run, out: Path) -> None:
     for verdict in run.verdicts:
         for reason in verdict.reasons:
             grouped.setdefault(reason, []).append(verdict.bead)
-    general = [n.message for n in run.notices if n.bead is None and n.severity != "info"]
+    # what concerns no tethered bead: the recording as a whole, or a reference bead
+    own = {verdict.bead for verdict in run.verdicts}
+    general = [
+        n.message
+        for n in run.notices
+        if n.bead not in own and n.severity != "info" and n.message not in grouped
+    ]
     for line in [f"{_names(beads)}: {reason}" for reason, beads in grouped.items()] + general:
         console.print(line, soft_wrap=True, markup=False)
     console.print(f"Report: {out / 'report' / 'index.html'}", soft_wrap=True, markup=False)

@@ -117,7 +117,11 @@ def test_unknown_temperature_viscosity_and_radius_are_said_and_lived_with():
         beads={"radius_nm": "unknown", "reference": ["ref1"]},
     )
     calibration = calibrated((1.0,), setup=parse_setup(content))
-    assert {n.code for n in calibration.notices} == {"temperature_assumed", "viscosity_assumed"}
+    assert {n.code for n in calibration.notices} == {
+        "temperature_assumed",
+        "viscosity_assumed",
+        "radius_unknown",
+    }
     x, y, _ = calibration.beads[0].plateaus[0].axes
     assert x.force.value == pytest.approx(1.0, abs=4 * x.force.stderr)
     assert y.force is None  # the lever L + R is not known
@@ -283,3 +287,53 @@ def test_a_bead_refused_in_most_plateaus_gives_no_force_in_any():
     calibration = calibrate(raw)
     axes = [one for plateau in calibration.beads[0].plateaus for one in plateau.axes]
     assert all(one.refusal and one.force is None for one in axes)
+
+
+def test_uncertain_temperature_widens_the_force():
+    exact = calibrated((2.0,), 8192).beads[0].plateaus[0].axes[0].force
+    buffer = {"temperature_K": 298.15, "temperature_K_stderr": 30.0, "viscosity_mPa_s": 0.9}
+    warm = calibrated((2.0,), 8192, setup=parse_setup(setup_content(buffer=buffer)))
+    force = warm.beads[0].plateaus[0].axes[0].force
+    assert force.value == pytest.approx(exact.value, rel=0.03)
+    expected = math.hypot(exact.stderr / exact.value, 30 / 298.15)
+    assert force.stderr / force.value == pytest.approx(expected, rel=0.15)
+
+
+def test_a_known_force_that_is_contradicted_is_said():
+    magnet = [
+        {"position_mm": 0.0, "force_pN": 2.0, "force_pN_stderr": 0.1},
+        {"position_mm": 1.0, "force_pN": 40.0},
+    ]
+    setup = parse_setup(setup_content(magnet=magnet))
+    calibration = calibrated((2.0, 4.0), setup=setup)
+    (bead,) = calibration.beads
+    named = [
+        {n.code for n in trace_flags(calibration, bead, plateau, setup)}
+        for plateau in bead.plateaus
+    ]
+    assert "known_force" not in named[0]
+    assert "known_force" in named[1]
+
+
+def test_a_reference_that_steps_between_plateaus_is_said():
+    raw = recording((4.0, 4.0))
+    positions = {name: xyz.copy() for name, xyz in raw.positions_nm.items()}
+    positions["ref1"][4096:, 2] += 500.0
+    stepped = dataclasses.replace(raw, positions_nm=positions)
+    calibration = calibrate(mtpipe.subtract_drift(stepped))
+    (bead,) = calibration.beads
+    codes = [
+        {n.code for n in trace_flags(calibration, bead, plateau, raw.setup)}
+        for plateau in bead.plateaus
+    ]
+    assert "reference_stepped" not in codes[0]
+    assert "reference_stepped" in codes[1]
+
+
+def test_a_bead_without_z_beside_a_reference_with_z():
+    raw = recording((1.0,))
+    positions = {name: xyz.copy() for name, xyz in raw.positions_nm.items()}
+    positions["b1"][:, 2] = np.nan
+    flat = dataclasses.replace(raw, positions_nm=positions)
+    (bead,) = calibrate(mtpipe.subtract_drift(flat)).beads
+    assert [one.axis for one in bead.plateaus[0].axes] == ["x", "y"]

@@ -146,6 +146,7 @@ def test_start_is_near_whatever_the_relaxation_time():
         ({"frame_rate_hz": -1.0}, "frame_rate_hz"),
         ({"exposure_s": 0.1}, "exposure"),
         ({"temperature_K": float("nan")}, "temperature_K"),
+        ({"temperature_K": 25.0}, "temperature_K"),
         ({"tracking_noise_nm": -1.0}, "tracking_noise_nm"),
         ({"tracking_noise_nm": "free"}, "tracking_noise_nm"),
         ({"friction": (1e-5, 0.0)}, "friction"),
@@ -155,6 +156,11 @@ def test_impossible_numbers_are_named(options, message):
     good = {"frame_rate_hz": RATE, "exposure_s": 1 / RATE, "temperature_K": TEMPERATURE}
     with pytest.raises(ValueError, match=message):
         fit_trace(np.random.default_rng(0).normal(size=200), **(good | options))
+
+
+def test_several_traces_at_once_are_refused():
+    with pytest.raises(ValueError, match="one trace"):
+        fit(np.zeros((500, 3)))
 
 
 def test_constant_trace_is_refused():

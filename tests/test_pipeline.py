@@ -223,3 +223,29 @@ def test_force_extension_of_a_recording():
     curve = mtpipe.force_extension(raw)["b1"]
     assert curve.recommended.contour_length_nm.value == pytest.approx(1200, rel=0.02)
     assert curve.recommended.persistence_length_nm.value == pytest.approx(50, rel=0.2)
+
+
+def test_paths_may_be_text_and_an_unwritable_folder_is_told_before_the_work(tmp_path):
+    path = write(tmp_path, recording((1.0,), 1024))
+    result = mtpipe.run(str(path), str(tmp_path / "out"))
+    assert (tmp_path / "out" / "run.json").exists()
+    assert result.seed == 0
+    blocked = tmp_path / "file"
+    blocked.write_text("not a folder")
+    done = command("run", path, "--out", blocked / "sub")
+    assert done.returncode == 1
+    assert "cannot be written" in done.stderr
+    assert "defect" not in done.stderr
+
+
+def test_a_reference_that_moves_is_said_on_the_terminal_and_in_the_verdict(tmp_path):
+    raw = recording((1.0,), 4096)
+    positions = {name: xyz.copy() for name, xyz in raw.positions_nm.items()}
+    loose = np.cumsum(np.random.default_rng(2).normal(size=(4096, 3)), axis=0)
+    positions["ref1"] += 40 * np.sin(loose / 6)
+    path = write(tmp_path, type(raw)(**{**vars(raw), "positions_nm": positions}))
+    done = command("run", path, "--out", tmp_path / "out")
+    assert done.returncode == 0
+    assert "ref1" in done.stdout
+    beads = pd.read_csv(tmp_path / "out" / "beads.csv")
+    assert beads.verdict[0] != "good"

@@ -5,6 +5,7 @@ import math
 import numpy as np
 import pytest
 
+from mtpipe.errors import FitError
 from mtpipe.fit.posterior import _split_r_hat, sample_posterior
 from tests.test_fit_trace import FRICTION, fit, simulate, stiffness_at
 
@@ -60,8 +61,22 @@ def test_undetermined_stiffness_is_not_passed_off_as_a_number():
     posterior = sample_posterior(
         fit(x, tracking_noise_nm="fit", friction=(FRICTION, 0.03 * FRICTION))
     )
-    assert posterior.stiffness.status in ("not_identified", "not_converged")
-    assert posterior.stiffness.status == "not_identified" or not posterior.converged
+    assert posterior.stiffness.status == "not_identified"
+    assert math.isnan(posterior.stiffness.value)
+
+
+@pytest.mark.parametrize(
+    "options", [{"tracking_noise_nm": 1e4}, {"friction": (1e-12, 1e-14)}, {"friction": (1.0, 0.01)}]
+)
+def test_priors_that_contradict_the_data_end_in_a_sentence_or_a_flag(options):
+    """The chain once looked for a start for ever where the prior excluded the best fit."""
+    result = fit(simulate(0.3, np.random.default_rng(1), frames=1024), **options)
+    try:
+        posterior = sample_posterior(result)
+    except FitError as error:
+        assert "contradict" in str(error)  # noqa: PT017
+    else:
+        assert np.all(np.isfinite(posterior.theta))
 
 
 def test_r_hat_tells_chains_apart():

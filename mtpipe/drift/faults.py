@@ -140,7 +140,9 @@ def jumps_alone(
             here = slice(at, at + len(step))
             at += len(step)
             spread = NORMAL_MAD * float(np.nanmedian(np.abs(step))) if len(step) > 8 else math.nan
-            usable = np.isfinite(step) & (spread > 0)
+            if not spread > 0:
+                continue
+            usable = np.isfinite(step)
             total[here][usable] += step[usable] / spread**2
             weight[here][usable] += 1 / spread**2
     known = weight > 0

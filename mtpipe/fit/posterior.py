@@ -16,6 +16,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
+from mtpipe.errors import FitError
 from mtpipe.estimate import Estimate, Status
 from mtpipe.fit.trace import NOT_IDENTIFIED_LN, TraceFit, fit_model
 from mtpipe.physics.camera import FloatArray
@@ -28,6 +29,7 @@ AUTOCORRELATION_TIMES = 50
 R_HAT_LIMIT = 1.05
 TAIL_DEGREES = 5.0
 TAIL_WIDENING = 1.3
+HALVINGS = 60
 
 
 @dataclass(frozen=True)
@@ -164,11 +166,12 @@ def _inside(
     walkers: FloatArray, centre: FloatArray, log_probability: Callable[[FloatArray], FloatArray]
 ) -> FloatArray:
     """Walkers moved towards the maximum until all lie where the prior allows."""
-    outside = ~np.isfinite(log_probability(walkers))
-    while outside.any():
-        walkers[outside] = 0.5 * (walkers[outside] + centre)
+    for _ in range(HALVINGS):
         outside = ~np.isfinite(log_probability(walkers))
-    return walkers
+        if not outside.any():
+            return walkers
+        walkers[outside] = 0.5 * (walkers[outside] + centre)
+    raise FitError("the priors exclude the best fit: stated friction, noise and data contradict")
 
 
 def _burn_in(steps: int) -> int:

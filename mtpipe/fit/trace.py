@@ -104,9 +104,13 @@ def fit_trace(
     FitError : fewer than 64 frames, or no motion.
     ValueError : an exposure longer than a frame, or a number that cannot be.
     """
-    for name, value in (("frame_rate_hz", frame_rate_hz), ("temperature_K", temperature_K)):
-        if not (math.isfinite(value) and value > 0):
-            raise ValueError(f"{name} must be positive, got {value}")
+    x = np.asarray(x_nm, dtype=float)
+    if x.ndim != 1:
+        raise ValueError(f"x_nm must be one trace, (n_frames,), got the shape {x.shape}")
+    if not (math.isfinite(frame_rate_hz) and frame_rate_hz > 0):
+        raise ValueError(f"frame_rate_hz must be positive, got {frame_rate_hz}")
+    if not 250 < temperature_K < 400:
+        raise ValueError(f"temperature_K = {temperature_K} is no temperature of a buffer in K")
     camera = Camera(1 / frame_rate_hz, exposure_s)
     if isinstance(tracking_noise_nm, str):
         if tracking_noise_nm != "fit":
@@ -118,7 +122,7 @@ def fit_trace(
         known = tracking_noise_nm**2
     if friction is not None and not (friction[0] > 0 and friction[1] > 0):
         raise ValueError(f"friction needs a positive value and standard error, got {friction}")
-    spectrum = periodogram(np.asarray(x_nm, dtype=float), camera.frame_s, lowest_hz=lowest_hz)
+    spectrum = periodogram(x, camera.frame_s, lowest_hz=lowest_hz)
     return fit_model(
         TraceModel(
             spectrum,
@@ -138,8 +142,10 @@ def fit_model(model: TraceModel) -> TraceFit:
     start = model.start
     scale = model.spectrum.variance_nm2
     parameters = lmfit.Parameters()
-    parameters.add(COORDINATES[0], value=start[0], min=start[0] - 25, max=start[0] + 25)
-    parameters.add(COORDINATES[1], value=start[1], min=start[1] - 25, max=start[1] + 25)
+    # inside the flat priors of the posterior, which is then never empty at the maximum
+    reach = 0.99 * PRIOR_HALF_WIDTH
+    for name, value in zip(COORDINATES[:2], start[:2], strict=True):
+        parameters.add(name, value=value, min=value - reach, max=value + reach)
     # a variance in units of the trace's, so that all coordinates are of order one
     unit = 1.0 if model.noise_is_log else scale
     if model.noise_is_log:
