@@ -33,6 +33,7 @@ from mtpipe.recording import Recording
 from mtpipe.tether_curves import tether_curves
 
 Progress = Callable[[str, int, int], None]
+LEFT_OUT_CODES = ("no_positions", "constant_bead")
 
 
 @dataclass(frozen=True)
@@ -120,7 +121,7 @@ def run(
     }
     verdicts = bead_verdicts(
         calibration, flags, curves, recording.setup, _reference_warnings(recording)
-    )
+    ) + _left_out(recording)
     result = Run(
         recording, calibration, flags, verdicts, curves, seed, started, dict(clock.seconds)
     )
@@ -128,6 +129,18 @@ def run(
     _write_tables(result, raw, out, _title(path, raw.name))
     write_report(out, progress=lambda done, total: say("drawing the report", done, total))
     return result
+
+
+def _left_out(recording: Recording) -> tuple[BeadVerdict, ...]:
+    """Beads that the files name and that reading left out, each with its reason."""
+    return tuple(
+        BeadVerdict(notice.bead, "refused", (notice.message,))
+        for notice in recording.notices
+        if notice.code in LEFT_OUT_CODES
+        and notice.bead is not None
+        and notice.bead not in recording.positions_nm
+        and notice.bead not in recording.setup.beads.reference
+    )
 
 
 def _reference_warnings(recording: Recording) -> tuple[str, ...]:

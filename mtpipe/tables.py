@@ -97,24 +97,27 @@ def beads_table(
     verdicts: Sequence[BeadVerdict],
     curves: Mapping[str, ForceExtension],
 ) -> pd.DataFrame:
-    """`beads`: a row per tethered bead."""
+    """`beads`: a row per verdict; beads left out on reading have no calibration."""
     rows = []
-    for bead, verdict in zip(calibration.beads, verdicts, strict=True):
+    results = {bead.bead: bead for bead in calibration.beads}
+    for verdict in verdicts:
+        bead = results.get(verdict.bead)
+        plateaus = () if bead is None else bead.plateaus
         along = AXES[calibration.conditions.along]
         forces = [
             one.force.value
-            for plateau in bead.plateaus
+            for plateau in plateaus
             for one in plateau.axes
             if one.force is not None and math.isfinite(one.force.value) and one.axis == along
         ]
-        recommended = curves[bead.bead].recommended if bead.bead in curves else None
-        ratio = bead.friction_ratio
+        recommended = curves[verdict.bead].recommended if verdict.bead in curves else None
+        ratio = None if bead is None else bead.friction_ratio
         rows.append(
             {
                 "bead": verdict.bead,
                 "verdict": verdict.verdict,
                 "reasons": " | ".join(verdict.reasons),
-                "plateaus": len(bead.plateaus),
+                "plateaus": len(plateaus),
                 "plateaus_used": len(forces),
                 "force_min_pN": min(forces, default=math.nan),
                 "force_max_pN": max(forces, default=math.nan),

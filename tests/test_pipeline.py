@@ -249,3 +249,16 @@ def test_a_reference_that_moves_is_said_on_the_terminal_and_in_the_verdict(tmp_p
     assert "ref1" in done.stdout
     beads = pd.read_csv(tmp_path / "out" / "beads.csv")
     assert beads.verdict[0] != "good"
+
+
+def test_a_bead_left_out_on_reading_keeps_its_row(tmp_path):
+    raw = recording((1.0,), 2048)
+    positions = {**raw.positions_nm, "dead": np.full((2048, 3), 7.0)}
+    path = write(tmp_path, type(raw)(**{**vars(raw), "positions_nm": positions}))
+    done = command("run", path, "--out", tmp_path / "out")
+    assert done.returncode == 0, done.stderr
+    beads = pd.read_csv(tmp_path / "out" / "beads.csv").set_index("bead")
+    assert beads.verdict["dead"] == "refused"
+    assert "never moves" in beads.reasons["dead"]
+    assert beads.verdict["b1"] == "good"
+    assert "dead" in done.stdout
