@@ -185,9 +185,9 @@ def _off_the_curve(plateaus: tuple[int, ...], usable: int) -> Notice:
     return Notice(
         "off_the_curve",
         "caution",
-        f"Plateau{'s' if len(plateaus) > 1 else ''} {numbers} (of {usable}) lie more than "
-        f"{_OUTLIER_SIGMAS:.0f} standard errors off the force–extension curve of the others and "
-        "were left out of the tether's fit: mistracked, out of focus, or another tether state.",
+        f"Left out of the tether's fit, for lying more than {_OUTLIER_SIGMAS:.0f} standard errors "
+        f"off the force–extension curve of the others: plateau {numbers} (of {usable}). Mistracked "
+        "or out of focus, or another state of the tether.",
     )
 
 

@@ -145,11 +145,13 @@ def _left_out(recording: Recording) -> tuple[BeadVerdict, ...]:
 
 def _reference_warnings(recording: Recording) -> tuple[str, ...]:
     """Faults of the reference beads that are in every trace, in words."""
-    return tuple(
-        notice.message
+    faulty = {
+        notice.bead
         for notice in recording.notices
         if notice.severity == "warning" and notice.bead in recording.setup.beads.reference
-    )
+    }
+    names = ", ".join(sorted(name for name in faulty if name is not None))
+    return (f"reference motion of its own ({names}) is in every trace",) if names else ()
 
 
 def _check_writable(out: Path) -> None:

@@ -308,7 +308,7 @@ def test_a_plateau_off_the_curve_is_left_out_and_named():
     assert curve.recommended.contour_length_nm.value == pytest.approx(2700, rel=0.01)
     named = [notice.message for notice in curve.notices if notice.code == "off_the_curve"]
     assert len(named) == 1
-    assert "Plateau 7" in named[0]
+    assert "plateau 7 (of 12)" in named[0]
     clean = fit_curve("b1", points, ASSAY)
     assert "off_the_curve" not in [notice.code for notice in clean.notices]
 
