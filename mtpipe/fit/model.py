@@ -14,7 +14,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from scipy import special, stats
 
-from mtpipe.physics.camera import FloatArray
+from mtpipe.physics.camera import Camera, FloatArray, power_spectrum
 from mtpipe.physics.modes import SINGLE_MODE, Modes
 from mtpipe.spectrum import Spectrum
 
@@ -24,6 +24,7 @@ COORDINATES = ("ln_stiffness", "ln_friction", "noise")
 # that fills it is reported as not identified.
 PRIOR_HALF_WIDTH = 5.0
 LARGEST_LN_NOISE = 50.0
+LEAST_ORDINATES = 1e-3
 
 
 @dataclass(frozen=True)
@@ -39,6 +40,7 @@ class TraceModel:
     noise_prior_nm : where the noise is fitted, its prior median in nm and the factor that holds
         68 % of it (ln ε is Gaussian), or None: flat in ε² ≥ 0.
     modes : relaxation modes of this axis.
+    own : (n_bins,) share of each bin's power that is its own (`own_share`), or None: all.
     """
 
     spectrum: Spectrum
@@ -48,6 +50,14 @@ class TraceModel:
     friction: tuple[float, float] | None = None
     noise_prior_nm: tuple[float, float] | None = None
     modes: Modes = SINGLE_MODE
+    own: FloatArray | None = None
+
+    @functools.cached_property
+    def ordinates(self) -> FloatArray:
+        """(n_bins,) independent ordinates of each bin, leakage through gaps taken off."""
+        if self.own is None:
+            return self.spectrum.ordinates
+        return np.maximum(self.spectrum.ordinates * self.own**2, LEAST_ORDINATES)
 
     @property
     def free(self) -> tuple[int, ...]:
@@ -74,13 +84,31 @@ class TraceModel:
             noise = noise + window.expected(share * variance, tau_s, self.exposure_s)
         return noise
 
+    def own_share(self, theta: FloatArray) -> FloatArray:
+        """Share of each bin's expected power that gaps did not bring from other frequencies.
+
+        (n_bins,) for one θ (3,): the bare spectrum, in proportion to the frames present, over the
+        expectation; at most 1.
+        """
+        spectrum = self.spectrum
+        camera = Camera(spectrum.window.frame_s, self.exposure_s)
+        k, friction = np.exp(theta[0]), np.exp(theta[1])
+        bare = 2 * camera.frame_s * self.noise_nm2(theta[None])[0] * np.ones(len(spectrum.power))
+        for share, rate in zip(self.modes.shares, self.modes.rates, strict=True):
+            variance = share * self.thermal_energy_pN_nm / k
+            bare = bare + power_spectrum(
+                spectrum.frequency_hz, variance, friction / (k * rate), camera
+            )
+        present = 1 - spectrum.lost_frames / spectrum.frames
+        return np.asarray(np.minimum(present * bare / self.expected(theta[None])[0], 1.0))
+
     def residuals(self, theta: FloatArray) -> FloatArray:
         """Signed roots of the deviance per bin (and of the prior): their squares sum to −2 ln L.
 
         (n, n_bins + number of priors); the deviance is that of the Gamma law of each bin.
         """
         u = self.spectrum.power / self.expected(theta)
-        deviance = 2 * self.spectrum.ordinates * (u - 1 - np.log(u))
+        deviance = 2 * self.ordinates * (u - 1 - np.log(u))
         signed = np.sign(u - 1) * np.sqrt(np.maximum(deviance, 0.0))
         return np.hstack([signed, self._pulls(theta)])
 
@@ -98,7 +126,7 @@ class TraceModel:
             inside = theta[allowed]
             expected = self.expected(inside)
             per_bin = np.log(expected) + self.spectrum.power / expected
-            value = -per_bin @ self.spectrum.ordinates
+            value = -per_bin @ self.ordinates
             out[allowed] = value - 0.5 * np.sum(self._pulls(inside) ** 2, axis=1)
         return out
 
@@ -115,7 +143,7 @@ class TraceModel:
         high = theta + shift
         width = (high - low)[np.arange(len(free)), free][:, None]
         slope = (np.log(self.expected(high)) - np.log(self.expected(low))) / width
-        information = (slope * self.spectrum.ordinates) @ slope.T
+        information = (slope * self.ordinates) @ slope.T
         if self.friction is not None:
             information[1, 1] += (np.exp(theta[1]) / self.friction[1]) ** 2
         if self.noise_is_log and self.noise_prior_nm is not None:
@@ -129,7 +157,7 @@ class TraceModel:
         2n(ln n − ψ(n)) and 4n²ψ'(n) − 4n, which matters for the bins of one ordinate. The sum is
         taken as a Gamma law of matching mean and variance.
         """
-        n = self.spectrum.ordinates
+        n = self.ordinates
         mean = float(np.sum(2 * n * (np.log(n) - special.digamma(n)))) - fitted
         variance = float(np.sum(4 * n**2 * special.polygamma(1, n) - 4 * n)) - 2 * fitted
         return mean, float(stats.gamma.sf(deviance, mean**2 / variance, scale=variance / mean))
@@ -159,7 +187,7 @@ class TraceModel:
         bare = replace(self, noise_variance_nm2=0.0)
         shape = bare.expected(theta) / self.thermal_energy_pN_nm
         white = 2 * window.frame_s * window.white
-        weight = self.spectrum.ordinates / self.spectrum.ordinates.sum()
+        weight = self.ordinates / self.ordinates.sum()
         best, chosen = np.inf, theta[0]
         known = self.noise_variance_nm2
         floor = 0.0 if known is None else min(known, 0.9 * self.spectrum.variance_nm2)
@@ -168,7 +196,7 @@ class TraceModel:
             mixed = (1 - white_share) * shape + white_share * white
             scale = (power / mixed) @ weight
             model = scale[:, None] * mixed
-            loss = 2 * (np.log(model) + power / model) @ self.spectrum.ordinates
+            loss = 2 * (np.log(model) + power / model) @ self.ordinates
             stiffness = self.thermal_energy_pN_nm / ((1 - white_share) * scale)
             friction = stiffness * tau * rate
             if self.friction is not None:

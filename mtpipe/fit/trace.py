@@ -136,7 +136,18 @@ def fit_trace(
 
 
 def fit_model(model: TraceModel) -> TraceFit:
-    """Maximise the likelihood of a trace model with lmfit."""
+    """Maximise the likelihood of a trace model with lmfit.
+
+    Under gaps the power that leaks into a bin comes from the same few strong ordinates everywhere
+    and carries no information of its own: a second fit counts only the share that is a bin's own.
+    """
+    first = _maximise(replace(model, own=None))
+    if model.spectrum.lost_frames == 0:
+        return first
+    return _maximise(replace(model, own=model.own_share(first.theta)))
+
+
+def _maximise(model: TraceModel) -> TraceFit:
     import lmfit
 
     start = model.start
@@ -169,7 +180,7 @@ def fit_model(model: TraceModel) -> TraceFit:
     )
     theta = coordinates(result.params)
     if model.noise_variance_nm2 is None and not model.noise_is_log and theta[2] < AT_ZERO * scale:
-        without = fit_model(replace(model, noise_variance_nm2=0.0))
+        without = _maximise(replace(model, noise_variance_nm2=0.0))
         return _describe(model, without.theta, _inverse(model.information(without.theta)))
     if result.covar is None or not np.all(np.abs(result.covar) < SENSIBLE_COVARIANCE):
         return _describe(model, theta, _inverse(model.information(theta)))
