@@ -144,8 +144,10 @@ def sample_posterior(fit: TraceFit, *, seed: int | np.random.Generator = 0) -> P
     while sampler.iteration < LONGEST_CHAIN and not enough:
         state = sampler.run_mcmc(state, STEPS_AT_ONCE, skip_initial_state_check=True)
         chain = sampler.get_chain(discard=_burn_in(sampler.iteration))
-        times = emcee.autocorr.integrated_time(chain, tol=0, quiet=True)
-        autocorrelation = float(np.max(times))
+        # a walker that never moved has no autocorrelation function
+        with np.errstate(invalid="ignore", divide="ignore"):
+            times = emcee.autocorr.integrated_time(chain, tol=0, quiet=True)
+        autocorrelation = float(np.max(times)) if np.all(np.isfinite(times)) else math.inf
         enough = len(chain) >= AUTOCORRELATION_TIMES * autocorrelation
     r_hat = float(np.max(_split_r_hat(chain)))
     flat = chain.reshape(-1, len(free))
