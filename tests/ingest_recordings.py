@@ -7,6 +7,8 @@ import numpy as np
 from mtpipe.setup import Setup, parse_setup
 
 RATE = 100.0
+N = 400
+START_NS = 1_700_000_000_123_456_789
 
 
 def setup_of(source=None, *, rate=RATE, reference=("ref1",), minimum_s=1.0, **plateaus) -> Setup:
@@ -55,3 +57,78 @@ def write(path: Path, lines: list[str], encoding="utf-8") -> Path:
 
 def codes(recording) -> set[str]:
     return {notice.code for notice in recording.notices}
+
+
+def table(columns, mark=" ") -> list[str]:
+    """Lines of a table without header; floats in full, NaN as LabVIEW writes it."""
+
+    def cell(value):
+        return "-1.#IND000" if np.isnan(value) else repr(float(value))
+
+    return [mark.join(cell(v) for v in row) for row in zip(*columns, strict=True)]
+
+
+def axes_of(positions) -> list[np.ndarray]:
+    return [xyz[:, k] for xyz in positions.values() for k in range(3)]
+
+
+def write_magscope(path: Path, batches, names=("_ns", "_nm")) -> Path:
+    """A tracking file as MagScope appends it: batches are (sequence, time_ns, {bead: (n, 3)}).
+
+    A bead that a batch does not name was not followed then.
+    """
+    import h5py
+
+    time, offsets, sequence, bead_ids, positions = [], [0], [], [], []
+    for number, time_ns, beads in batches:
+        for row, stamp in enumerate(time_ns):
+            time.append(stamp)
+            sequence.append(number)
+            for bead, xyz in beads.items():
+                bead_ids.append(bead)
+                positions.append(xyz[row])
+            offsets.append(len(bead_ids))
+    with h5py.File(path, "w") as file:
+        group = file.create_group("tracking")
+        group.attrs["schema_version"] = 1
+        group[f"frame_timestamps{names[0]}"] = np.array(time, dtype="u8")
+        group["frame_offsets"] = np.array(offsets, dtype="u8")
+        group["frame_batch_sequence"] = np.array(sequence, dtype="u8")
+        group["batch_sequence"] = np.array([b[0] for b in batches], dtype="u8")
+        group["bead_ids"] = np.array(bead_ids, dtype="u2")
+        group[f"positions{names[1]}"] = np.array(positions, dtype="f8").reshape(-1, 3)
+    return path
+
+
+def preset(name_or_table, **options):
+    source = {"preset": name_or_table} if isinstance(name_or_table, str) else name_or_table
+    return setup_of(source, **{"reference": (), **options})
+
+
+def height(time_s):
+    """A magnet that moves from 3 to 2 mm at half time, within 0.1 s."""
+    return np.interp(time_s, [1.9, 2.0], [3.0, 2.0])
+
+
+def sentences(recording):
+    return " ".join(n.message for n in recording.notices)
+
+
+def survives_a_round_trip(recording):
+    again = parse_setup(recording.setup.model_dump(mode="json", by_alias=True))
+    assert again == recording.setup
+
+
+def magscope_batches(positions):
+    """Batches of 50 frames; bead 7 is followed from frame 100 on, frames 250 to 259 are lost."""
+    stamps = START_NS + np.rint(np.arange(N) * 1e9 / RATE).astype(np.int64)
+    batches = []
+    for number, start in enumerate(range(0, N, 50)):
+        rows = [r for r in range(start, start + 50) if not 250 <= r < 260]
+        beads = {b: xyz[rows] for b, xyz in positions.items() if b != 7 or start >= 100}
+        batches.append((10 + number, stamps[rows], beads))
+    return batches
+
+
+def magscope_positions():
+    return dict(zip((3, 7), motion(N).values(), strict=True))

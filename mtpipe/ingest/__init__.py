@@ -3,7 +3,9 @@
 The way of a file through the modules: `files` finds it, `text` or `arrays` yields its columns
 batch by batch, `columns` says which column is what, `collect` fills the arrays, `clock`,
 `magnets` and `surface` make frame numbers, resting stretches and z = 0 of them, `checks` refuses
-or remarks, and `read` puts it all together. `source` is the layout as the setup states it.
+or remarks, and `read` puts it all together. `source` is the layout as the setup states it,
+`presets` the layouts of known instruments, `instruments` what of those only the files can tell;
+MagScope's ragged files have a reader of their own, `magscope`.
 """
 
 from __future__ import annotations

@@ -232,8 +232,14 @@ def _increasing(
         raise RecordingError(
             f"the {what} {values[row]:.10g} occurs twice{more}",
             where=locate(row),
-            mend="Leave out the row that is double; if the stamps are only rounded, describe the "
-            "time column in [source.time] with rounded = true.",
+            mend="Leave out the row that is double; if "
+            + (
+                "the numbers count no frames, leave out [source] frame (frame = false beside a "
+                "preset)."
+                if what == "frame number"
+                else "the stamps are only rounded, describe the time column in [source.time] with "
+                "rounded = true."
+            ),
         )
 
 

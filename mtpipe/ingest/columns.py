@@ -146,7 +146,7 @@ def source_columns(names: Names, source: Source, setup: Setup) -> Assignment:
         raise RecordingError("has no column that [source.beads] describes", where=names.where,
                              mend=f"There are: {_some(names.names)}.")  # fmt: skip
     magnet, rotation = source.magnet, source.rotation
-    own_magnet = magnet is not None and magnet.time_column is None
+    own_magnet = magnet is not None and not magnet.is_log
     own_rotation = rotation is not None and not rotation.in_log
     return Assignment(
         beads=beads,

@@ -20,6 +20,7 @@ from typing import BinaryIO, cast
 
 from mtpipe.errors import RecordingError, SetupError
 from mtpipe.ingest.gr import MARK as GR_MARK
+from mtpipe.ingest.presets import COLUMNS, PRESETS
 from mtpipe.ingest.source import Format, Source
 from mtpipe.recording import SourceFile
 from mtpipe.setup import Setup, read_setup
@@ -70,18 +71,17 @@ def find_recording(path: Path, setup: Path | str | Setup | None) -> Found:
         raise RecordingError("there is no such file or folder", where=str(path))
     if path.suffix == ".toml":
         parsed = _setup(setup, path)
-        if parsed.source is None or not parsed.source.files:
+        if parsed.source is None or not parsed.source.knows_its_files:
             raise SetupError(
                 "names no files to read", where=str(path), mend="Add files to its [source] table."
             )
-        return Found(path.parent.resolve().name, parsed, _named(path.parent, parsed), path.parent)
+        files = _in_folder(path.parent, parsed)
+        return Found(path.parent.resolve().name, parsed, files, path.parent)
     folder = path if path.is_dir() else path.parent
     parsed = _setup(setup, folder / SETUP_NAME)
     if not path.is_dir():
         return Found(path.name, parsed, (path,), folder)
-    files = (
-        _named(folder, parsed) if parsed.source and parsed.source.files else _data(folder, parsed)
-    )
+    files = _in_folder(folder, parsed)
     name = files[0].name if len(files) == 1 else folder.resolve().name
     return Found(name, parsed, files, folder)
 
@@ -162,6 +162,22 @@ def _setup(setup: Path | str | Setup | None, default: Path) -> Setup:
     return read_setup(default if setup is None else Path(setup))
 
 
+def data_files(folder: Path) -> list[Path]:
+    """Files of a folder that may hold data, in name order."""
+    files = [
+        p
+        for p in folder.iterdir()
+        if p.is_file() and p.suffix.lower() not in NO_DATA and not p.name.startswith(".")
+    ]
+    return sorted(files, key=_natural)
+
+
+def _in_folder(folder: Path, setup: Setup) -> tuple[Path, ...]:
+    """The recording's files: those that `[source] files` names, else all of the right kind."""
+    named = setup.source is not None and setup.source.files
+    return _named(folder, setup) if named else _data(folder, setup)
+
+
 def _named(folder: Path, setup: Setup) -> tuple[Path, ...]:
     assert setup.source is not None
     found: list[Path] = []
@@ -180,16 +196,12 @@ def _named(folder: Path, setup: Setup) -> tuple[Path, ...]:
 
 def _data(folder: Path, setup: Setup) -> tuple[Path, ...]:
     log = _log_name(setup.source)
-    files = [
-        p
-        for p in folder.iterdir()
-        if p.is_file()
-        and p.suffix.lower() not in NO_DATA
-        and not p.name.startswith(".")
-        and p.name != log
-    ]
+    preset = setup.source.preset if setup.source is not None else None
+    layout = PRESETS[preset or COLUMNS]
+    files = [p for p in data_files(folder) if p.name != log and re.fullmatch(layout.files, p.name)]
     if not files:
-        raise RecordingError("the folder has no data files", where=str(folder))
+        kind = f" of preset {preset} ({layout.called})" if preset is not None else ""
+        raise RecordingError(f"the folder has no data files{kind}", where=str(folder))
     kinds = sorted({"".join(p.suffixes[-2:]) if p.suffix == ".gz" else p.suffix for p in files})
     if len(kinds) > 1:
         raise RecordingError(
@@ -197,7 +209,7 @@ def _data(folder: Path, setup: Setup) -> tuple[Path, ...]:
             where=str(folder),
             mend="Name the recording's own with [source] files.",
         )
-    return tuple(sorted(files, key=_natural))
+    return tuple(files)
 
 
 def _log_name(source: Source | None) -> str | None:

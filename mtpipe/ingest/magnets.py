@@ -1,7 +1,8 @@
 """Where the magnets are at each frame, and when they rotate.
 
 A magnet log with its own clock is read as a small recording of its own and interpolated to the
-frames; frames outside the log have no position and so no plateau.
+frames; frames outside the log have no position and so no plateau. A log without a clock has a row
+for every row of the recording.
 """
 
 from __future__ import annotations
@@ -15,7 +16,7 @@ from numpy.typing import NDArray
 from scipy.ndimage import maximum_filter1d, minimum_filter1d
 
 from mtpipe.errors import RecordingError
-from mtpipe.ingest.collect import Collected, OpenTable
+from mtpipe.ingest.collect import Collected, OpenTable, RowChoice
 from mtpipe.ingest.columns import Names
 from mtpipe.ingest.source import (
     NM_PER_UNIT,
@@ -51,11 +52,12 @@ def read_magnets(
 
     Raises
     ------
-    RecordingError : the log is missing, damaged, goes backward or does not overlap the recording.
+    RecordingError : the log is missing, damaged, goes backward, does not overlap the recording,
+        or has not a row for each of its rows.
     """
     position, turns = data.magnet_mm, data.turns
     notices: list[Notice] = []
-    if source is not None and source.magnet is not None and source.magnet.time_column is not None:
+    if source is not None and source.magnet is not None and source.magnet.is_log:
         position, logged_turns, said = _from_log(source, time_s, files, folder, open_table)
         turns = turns if logged_turns is None else logged_turns
         notices += said
@@ -99,54 +101,80 @@ def _from_log(
 ) -> tuple[FloatArray, FloatArray | None, list[Notice]]:
     magnet, rotation = source.magnet, source.rotation
     assert magnet is not None
-    assert magnet.time_column is not None
-    if magnet.file is not None:
-        paths, layout = [folder / magnet.file], Layout.model_validate(_layout_of(magnet))
-    else:
-        paths, layout = list(files), Layout.model_validate(_layout_of(source))
-    if not paths[0].exists():
-        raise RecordingError("there is no such magnet log", where=str(paths[0]))
+    turned = rotation if rotation is not None and rotation.in_log else None
+    paths = magnet.logs(files, folder)
+    layout = Layout.model_validate(_layout_of(magnet if magnet.file is not None else source))
+    wanted = [(magnet.column, "magnet")]
+    wanted += [(turned.column, "rotation")] if turned is not None else []
+    wanted += [(magnet.time_column, "log time")] if magnet.time_column is not None else []
     pieces: list[list[FloatArray]] = []
     guesses: tuple[str, ...] = ()
     for path in paths:
+        if not path.exists():
+            mend = "Correct [source.magnet] file" + (
+                ", or write magnet = false if the magnets rested all the time."
+                if source.preset is not None
+                else "."
+            )
+            raise RecordingError("there is no such magnet log", where=str(path), mend=mend)
         table = open_table(path, layout, source.lost.tokens)
         guesses = table.guesses
         names = Names(table.names, table.has_names, str(path))
-        wanted = [names.find(magnet.time_column, "log time"), names.find(magnet.column, "magnet")]
-        if rotation is not None and rotation.in_log:
-            wanted.append(names.find(rotation.column, "rotation"))
-        pieces += table.batches(wanted)
+        pieces += table.batches([names.find(column, what) for column, what in wanted])
     if not pieces:
         raise RecordingError("the magnet log has no rows", where=str(paths[0]))
     columns = [np.concatenate(column) for column in zip(*pieces, strict=True)]
-    known = np.isfinite(columns[0]) & np.isfinite(columns[1])
-    clock, value = columns[0][known], columns[1][known]
-    clock = clock * SECONDS_PER_UNIT[magnet.time_unit] + magnet.clock_offset_s
+    columns[0] = columns[0] * (magnet.scale * NM_PER_UNIT[magnet.unit] / 1e6) + magnet.offset_mm
+    if turned is not None:
+        columns[1] = columns[1] * TURNS_PER_UNIT[turned.unit]
+    notices = [Notice("guessed_layout", "info", f"{paths[0].name}: {g}.") for g in guesses]
+    where = str(paths[0])
+    if magnet.row_by_row:
+        at_frames = _row_by_row(columns, len(time_s), source, where)
+    else:
+        clock = columns.pop() * SECONDS_PER_UNIT[magnet.time_unit] + magnet.clock_offset_s
+        at_frames = _interpolated(columns, clock, time_s, where)
+        outside = int(np.count_nonzero(np.isnan(at_frames[0])))
+        if outside:
+            said = f"{outside} frames lie outside the magnet log and belong to no plateau."
+            notices.append(Notice("outside_log", "caution", said))
+    return at_frames[0], at_frames[1] if turned is not None else None, notices
+
+
+def _row_by_row(
+    columns: list[FloatArray], frames: int, source: Source, where: str
+) -> list[FloatArray]:
+    """Columns of a log that has a row for every row of the files, at the rows that are kept."""
+    mask = RowChoice(source.keep_rows, source.skip_rows).mask(0, len(columns[0]))
+    kept = columns if mask is None else [column[mask] for column in columns]
+    if len(kept[0]) != frames:
+        raise RecordingError(
+            f"has {len(kept[0])} rows where the recording has {frames}; a magnet log without a "
+            "clock needs a row for each",
+            where=where,
+        )
+    return kept
+
+
+def _interpolated(
+    columns: list[FloatArray], clock: FloatArray, time_s: FloatArray, where: str
+) -> list[FloatArray]:
+    """Columns of a log with a clock of its own at the times of the frames, NaN outside the log."""
+    known = np.isfinite(clock) & np.isfinite(columns[0])
+    clock = clock[known]
     back = np.flatnonzero(np.diff(clock) < 0)
     if len(back):
         raise RecordingError(
-            f"the magnet log's time goes backward after its row {int(back[0]) + 1}",
-            where=str(paths[0]),
+            f"the magnet log's time goes backward after its row {int(back[0]) + 1}", where=where
         )
     if len(clock) == 0 or clock[-1] < time_s[0] or clock[0] > time_s[-1]:
         span = f"{clock[0]:.6g} to {clock[-1]:.6g} s" if len(clock) else "nothing"
         raise RecordingError(
             f"the magnet log covers {span}, the recording {time_s[0]:.6g} to {time_s[-1]:.6g} s",
-            where=str(paths[0]),
+            where=where,
             mend="Check [source.magnet] time_unit and clock_offset_s.",
         )
-    millimetres = value * (magnet.scale * NM_PER_UNIT[magnet.unit] / 1e6) + magnet.offset_mm
-    position = np.interp(time_s, clock, millimetres, left=np.nan, right=np.nan)
-    notices = [Notice("guessed_layout", "info", f"{paths[0].name}: {g}.") for g in guesses]
-    outside = int(np.count_nonzero(np.isnan(position)))
-    if outside:
-        said = f"{outside} frames lie outside the magnet log and belong to no plateau."
-        notices.append(Notice("outside_log", "caution", said))
-    turns = None
-    if rotation is not None and rotation.in_log:
-        angle = columns[2][known] * TURNS_PER_UNIT[rotation.unit]
-        turns = np.interp(time_s, clock, angle, left=np.nan, right=np.nan)
-    return position, turns, notices
+    return [np.interp(time_s, clock, c[known], left=np.nan, right=np.nan) for c in columns]
 
 
 def _layout_of(table: Layout) -> dict[str, object]:

@@ -16,9 +16,12 @@ from mtpipe.ingest.checks import check_beads, check_gaps
 from mtpipe.ingest.clock import read_clock
 from mtpipe.ingest.collect import Collected, OpenTable, RowChoice, collect
 from mtpipe.ingest.columns import Assignment, Names, canonical_columns, source_columns
-from mtpipe.ingest.files import describe, find_recording, kind_of
+from mtpipe.ingest.files import Found, describe, find_recording, kind_of
+from mtpipe.ingest.instruments import look_at
 from mtpipe.ingest.magnets import read_magnets
+from mtpipe.ingest.magscope import open_magscope
 from mtpipe.ingest.parquet import open_parquet
+from mtpipe.ingest.presets import MAGSCOPE_HDF5
 from mtpipe.ingest.source import Format, Layout, Lost, Source
 from mtpipe.ingest.surface import find_surface
 from mtpipe.ingest.text import TextTable, open_text
@@ -32,20 +35,43 @@ CANONICAL_TEXT = Layout(format="text", delimiter="comma", header=True)
 
 def read_recording(path: Path, setup: Path | str | Setup | None) -> Recording:
     """Read a recording; parameters and errors as in `mtpipe.ingest.load`."""
-    found = find_recording(path, setup)
+    found, said = _settled(find_recording(path, setup))
     source = found.setup.source
     lost = source.lost if source is not None else Lost()
-    layout = source if source is not None and source.beads else CANONICAL_TEXT
-    tables = [open_table(file, layout, lost.tokens) for file in found.files]
+    tables = _open(found.files, source)
     rows = RowChoice(source.keep_rows, source.skip_rows) if source is not None else RowChoice()
     data = collect(tables, partial(_assign, found.setup), lost, rows)
     locate = _locator(tables, data, rows)
     try:
-        return _assembled(found.name, found.setup, data, found.files, found.folder, tables, locate)
+        recording = _assembled(
+            found.name, found.setup, data, found.files, found.folder, tables, locate
+        )
     except MtpipeError as error:
         if error.where is None and not isinstance(error, SetupError):
             error.where = found.name
         raise
+    return dataclasses.replace(recording, notices=(*said, *recording.notices))
+
+
+def _settled(found: Found) -> tuple[Found, tuple[Notice, ...]]:
+    """A recording with its preset completed from what the files say."""
+    if found.setup.source is None or found.setup.source.preset is None:
+        return found, ()
+    facts = look_at(found, found.setup.source)
+    stated = found.setup.beads
+    reference = tuple(dict.fromkeys((*stated.reference, *facts.references)))
+    beads = stated.model_copy(update={"reference": reference})
+    setup = found.setup.model_copy(update={"source": facts.source, "beads": beads})
+    if facts.rate_hz is not None:
+        setup = _with_rate(setup, facts.rate_hz)
+    return dataclasses.replace(found, setup=setup, files=facts.files), facts.notices
+
+
+def _open(files: tuple[Path, ...], source: Source | None) -> list[OpenTable]:
+    if source is not None and source.preset == MAGSCOPE_HDF5:
+        return list(open_magscope(files))
+    layout = source if source is not None and source.beads else CANONICAL_TEXT
+    return [open_table(file, layout, source.lost.tokens if source else ()) for file in files]
 
 
 def open_table(path: Path, layout: Layout, lost_tokens: tuple[str, ...] = ()) -> OpenTable:
@@ -62,7 +88,9 @@ def open_table(path: Path, layout: Layout, lost_tokens: tuple[str, ...] = ()) ->
     table: OpenTable
     if stated not in (None, "canonical", kind) and layout is not CANONICAL_TEXT:
         raise RecordingError(
-            f"is {_KINDS[kind]}, not {stated}", where=str(path), mend="Correct [source] format."
+            f"is {_KINDS[kind]}, not {stated}",
+            where=str(path),
+            mend="Correct [source] format, or the preset that says so.",
         )
     if layout is CANONICAL_TEXT and kind not in ("text", "parquet"):
         raise RecordingError(

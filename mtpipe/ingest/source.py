@@ -11,9 +11,13 @@ from __future__ import annotations
 
 import math
 import re
+from collections.abc import Mapping, Sequence
+from pathlib import Path
 from typing import Annotated, Any, Literal
 
 from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, PlainValidator, model_validator
+
+from mtpipe.ingest.presets import COLUMNS, DEKKER_TEXT, with_preset
 
 Format = Literal["canonical", "text", "parquet", "matlab", "hdf5", "tdms", "npz", "gr"]
 Delimiter = Literal["comma", "tab", "semicolon", "whitespace"]
@@ -21,6 +25,7 @@ NM_PER_UNIT = {"nm": 1.0, "um": 1e3, "mm": 1e6, "m": 1e9}
 SECONDS_PER_UNIT = {"s": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9, "min": 60.0}
 TURNS_PER_UNIT = {"turn": 1.0, "degree": 1 / 360, "radian": 1 / (2 * math.pi)}
 NUMBER = "{n}"
+NAME = "{name}"
 
 
 def _column(value: Any) -> int | str:
@@ -191,9 +196,10 @@ class Frame(Table):
 class Magnet(Layout):
     """Magnet position: a column of the recording, or with `time_column` a log with its own clock.
 
-    The log is in `file` (beside the recording), else in the recording's own file. A log's time
-    plus `clock_offset_s` is the recording's time. Positions become `scale` times the value plus
-    `offset_mm`.
+    The log is in `file` (beside the recording), else in the recording's own file; `{name}` in
+    `file` is the name of the recording's file without its suffix. A log's time plus
+    `clock_offset_s` is the recording's time. A `file` may have no clock but a row for every row of
+    the recording (`row_by_row`). Positions become `scale` times the value plus `offset_mm`.
     """
 
     column: Column
@@ -204,11 +210,32 @@ class Magnet(Layout):
     time_column: Column | None = None
     time_unit: TimeUnit = "s"
     clock_offset_s: float = 0.0
+    row_by_row: bool = False
+
+    @property
+    def is_log(self) -> bool:
+        """Whether the positions stand apart from those of the beads."""
+        return self.time_column is not None or self.row_by_row
+
+    def logs(self, files: Sequence[Path], folder: Path) -> list[Path]:
+        """Files that the log is in, given the recording's own."""
+        if self.file is None:
+            return list(files)
+        if NAME not in self.file:
+            return [folder / self.file]
+        stems = [Path(f.name.removesuffix(".gz")).stem for f in files]
+        named = zip(files, stems, strict=True)
+        return [file.parent / self.file.replace(NAME, stem) for file, stem in named]
 
     @model_validator(mode="after")
     def _log_has_a_clock(self) -> Magnet:
-        if self.file is not None and self.time_column is None:
-            raise ValueError("time_column is missing: a log in its own file needs its own clock")
+        if self.row_by_row and (self.file is None or self.time_column is not None):
+            raise ValueError("row_by_row goes with file, and without time_column")
+        if self.file is not None and not self.is_log:
+            raise ValueError(
+                "time_column is missing: a log in its own file needs its own clock, or "
+                "row_by_row = true if it has a row for every row of the recording"
+            )
         return self
 
 
@@ -260,10 +287,12 @@ class ZZero(Table):
 class Source(Layout):
     """Layout of files that are not canonical.
 
+    With `preset` the table is that of an instrument, and keys that stand beside it override it.
     Without `beads` the files are canonical, and the table only says which files, rows and beads
     to take. Rows count from 1 through all files, both ends included, before any is left out.
     """
 
+    preset: str | None = None
     files: Annotated[tuple[str, ...], BeforeValidator(_listed)] = ()
     beads: Annotated[tuple[BeadColumns, ...], BeforeValidator(_listed)] = ()
     leave_out: tuple[str, ...] = ()
@@ -279,17 +308,29 @@ class Source(Layout):
     z_zero: ZZero | None = None
     z_zero_of: dict[str, ZZero] = Field(default_factory=dict)
 
+    @property
+    def knows_its_files(self) -> bool:
+        """Whether the table says which files of a folder are the recording's."""
+        return bool(self.files) or self.preset not in (None, COLUMNS)
+
+    @model_validator(mode="before")
+    @classmethod
+    def _over_its_preset(cls, data: Any) -> Any:
+        return with_preset(data) if isinstance(data, Mapping) else data
+
     @model_validator(mode="after")
     def _is_complete(self) -> Source:
         for key, ranges in (("keep_rows", self.keep_rows), ("skip_rows", self.skip_rows)):
             for first, last in ranges:
                 if not 1 <= first <= last:
                     raise ValueError(f"{key}: [{first}, {last}] is no range of rows (from 1)")
-        has_log = self.magnet is not None and self.magnet.time_column is not None
+        has_log = self.magnet is not None and self.magnet.is_log
         if self.rotation is not None and self.rotation.in_log and not has_log:
             raise ValueError("rotation.in_log needs a magnet log ([source.magnet] time_column)")
         if self.beads:
             self._axes_have_units()
+        elif self.preset == DEKKER_TEXT:
+            pass  # the number of columns tells what they are
         elif self.format not in (None, "canonical"):
             raise ValueError(
                 f'beads is missing: which columns of the "{self.format}" file are they?'
