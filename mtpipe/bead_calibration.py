@@ -1,124 +1,137 @@
-"""Calibration of one bead: every plateau and axis, in two passes.
+"""Calibration of one bead: every plateau and axis.
 
-First every trace is fitted for stiffness, friction and noise, the noise known within a factor from
-the reference beads, and traces that are no tethered bead's are refused. Then what all these fits
-together say of the bead's friction (`mtpipe.friction_prior`) enters the second fit as prior
-knowledge. Above about half the Nyquist frequency only this keeps errors of the model from becoming
-errors of the force (PHYSICS 3.B). The second fit gives stiffness and force; its posterior is
-sampled with emcee.
+First every trace is fitted for stiffness, friction and noise by itself (`mtpipe.free_fits`), and
+traces that are no tethered bead's are refused. Then the most informed fit that the data support
+gives stiffness and force: of the bead's whole series, in which x and y share the force and all
+traces the bead (`mtpipe.series_choice`), or else of each trace by itself, with what all free fits
+together say of the friction as prior knowledge (`mtpipe.friction_prior`). Above about half the
+Nyquist frequency only this keeps errors of the model from becoming errors of the force (PHYSICS
+3.B). Posteriors are sampled with emcee.
 """
 
 from __future__ import annotations
 
 import hashlib
 import math
-from collections import Counter
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
 
-from mtpipe import refusal
+from mtpipe.bead_results import AxisResult, BeadResult, PlateauResult
 from mtpipe.conditions import Conditions
 from mtpipe.errors import FitError
 from mtpipe.estimate import Estimate
 from mtpipe.extension import mean_with_stderr
-from mtpipe.fit.model import TraceModel
 from mtpipe.fit.posterior import Posterior, sample_posterior
+from mtpipe.fit.series import SeriesPosterior, sample_series
+from mtpipe.fit.series_model import BeadPrior
 from mtpipe.fit.trace import TraceFit, fit_model
+from mtpipe.free_fits import (
+    LATERAL,
+    NOISE_FACTOR,
+    free_fit,
+    friction_ratio,
+    refusals_of,
+    whole_bead,
+)
 from mtpipe.friction_prior import FrictionPrior, MeasuredFriction, ratio_estimate
 from mtpipe.physics.camera import FloatArray
-from mtpipe.recording import AXES, Plateau
-from mtpipe.spectrum import periodogram
+from mtpipe.physics.tethered_bead import friction_pN_s_per_nm
+from mtpipe.recording import AXES
+from mtpipe.series_choice import FreeTrace, SeriesChoice, as_series_trace, choose_series
 from mtpipe.traces import Trace
 
-# Free fits that know the friction worse than this say nothing about the bead's friction.
-USEFUL_FRICTION_LN = 0.3
-LATERAL = (0, 1)
-# Beads differ in their rings, and the tether keeps them out of focus: a tethered bead's tracking
-# noise is that of the reference beads within this factor (68 %).
-NOISE_FACTOR = 2.0
-
 
 @dataclass(frozen=True)
-class AxisResult:
-    """Calibration of one bead, plateau and axis.
+class Shared:
+    """What all beads of a recording share.
 
-    `fit` is None where the trace could not be fitted (`refusal` says why). `posterior` is sampled
-    on the lateral axes, whose stiffness gives the force; `force` is None for z, where refused, and
-    where the tether's extension is not known; `force_sample_pN` are the draws behind it. `free` is
-    the fit without prior knowledge of the friction; the effective radius is read from it, on the
-    lateral axes (z mixes in the lateral motion: its friction is no measure of the radius).
+    Attributes
+    ----------
+    lowest_hz : per axis, frequency below which drift removal has emptied the spectrum.
+    noise_nm : per axis, the reference beads' tracking noise, or None where there is none.
+    contour_length_nm : as the setup states it, 0 where unknown.
+    seed : of the posteriors; each bead's and trace's own derives from it.
     """
 
-    axis: str
-    method: str
-    free: TraceFit | None
-    fit: TraceFit | None
-    posterior: Posterior | None
-    force: Estimate | None
-    effective_radius: Estimate | None
-    force_sample_pN: FloatArray | None = None
-    refusal: str = ""
-
-    @property
-    def estimates(self) -> Posterior | TraceFit | None:
-        """Where to read stiffness, friction, noise and corner frequency; None where refused."""
-        return None if self.refusal else self.posterior or self.fit
+    conditions: Conditions
+    lowest_hz: tuple[float, float, float]
+    noise_nm: tuple[float | None, float | None, float | None]
+    contour_length_nm: float
+    seed: int
 
 
 @dataclass(frozen=True)
-class PlateauResult:
-    """Calibration of one bead in one plateau; extension and its standard error in nm."""
+class _FirstPass:
+    """Per plateau: extension with standard error, free fits and refusals by axis."""
 
-    trace: Trace
-    extension_nm: float
-    extension_stderr_nm: float
-    axes: tuple[AxisResult, ...]
-
-    @property
-    def plateau(self) -> Plateau:
-        """Where the magnets rested."""
-        return self.trace.plateau
-
-
-@dataclass(frozen=True)
-class BeadResult:
-    """Calibration of one bead.
-
-    `z_zero_stderr_nm` is the standard error, common to all plateaus, of where z = 0 lies; the
-    forces' errors hold it, the extensions' do not. `friction_ratio` is the measured friction over
-    the one expected from the setup (wall included if the setup lists it), None where no free fit
-    tells it.
-    """
-
-    bead: str
-    plateaus: tuple[PlateauResult, ...]
-    z_zero_stderr_nm: float
-    friction_ratio: Estimate | None
-    friction_contradicts: bool
+    traces: Sequence[Trace]
+    recorded: list[int]
+    extensions: list[tuple[float, float]]
+    fits: list[dict[int, TraceFit | str]]
+    refusals: list[dict[int, str]]
+    measured: tuple[MeasuredFriction, ...]
 
 
 def calibrate_bead(
-    bead: str,
-    traces: Sequence[Trace],
-    conditions: Conditions,
-    lowest_hz: tuple[float, float, float],
-    contour_length_nm: float,
-    z_zero_stderr_nm: float,
-    noise_nm: tuple[float | None, float | None, float | None],
-    seed: int,
+    bead: str, traces: Sequence[Trace], z_zero_stderr_nm: float, shared: Shared
 ) -> BeadResult:
-    """Both passes for one bead.
+    """Calibrate one bead.
 
     Parameters
     ----------
-    lowest_hz : per axis, frequency below which drift removal has emptied the spectrum.
-    contour_length_nm : as the setup states it, 0 where unknown.
     z_zero_stderr_nm : of where z = 0 lies; infinite where that is unknown: then there is no
         extension, and no force.
-    noise_nm : per axis, the reference beads' tracking noise, or None where there is none.
     """
+    conditions = shared.conditions
+    first = _first_pass(traces, z_zero_stderr_nm, shared)
+    expectation = FrictionPrior(first.measured, conditions.friction_relative_stderr)
+    contradicts = any(expectation.contradicted(axis) for axis in LATERAL)
+    choice = _series(first, shared, friction_contradicted=contradicts)
+    posterior = None
+    if choice is not None:
+        posterior = sample_series(choice.fit, seed=_generator(shared.seed, bead))
+    plateaus = []
+    for i, (trace, extension) in enumerate(zip(traces, first.extensions, strict=True)):
+        zero = (extension[0], math.hypot(extension[1], z_zero_stderr_nm))
+        axes = []
+        for axis in first.recorded:
+            alone = _alone(first, expectation, i, axis, zero, conditions)
+            # x and y draw alike: a force they share is one number
+            joint = _joint(
+                choice, posterior, i, axis, zero, conditions, _generator(shared.seed, bead, i)
+            )
+            if alone.refusal or joint is None:
+                generator = _generator(shared.seed, bead, i, axis)
+                axes.append(_sampled(alone, axis, zero, conditions, generator))
+            else:
+                axes.append(replace(joint, free=alone.free, force_alone=alone.force_alone,
+                                    effective_radius=alone.effective_radius))  # fmt: skip
+        plateaus.append(PlateauResult(trace, extension[0], extension[1], tuple(axes)))
+    return BeadResult(
+        bead,
+        tuple(plateaus),
+        z_zero_stderr_nm,
+        ratio_estimate(first.measured),
+        contradicts,
+        None if posterior is None else _radius(posterior),
+        "" if choice is None else choice.words,
+        ()
+        if choice is None
+        else tuple((traces[t.plateau].plateau.number, AXES[t.axis]) for t in choice.left_out),
+    )
+
+
+def measured_friction(
+    traces: Sequence[Trace], z_zero_stderr_nm: float, shared: Shared
+) -> Estimate | None:
+    """Friction of one bead over the friction expected from the setup, from free fits alone."""
+    return ratio_estimate(_first_pass(traces, z_zero_stderr_nm, shared).measured)
+
+
+def _first_pass(traces: Sequence[Trace], z_zero_stderr_nm: float, shared: Shared) -> _FirstPass:
+    conditions = shared.conditions
     recorded = [axis for axis in range(3) if any(trace.recorded[axis] for trace in traces)]
     extensions = [
         (math.nan, math.nan)
@@ -126,189 +139,206 @@ def calibrate_bead(
         else mean_with_stderr(trace.position_nm[:, 2])
         for trace in traces
     ]
-    free = [
+    fits = [
         {
-            axis: _free_fit(trace, axis, conditions, length[0], lowest_hz[axis], noise_nm[axis])
+            axis: free_fit(
+                trace, axis, conditions, length[0], shared.lowest_hz[axis], shared.noise_nm[axis]
+            )
             for axis in recorded
         }
         for trace, length in zip(traces, extensions, strict=True)
     ]
-    refusals = [
-        _refusals(trace, fits, conditions, length[0], contour_length_nm)
-        for trace, fits, length in zip(traces, free, extensions, strict=True)
+    refused = [
+        refusals_of(trace, of_axes, conditions, length[0], shared.contour_length_nm)
+        for trace, of_axes, length in zip(traces, fits, extensions, strict=True)
     ]
-    refusals = _whole_bead(refusals, recorded)
+    refused = whole_bead(refused, recorded)
     measured = tuple(
         MeasuredFriction(i, axis, *ratio)
-        for i, fits in enumerate(free)
+        for i, of_axes in enumerate(fits)
         for axis in LATERAL
-        if axis in fits
-        and axis not in refusals[i]
-        and (ratio := _friction_ratio(fits[axis], conditions, axis, extensions[i][0])) is not None
+        if axis in of_axes
+        and axis not in refused[i]
+        and (ratio := friction_ratio(of_axes[axis], conditions, axis, extensions[i][0])) is not None
     )
-    expectation = FrictionPrior(measured, conditions.friction_relative_stderr)
-    plateaus = []
-    for i, (trace, extension) in enumerate(zip(traces, extensions, strict=True)):
-        axes = []
-        for axis in recorded:
-            nominal = conditions.friction_pN_s_per_nm(axis, extension[0])
-            axes.append(
-                _axis_result(
-                    axis,
-                    free[i][axis],
-                    None if nominal is None else expectation.prior(nominal, i, axis),
-                    expectation.contradicted(axis),
-                    refusals[i].get(axis, ""),
-                    (extension[0], math.hypot(extension[1], z_zero_stderr_nm)),
-                    conditions,
-                    np.random.default_rng(_seed(seed, bead, i, axis)),
-                )
-            )
-        plateaus.append(PlateauResult(trace, extension[0], extension[1], tuple(axes)))
-    contradicts = any(expectation.contradicted(axis) for axis in LATERAL)
-    return BeadResult(
-        bead, tuple(plateaus), z_zero_stderr_nm, ratio_estimate(measured), contradicts
-    )
+    return _FirstPass(traces, recorded, extensions, fits, refused, measured)
 
 
-def _free_fit(
-    trace: Trace,
-    axis: int,
-    conditions: Conditions,
-    extension_nm: float,
-    lowest_hz: float,
-    noise_nm: float | None,
-) -> TraceFit | str:
-    """A fit without prior knowledge of the friction, or the reason why there is none."""
-    try:
-        spectrum = periodogram(
-            trace.position_nm[:, axis], 1 / conditions.frame_rate_hz, lowest_hz=lowest_hz
-        )
-    except FitError as error:
-        return str(error)
-    return fit_model(
-        TraceModel(
-            spectrum,
-            conditions.exposure_s,
-            conditions.thermal_energy_pN_nm,
-            noise_variance_nm2=None,
-            noise_prior_nm=None if not noise_nm else (noise_nm, NOISE_FACTOR),
-            modes=conditions.modes(axis, extension_nm),
-        )
-    )
-
-
-def _refusals(
-    trace: Trace,
-    fits: Mapping[int, TraceFit | str],
-    conditions: Conditions,
-    extension_nm: float,
-    contour_length_nm: float,
-) -> dict[int, str]:
-    """Axes on which the trace is no tethered bead's, and why."""
-    lateral = {
-        axis: fit for axis, fit in fits.items() if axis in LATERAL and isinstance(fit, TraceFit)
-    }
-    if len(lateral) == 2:
-        relaxation = max(math.exp(fit.theta[1] - fit.theta[0]) for fit in lateral.values())
-        circling = refusal.driven(
-            trace.position_nm[:, :2], 1 / conditions.frame_rate_hz, relaxation
-        )
-        if circling is not None:
-            return dict.fromkeys(fits, circling)
-    tether = max(extension_nm, contour_length_nm) if extension_nm > 0 else contour_length_nm
-    still = [refusal.stuck(fit, conditions, axis, tether) for axis, fit in lateral.items()]
-    if still and all(still):
-        return dict.fromkeys(fits, still[0] or "")
-    reasons = {
-        axis: fit
-        if isinstance(fit, str)
-        else refusal.without_plateau(fit, conditions.friction_pN_s_per_nm(axis, extension_nm))
+def _series(
+    first: _FirstPass, shared: Shared, *, friction_contradicted: bool
+) -> SeriesChoice | None:
+    """The joint fit of all lateral traces whose extension is known."""
+    conditions = shared.conditions
+    members = [
+        as_series_trace(i, axis, first.extensions[i][0], fit)
+        for i, fits in enumerate(first.fits)
         for axis, fit in fits.items()
-    }
-    return {axis: reason for axis, reason in reasons.items() if reason is not None}
+        if axis in LATERAL
+        and isinstance(fit, TraceFit)
+        and axis not in first.refusals[i]
+        and first.extensions[i][0] > 0
+    ]
+    radius = conditions.radius_nm or _radius_from_friction(members, conditions)
+    if not members or radius is None:
+        return None
+    x, y, _ = (None if noise is None else (noise, NOISE_FACTOR) for noise in shared.noise_nm)
+    prior = BeadPrior(
+        radius_nm=radius,
+        viscosity_mPa_s=conditions.viscosity_mPa_s[0],
+        friction_ln_stderr=conditions.friction_stderr_apart_from_radius,
+        noise_nm=(x, y),
+        along=conditions.along,
+        wall=conditions.wall,
+        rotation=conditions.rotation,
+    )
+    return choose_series(members, prior, friction_contradicted=friction_contradicted)
 
 
-def _whole_bead(refusals: list[dict[int, str]], recorded: list[int]) -> list[dict[int, str]]:
-    """Refuse all traces of a bead that is no tethered bead in half of its lateral traces or more.
-
-    Chance then decides which of the others look like a tether's.
-    """
-    lateral = [axis for axis in recorded if axis in LATERAL]
-    reasons = [plateau[axis] for plateau in refusals for axis in lateral if axis in plateau]
-    if not reasons or 2 * len(reasons) < len(refusals) * len(lateral):
-        return refusals
-    usual = Counter(reasons).most_common(1)[0][0]
-    return [{axis: plateau.get(axis, usual) for axis in recorded} for plateau in refusals]
-
-
-def _friction_ratio(
-    fit: TraceFit | str, conditions: Conditions, axis: int, extension_nm: float
+def _radius_from_friction(
+    members: Sequence[FreeTrace], conditions: Conditions
 ) -> tuple[float, float] | None:
-    """ln of measured over expected friction and its standard error, where the fit knows it."""
-    nominal = conditions.friction_pN_s_per_nm(axis, extension_nm)
-    if isinstance(fit, str) or nominal is None:
+    """A first guess of an unknown radius, from the fit that knows the friction best."""
+    if not members:
         return None
-    stderr = math.sqrt(fit.covariance[1, 1])
-    ln_ratio = float(fit.theta[1]) - math.log(nominal)
-    # a fit that took drift or noise for the tether's motion says nothing about the bead
-    if not stderr < USEFUL_FRICTION_LN or ln_ratio > math.log(refusal.IMPLAUSIBLE_FRICTION):
-        return None
-    return ln_ratio, stderr
+    best = min(members, key=lambda free: free.fit.covariance[1, 1])
+    per_nm = friction_pN_s_per_nm(1.0, 1.0, conditions.viscosity_mPa_s[0], wall=False)
+    bulk = math.exp(best.fit.theta[1]) / float(per_nm)
+    radius = bulk
+    if conditions.wall:
+        for _ in range(20):
+            raised = friction_pN_s_per_nm(best.trace.extension_nm, radius, 1.0, wall=True)
+            radius = (
+                bulk
+                * radius
+                * float(friction_pN_s_per_nm(1.0, 1.0, 1.0, wall=False))
+                / float(raised)
+            )
+    return radius, math.inf
 
 
-def _axis_result(
+def _alone(
+    first: _FirstPass,
+    expectation: FrictionPrior,
+    plateau: int,
     axis: int,
-    free: TraceFit | str,
-    prior: tuple[float, float] | None,
-    contradicts: bool,
-    refused: str,
+    extension: tuple[float, float],
+    conditions: Conditions,
+) -> AxisResult:
+    """The fit of one trace by itself, with what is known of its friction; not sampled."""
+    free = first.fits[plateau][axis]
+    refused = first.refusals[plateau].get(axis, "")
+    if isinstance(free, str):
+        return AxisResult(AXES[axis], "none", refusal=refused or free)
+    nominal = conditions.friction_pN_s_per_nm(axis, extension[0])
+    prior = None if nominal is None else expectation.prior(nominal, plateau, axis)
+    method, fit = "spectrum, friction free", free
+    if prior is not None:
+        fit = fit_model(replace(free.model, friction=prior))
+        contradicted = expectation.contradicted(axis)
+        source = "measured on this bead" if contradicted else "expected from the setup"
+        method = f"spectrum, friction {source}"
+    alone = AxisResult(AXES[axis], method, free, fit, refusal=refused)
+    if refused or axis not in LATERAL:
+        return alone
+    return replace(
+        alone,
+        force_alone=_force_alone(fit, axis, extension, conditions),
+        effective_radius=_effective_radius(free, axis, extension[0], conditions),
+    )
+
+
+def _sampled(
+    alone: AxisResult,
+    axis: int,
     extension: tuple[float, float],
     conditions: Conditions,
     generator: np.random.Generator,
 ) -> AxisResult:
-    name = AXES[axis]
-    if isinstance(free, str):
-        return AxisResult(name, "none", None, None, None, None, None, refusal=refused or free)
-    method = "spectrum, friction free"
-    fit = free
-    if prior is not None:
-        fit = fit_model(replace(free.model, friction=prior))
-        source = "measured on this bead" if contradicts else "expected from the setup"
-        method = f"spectrum, friction {source}"
-    if refused:
-        return AxisResult(name, method, free, fit, None, None, None, refusal=refused)
-    if axis == 2:
-        return AxisResult(name, method, free, fit, None, None, None)
-    radius = _effective_radius(free, axis, extension[0], conditions)
+    """A lateral trace by itself with its posterior and force."""
+    if alone.refusal or alone.fit is None or axis not in LATERAL:
+        return alone
     try:
-        posterior = sample_posterior(fit, seed=generator)
+        posterior = sample_posterior(alone.fit, seed=generator)
     except FitError as error:
-        return AxisResult(name, method, free, fit, None, None, None, refusal=str(error))
-    sample = _force_sample(posterior, axis, extension, conditions, generator)
-    force = None if sample is None else posterior.summary(sample, "pN")
-    return AxisResult(name, method, free, fit, posterior, force, radius, sample)
+        return replace(alone, refusal=str(error))
+    lever = _lever(axis, extension, conditions)
+    if lever is None:
+        return replace(alone, posterior=posterior)
+    draws = generator.normal(size=len(posterior.theta))
+    levers = np.maximum(lever[0] + lever[1] * draws, 0.0)
+    sample = posterior.stiffness_pN_per_nm * levers * _warmth(posterior, conditions, generator)
+    return replace(
+        alone,
+        posterior=posterior,
+        force=posterior.summary(sample, "pN"),
+        force_sample_pN=sample,
+    )
 
 
-def _force_sample(
-    posterior: Posterior,
+def _joint(
+    choice: SeriesChoice | None,
+    series: SeriesPosterior | None,
+    plateau: int,
     axis: int,
     extension: tuple[float, float],
     conditions: Conditions,
     generator: np.random.Generator,
-) -> FloatArray | None:
-    """(n_samples,) force from stiffness and lever, with the errors of lever and temperature."""
-    lever = conditions.lever_nm(axis, extension[0])
+) -> AxisResult | None:
+    """What the series says of one trace; None where the trace is not part of it."""
+    if choice is None or series is None:
+        return None
+    model = choice.fit.model
+    here = {t.axis: t for t in model.traces if t.plateau == plateau}
+    if axis not in here:
+        return None
+    posterior = series.trace(here[axis])
+    # the share of the extension's error that enters: each axis pulls the force by its information
+    members = tuple(here.values()) if model.force_shared else (here[axis],)
+    weight = np.array([choice.fit.trace_information(t) for t in members])
+    levers = np.array([float(model.lever_nm(choice.fit.theta[None], t)[0]) for t in members])
+    relative = extension[1] * float(np.sum(weight / levers) / np.sum(weight))
+    draws = np.maximum(1 + relative * generator.normal(size=len(posterior.theta)), 0.0)
+    sample = series.force_pN(here[axis]) * draws * _warmth(posterior, conditions, generator)
+    return AxisResult(
+        AXES[axis],
+        choice.words,
+        fit=posterior.fit,
+        posterior=posterior,
+        force=posterior.summary(sample, "pN"),
+        force_sample_pN=sample,
+        shares_force=len(members) > 1,
+    )
+
+
+def _warmth(
+    posterior: Posterior, conditions: Conditions, generator: np.random.Generator
+) -> FloatArray:
+    """(n_samples,) kT over the kT of the setup: a stiffness is in proportion to it."""
+    draws = generator.normal(size=len(posterior.theta))
+    return np.asarray(1 + conditions.temperature_relative_stderr * draws)
+
+
+def _force_alone(
+    fit: TraceFit, axis: int, extension: tuple[float, float], conditions: Conditions
+) -> Estimate | None:
+    """Force from one trace by itself, without sampling."""
+    lever = _lever(axis, extension, conditions)
     if lever is None:
         return None
-    error = extension[1]
+    relative = math.hypot(lever[1] / lever[0], conditions.temperature_relative_stderr)
+    return fit.stiffness.scaled(lever[0], "pN").widened(relative)
+
+
+def _lever(
+    axis: int, extension: tuple[float, float], conditions: Conditions
+) -> tuple[float, float] | None:
+    """Force over stiffness, and its standard error, in nm; None where it is not known."""
+    lever, stderr = conditions.lever_nm(axis, extension[0]), extension[1]
+    if lever is None:
+        return None
     if axis != conditions.along and conditions.radius_nm is not None:
-        error = math.hypot(error, conditions.radius_nm[1])
-    n = len(posterior.theta)
-    levers = np.maximum(lever + error * generator.normal(size=n), 0.0)
-    # a stiffness is in proportion to kT
-    warmth = 1 + conditions.temperature_relative_stderr * generator.normal(size=n)
-    return posterior.stiffness_pN_per_nm * levers * warmth
+        stderr = math.hypot(stderr, conditions.radius_nm[1])
+    return lever, stderr
 
 
 def _effective_radius(
@@ -321,6 +351,15 @@ def _effective_radius(
     return free.friction.scaled(conditions.radius_nm[0] / nominal, "nm")
 
 
-def _seed(seed: int, bead: str, plateau: int, axis: int) -> list[int]:
+def _radius(posterior: SeriesPosterior) -> Estimate | None:
+    """The bead's radius as the series tells it, where it was fitted."""
+    if not posterior.fit.model.radius_free:
+        return None
+    low, middle, high = (float(q) for q in np.quantile(posterior.radius_nm, [0.1587, 0.5, 0.8413]))
+    stderr = float(np.std(posterior.radius_nm))
+    return Estimate(middle, stderr, (low, high), "nm", "series of spectra, posterior")
+
+
+def _generator(seed: int, bead: str, *where: int) -> np.random.Generator:
     name = int.from_bytes(hashlib.sha256(bead.encode()).digest()[:8], "little")
-    return [seed, name, plateau, axis]
+    return np.random.default_rng([seed, name, *where])

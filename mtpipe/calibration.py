@@ -6,20 +6,26 @@ beads share.
 
 from __future__ import annotations
 
+import itertools
 import statistics
-from collections.abc import Callable
-from concurrent.futures import ProcessPoolExecutor, as_completed
+from collections.abc import Callable, Sequence
+from concurrent.futures import Executor, Future, ProcessPoolExecutor
 from dataclasses import dataclass, replace
 from multiprocessing import get_context
+from typing import Any, TypeVar
 
-from mtpipe.bead_calibration import BeadResult, calibrate_bead
+from mtpipe.bead_calibration import Shared, calibrate_bead, measured_friction
+from mtpipe.bead_results import BeadResult
 from mtpipe.conditions import Conditions, conditions_of
 from mtpipe.exposure import estimate_exposure
+from mtpipe.friction_prior import viscosity_from_others
 from mtpipe.notice import Notice
 from mtpipe.recording import Recording
-from mtpipe.traces import traces_of
+from mtpipe.traces import Trace, traces_of
 
 Progress = Callable[[int, int], None]
+T = TypeVar("T")
+_Job = tuple[str, list[Trace], float]
 
 
 @dataclass(frozen=True)
@@ -59,36 +65,81 @@ def calibrate(
         exposure, notice = estimate_exposure(beads, conditions, lateral)
         conditions = replace(conditions, exposure_s=exposure)
         notices = (*notices, notice)
-    lowest_hz = _lowest_frequencies(recording)
-    contour = recording.setup.tether.contour_length_nm.value or 0.0
+    shared = Shared(
+        conditions,
+        _lowest_frequencies(recording),
+        noise,
+        recording.setup.tether.contour_length_nm.value or 0.0,
+        seed,
+    )
     jobs = [
-        (
-            bead,
-            traces,
-            conditions,
-            lowest_hz,
-            contour,
-            recording.z_zero_stderr_nm.get(bead, 0.0),
-            noise,
-            seed,
-        )
-        for bead, traces in beads.items()
+        (bead, traces, recording.z_zero_stderr_nm.get(bead, 0.0)) for bead, traces in beads.items()
     ]
-    results: dict[str, BeadResult] = {}
-    if workers <= 1 or len(jobs) <= 1:
-        for job in jobs:
-            results[job[0]] = calibrate_bead(*job)
-            if progress is not None:
-                progress(len(results), len(jobs))
-    else:
-        # spawned, not forked: threads of the numerical libraries do not survive a fork
-        with ProcessPoolExecutor(workers, mp_context=get_context("spawn")) as pool:
-            futures = {pool.submit(calibrate_bead, *job): job[0] for job in jobs}
-            for future in as_completed(futures):
-                results[futures[future]] = future.result()
-                if progress is not None:
-                    progress(len(results), len(jobs))
-    return Calibration(conditions, tuple(results[job[0]] for job in jobs), notices)
+    say = progress or (lambda done, total: None)
+    with _executor(min(workers, len(jobs))) as pool:
+        conditions_by_bead = _conditions_by_bead(jobs, shared, pool)
+        done = itertools.count(1)
+        futures = []
+        for job, own in zip(jobs, conditions_by_bead, strict=True):
+            future = pool.submit(calibrate_bead, *job, replace(shared, conditions=own))
+            future.add_done_callback(lambda _: say(next(done), len(jobs)))
+            futures.append(future)
+        results = tuple(future.result() for future in futures)
+    return Calibration(conditions, results, (*notices, *_estimated_radii(conditions, results)))
+
+
+def _estimated_radii(conditions: Conditions, beads: Sequence[BeadResult]) -> list[Notice]:
+    """What was found where the setup calls the radius unknown."""
+    if conditions.radius_nm is not None:
+        return []
+    return [
+        Notice(
+            "radius_estimated",
+            "info",
+            f"Its radius, which the setup does not know, is {bead.radius.value:.0f} ± "
+            f"{bead.radius.stderr:.0f} nm by its friction and lever.",
+            bead.bead,
+        )
+        for bead in beads
+        if bead.radius is not None
+    ]
+
+
+def _conditions_by_bead(jobs: Sequence[_Job], shared: Shared, pool: Executor) -> list[Conditions]:
+    """The conditions of each bead: the buffer as the other beads show it, where it is uncertain."""
+    conditions = shared.conditions
+    if len(jobs) < 2 or not conditions.viscosity_mPa_s[1] > 0 or conditions.radius_nm is None:
+        return [conditions] * len(jobs)
+    asked = [pool.submit(measured_friction, *job[1:], shared) for job in jobs]
+    ratios = [future.result() for future in asked]
+    return [
+        replace(
+            conditions,
+            viscosity_mPa_s=viscosity_from_others(
+                conditions.viscosity_mPa_s,
+                [r for j, r in enumerate(ratios) if j != i and r is not None],
+                conditions.friction_stderr_apart_from_viscosity,
+            ),
+        )
+        for i in range(len(jobs))
+    ]
+
+
+def _executor(workers: int) -> Executor:
+    """Processes where there is something to spread, else this one."""
+    if workers <= 1:
+        return _InThisProcess()
+    # spawned, not forked: threads of the numerical libraries do not survive a fork
+    return ProcessPoolExecutor(workers, mp_context=get_context("spawn"))
+
+
+class _InThisProcess(Executor):
+    """Does at once what is submitted."""
+
+    def submit(self, work: Callable[..., T], /, *args: Any, **named: Any) -> Future[T]:
+        future: Future[T] = Future()
+        future.set_result(work(*args, **named))
+        return future
 
 
 def _reference_noise(recording: Recording) -> tuple[float | None, float | None, float | None]:

@@ -12,13 +12,8 @@ from dataclasses import dataclass
 from mtpipe.errors import FitError, SetupError
 from mtpipe.notice import Notice
 from mtpipe.physics.buffer import thermal_energy_pN_nm, water_viscosity_mPa_s
-from mtpipe.physics.friction import (
-    parallel_wall_factor,
-    perpendicular_wall_factor,
-    rotation_wall_factor,
-    stokes_pN_s_per_nm,
-)
-from mtpipe.physics.modes import SINGLE_MODE, Modes, rotating_bead
+from mtpipe.physics.modes import SINGLE_MODE, Modes
+from mtpipe.physics.tethered_bead import friction_pN_s_per_nm, turning_modes
 from mtpipe.setup import Setup
 
 ROOM_TEMPERATURE_K = (296.0, 3.0)
@@ -58,6 +53,18 @@ class Conditions:
         parts = [value[1] / value[0] for value in (self.viscosity_mPa_s, self.radius_nm)]
         return math.hypot(*parts, FRICTION_ALLOWANCE)
 
+    @property
+    def friction_stderr_apart_from_viscosity(self) -> float:
+        """Relative standard error of the expected friction in a buffer whose viscosity is known."""
+        if self.radius_nm is None:
+            return math.inf
+        return math.hypot(self.radius_nm[1] / self.radius_nm[0], FRICTION_ALLOWANCE)
+
+    @property
+    def friction_stderr_apart_from_radius(self) -> float:
+        """Relative standard error of the expected friction of a bead whose radius is known."""
+        return math.hypot(self.viscosity_mPa_s[1] / self.viscosity_mPa_s[0], FRICTION_ALLOWANCE)
+
     def friction_pN_s_per_nm(self, axis: int, extension_nm: float) -> float | None:
         """Expected friction along an axis (0, 1, 2) of a bead at this extension.
 
@@ -65,13 +72,16 @@ class Conditions:
         """
         if self.radius_nm is None:
             return None
-        radius = self.radius_nm[0]
-        bulk = float(stokes_pN_s_per_nm(radius, self.viscosity_mPa_s[0]))
-        if not self.wall:
-            return bulk
-        factor = perpendicular_wall_factor if axis == 2 else parallel_wall_factor
         try:
-            return bulk * float(factor(extension_nm + radius, radius))
+            return float(
+                friction_pN_s_per_nm(
+                    extension_nm,
+                    self.radius_nm[0],
+                    self.viscosity_mPa_s[0],
+                    wall=self.wall,
+                    upright=axis == 2,
+                )
+            )
         except FitError:
             return None
 
@@ -80,13 +90,7 @@ class Conditions:
         across = axis != 2 and axis != self.along
         if not (across and self.rotation) or self.radius_nm is None or not extension_nm > 0:
             return SINGLE_MODE
-        radius = self.radius_nm[0]
-        ratio = 4 / 3 * radius**2
-        if self.wall:
-            height = extension_nm + radius
-            ratio *= float(rotation_wall_factor(height, radius))
-            ratio /= float(parallel_wall_factor(height, radius))
-        return rotating_bead(extension_nm, radius, ratio)
+        return turning_modes(extension_nm, self.radius_nm[0], wall=self.wall)
 
     def lever_nm(self, axis: int, extension_nm: float) -> float | None:
         """Length by which a lateral stiffness is multiplied to give the force: L, or L + R across.
@@ -152,9 +156,8 @@ def conditions_of(setup: Setup) -> tuple[Conditions, tuple[Notice, ...]]:
             Notice(
                 "radius_unknown",
                 "caution",
-                "The bead radius is unknown: friction has no expectation, so forces near the "
-                "Nyquist frequency are less certain, and there is no force across the field, whose "
-                "lever is extension plus radius.",
+                "The bead radius is unknown: it is estimated from each bead's friction and lever, "
+                "and forces near the Nyquist frequency are less certain.",
             )
         )
     pinned = sorted(setup.model.model_extra or {})

@@ -15,7 +15,7 @@ from pathlib import Path
 from typing import Any
 
 import mtpipe
-from mtpipe.bead_calibration import BeadResult
+from mtpipe.bead_results import BeadResult
 from mtpipe.errors import MtpipeError
 from mtpipe.pipeline import Progress, Run, run
 

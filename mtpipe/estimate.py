@@ -46,3 +46,14 @@ class Estimate:
             self.method,
             self.status,
         )
+
+    def widened(self, relative: float) -> Estimate:
+        """The estimate of a positive quantity with one more relative standard error."""
+        if not relative > 0 or not math.isfinite(self.value):
+            return self
+        low, high = (
+            self.value * math.exp(sign * math.hypot(math.log(bound / self.value), relative))
+            for sign, bound in zip((-1, 1), self.interval, strict=True)
+        )
+        stderr = math.hypot(self.stderr, relative * self.value)
+        return Estimate(self.value, stderr, (low, high), self.unit, self.method, self.status)

@@ -2,7 +2,8 @@
 
 Friction over the friction expected from radius, viscosity and height is one number per bead and
 axis. Where the free fits of all plateaus agree with one, the setup is believed; where they
-contradict it, the other plateaus of the same axis are.
+contradict it, the other plateaus of the same axis are. Beads recorded together share the buffer:
+what is uncertain of its viscosity, the other beads tell.
 """
 
 from __future__ import annotations
@@ -67,6 +68,37 @@ def ratio_estimate(measured: Sequence[MeasuredFriction]) -> Estimate | None:
     value, sigma = math.exp(overall[0]), overall[1]
     interval = (value * math.exp(-sigma), value * math.exp(sigma))
     return Estimate(value, value * sigma, interval, "", "free fits of all plateaus")
+
+
+def viscosity_from_others(
+    viscosity_mPa_s: tuple[float, float],
+    others: Sequence[Estimate],
+    apart_from_viscosity: float,
+) -> tuple[float, float]:
+    """The buffer's viscosity and its standard error, given what other beads' friction says of it.
+
+    Parameters
+    ----------
+    viscosity_mPa_s : as the setup states it, value and standard error.
+    others : friction over expected friction of the other beads.
+    apart_from_viscosity : relative standard error of a bead's expected friction from all else
+        (its radius first), which each bead has anew.
+
+    Gaussian in the logarithms. Beads that contradict the stated viscosity have another fault and
+    are not asked.
+    """
+    value, stderr = viscosity_mPa_s
+    if not stderr > 0:
+        return viscosity_mPa_s
+    prior = (stderr / value) ** 2
+    precision, sum_of_logs = 1 / prior, 0.0
+    for ratio in others:
+        variance = (ratio.stderr / ratio.value) ** 2 + apart_from_viscosity**2
+        if abs(math.log(ratio.value)) < CONTRADICTION_SIGMAS * math.sqrt(prior + variance):
+            precision += 1 / variance
+            sum_of_logs += math.log(ratio.value) / variance
+    better = value * math.exp(sum_of_logs / precision)
+    return better, better / math.sqrt(precision)
 
 
 def _combined(values: Sequence[MeasuredFriction]) -> tuple[float, float] | None:

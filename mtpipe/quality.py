@@ -16,7 +16,7 @@ from typing import Literal
 import numpy as np
 from scipy import stats
 
-from mtpipe.bead_calibration import AxisResult, BeadResult, PlateauResult
+from mtpipe.bead_results import AxisResult, BeadResult, PlateauResult
 from mtpipe.calibration import Calibration
 from mtpipe.conditions import Conditions
 from mtpipe.estimate import Estimate
@@ -104,6 +104,13 @@ def trace_flags(
             severity: Severity = "info" if one.axis == "z" else "warning"
             flag("refused", severity, f"Refused: {one.refusal}.", one.axis)
             continue
+        if (plateau.plateau.number, one.axis) in bead.left_out:
+            flag(
+                "unlike_the_series",
+                "caution",
+                "This trace contradicts the bead's others and was fitted by itself.",
+                one.axis,
+            )
         for code, grade, message in _axis_flags(one, calibration.conditions):
             flag(code, grade, message, one.axis)
     for code, grade, message in _extension_flags(plateau, setup):
@@ -247,7 +254,7 @@ def _extension_flags(plateau: PlateauResult, setup: Setup) -> list[tuple[str, Se
 
 
 def _force_difference(plateau: PlateauResult) -> str | None:
-    forces = {one.axis: one.force for one in plateau.axes if one.force is not None}
+    forces = {one.axis: one.force_alone for one in plateau.axes if one.force_alone is not None}
     if "x" not in forces or "y" not in forces:
         return None
     x, y = forces["x"], forces["y"]
@@ -405,6 +412,7 @@ FLAG_WORDS = {
     "effective_radius": "effective radius unlike the setup's",
     "no_extension": "no extension",
     "extension": "extension impossible for the tether",
+    "unlike_the_series": "traces that contradict the bead's others",
     "fx_fy": "forces from x and y differ",
     "known_force": "force unlike the one known beforehand",
     "reference_stepped": "reference beads step in z",

@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
-from mtpipe.bead_calibration import AxisResult, BeadResult, PlateauResult
+from mtpipe.bead_results import AxisResult, BeadResult, PlateauResult
 from mtpipe.calibration import Calibration
 from mtpipe.estimate import Estimate
 from mtpipe.extension_curve import ForceExtension
@@ -73,6 +73,7 @@ def _force_row(
         "extension_nm": plateau.extension_nm,
         "extension_stderr_nm": plateau.extension_stderr_nm,
         **four("force", "pN", one.force),
+        **four("force_alone", "pN", None if one.refusal else one.force_alone),
         **four("stiffness", "pN_per_nm", known.stiffness if known else None),
         **four("friction", "pN_s_per_nm", known.friction if known else None),
         **four("corner_frequency", "hz", known.corner_frequency if known else None),
@@ -123,6 +124,8 @@ def beads_table(
                 "force_max_pN": max(forces, default=math.nan),
                 "tether_model": recommended.model if recommended else "",
                 **_tether_columns(recommended),
+                **four("radius", "nm", bead.radius if bead else None),
+                "series": bead.series if bead else "",
                 "friction_ratio": ratio.value if ratio else math.nan,
                 "friction_ratio_stderr": ratio.stderr if ratio else math.nan,
             }

@@ -6,7 +6,7 @@ import math
 
 import numpy as np
 
-from mtpipe.bead_calibration import AxisResult, BeadResult, PlateauResult
+from mtpipe.bead_results import AxisResult, BeadResult, PlateauResult
 from mtpipe.calibration import Calibration, calibrate
 from mtpipe.conditions import Conditions
 from mtpipe.extension_curve import ForceExtension, fit_curves
@@ -45,9 +45,10 @@ def force_extension(recording: Recording, *, seed: int = 0) -> dict[str, ForceEx
 def extension_points(bead: BeadResult, conditions: Conditions) -> ExtensionPoints:
     """Force and mean extension of every plateau, nan where there is none.
 
-    The force is that along the field, averaged with the one across (which needs the bead's radius
-    and the modes of its rotation) where both agree within three standard errors. Its error is
-    without that of z = 0, which is common to all plateaus.
+    The force is the one that x and y share; where they do not, that along the field, averaged with
+    the one across (which needs the bead's radius and the modes of its rotation) if both agree
+    within three standard errors. Its error is without that of z = 0, which is common to all
+    plateaus.
     """
     forces = [_force(plateau, conditions) for plateau in bead.plateaus]
     return ExtensionPoints(
@@ -67,7 +68,7 @@ def _force(plateau: PlateauResult, conditions: Conditions) -> tuple[float, float
     )
     if along is None:
         return math.nan, math.nan
-    if across is None:
+    if across is None or all(one.shares_force for one in plateau.axes if one.axis != "z"):
         return along
     # errors of forces are relative; absolute weights would favour whichever came out low
     logs = np.log([along[0], across[0]])

@@ -121,11 +121,15 @@ def test_unknown_temperature_viscosity_and_radius_are_said_and_lived_with():
         "temperature_assumed",
         "viscosity_assumed",
         "radius_unknown",
+        "radius_estimated",
     }
-    x, y, _ = calibration.beads[0].plateaus[0].axes
+    (bead,) = calibration.beads
+    x, y, _ = bead.plateaus[0].axes
     assert x.force.value == pytest.approx(1.0, abs=4 * x.force.stderr)
-    assert y.force is None  # the lever L + R is not known
-    assert y.posterior is not None
+    # x and y share the force, and the friction tells the radius
+    assert y.force.value == pytest.approx(1.0, abs=4 * y.force.stderr)
+    assert bead.radius.value == pytest.approx(simulated.RADIUS_NM, abs=4 * bead.radius.stderr)
+    assert bead.radius.stderr < 100
 
 
 def nothing_but(xyz):

@@ -6,7 +6,8 @@ import numpy as np
 import pytest
 
 from mtpipe.errors import FitError
-from mtpipe.fit.posterior import _split_r_hat, sample_posterior
+from mtpipe.fit.posterior import sample_posterior
+from mtpipe.fit.sampling import split_r_hat
 from tests.test_fit_trace import FRICTION, fit, simulate, stiffness_at
 
 
@@ -83,5 +84,5 @@ def test_r_hat_tells_chains_apart():
     random = np.random.default_rng(0)
     together = random.normal(size=(400, 8, 1))
     apart = together + np.arange(8)[None, :, None]
-    assert _split_r_hat(together)[0] < 1.02
-    assert _split_r_hat(apart)[0] > 1.5
+    assert split_r_hat(together)[0] < 1.02
+    assert split_r_hat(apart)[0] > 1.5

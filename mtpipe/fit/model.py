@@ -73,13 +73,17 @@ class TraceModel:
         """Variance ε² of the tracking noise, (n,) nm², for coordinates (n, 3)."""
         return np.exp(theta[:, 2]) if self.noise_is_log else theta[:, 2]
 
-    def expected(self, theta: FloatArray) -> FloatArray:
-        """Expected binned periodogram, (n, n_bins) nm²/Hz, for coordinates (n, 3)."""
+    def expected(self, theta: FloatArray, modes: Modes | None = None) -> FloatArray:
+        """Expected binned periodogram, (n, n_bins) nm²/Hz, for coordinates (n, 3).
+
+        `modes`: instead of the model's own, e.g. one set for each of the n.
+        """
+        modes = modes or self.modes
         stiffness, friction = np.exp(theta[:, 0]), np.exp(theta[:, 1])
         window = self.spectrum.window
         noise = 2 * window.frame_s * self.noise_nm2(theta)[:, None] * window.white
         variance = self.thermal_energy_pN_nm / stiffness
-        for share, rate in zip(self.modes.shares, self.modes.rates, strict=True):
+        for share, rate in zip(modes.shares, modes.rates, strict=True):
             tau_s = friction / (stiffness * rate)
             noise = noise + window.expected(share * variance, tau_s, self.exposure_s)
         return noise
@@ -107,10 +111,17 @@ class TraceModel:
 
         (n, n_bins + number of priors); the deviance is that of the Gamma law of each bin.
         """
-        u = self.spectrum.power / self.expected(theta)
+        return np.hstack([self.deviance_roots(self.expected(theta)), self._pulls(theta)])
+
+    def deviance_roots(self, expected: FloatArray) -> FloatArray:
+        """Signed roots of each bin's deviance from an expectation (n, n_bins), same shape."""
+        u = self.spectrum.power / expected
         deviance = 2 * self.ordinates * (u - 1 - np.log(u))
-        signed = np.sign(u - 1) * np.sqrt(np.maximum(deviance, 0.0))
-        return np.hstack([signed, self._pulls(theta)])
+        return np.asarray(np.sign(u - 1) * np.sqrt(np.maximum(deviance, 0.0)))
+
+    def log_likelihood(self, expected: FloatArray) -> FloatArray:
+        """(n,) ln of the likelihood of an expectation (n, n_bins), up to a constant."""
+        return np.asarray(-(np.log(expected) + self.spectrum.power / expected) @ self.ordinates)
 
     def log_posterior(self, theta: FloatArray) -> FloatArray:
         """ln of likelihood × prior, (n,), up to a constant; −inf for negative noise.
@@ -124,9 +135,7 @@ class TraceModel:
         out = np.full(len(theta), -np.inf)
         if allowed.any():
             inside = theta[allowed]
-            expected = self.expected(inside)
-            per_bin = np.log(expected) + self.spectrum.power / expected
-            value = -per_bin @ self.ordinates
+            value = self.log_likelihood(self.expected(inside))
             out[allowed] = value - 0.5 * np.sum(self._pulls(inside) ** 2, axis=1)
         return out
 
@@ -150,7 +159,7 @@ class TraceModel:
             information[2, 2] += (2 * np.log(self.noise_prior_nm[1])) ** -2
         return np.asarray(information)
 
-    def p_value(self, deviance: float, fitted: int) -> tuple[float, float]:
+    def p_value(self, deviance: float, fitted: float) -> tuple[float, float]:
         """Degrees of freedom and p-value of a fit's deviance, without the prior's part.
 
         The deviance of a mean of n exponentials is not χ²: its mean and variance are

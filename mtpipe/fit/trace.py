@@ -181,14 +181,14 @@ def _maximise(model: TraceModel) -> TraceFit:
     theta = coordinates(result.params)
     if model.noise_variance_nm2 is None and not model.noise_is_log and theta[2] < AT_ZERO * scale:
         without = _maximise(replace(model, noise_variance_nm2=0.0))
-        return _describe(model, without.theta, _inverse(model.information(without.theta)))
+        return describe(model, without.theta, inverse_information(model.information(without.theta)))
     if result.covar is None or not np.all(np.abs(result.covar) < SENSIBLE_COVARIANCE):
-        return _describe(model, theta, _inverse(model.information(theta)))
+        return describe(model, theta, inverse_information(model.information(theta)))
     to_nm2 = np.array([1.0, 1.0, unit])[: len(model.free)]
-    return _describe(model, theta, result.covar * np.outer(to_nm2, to_nm2))
+    return describe(model, theta, result.covar * np.outer(to_nm2, to_nm2))
 
 
-def _inverse(information: FloatArray) -> FloatArray:
+def inverse_information(information: FloatArray) -> FloatArray:
     """Inverse of a Fisher matrix; directions that are not determined get a huge variance."""
     size = np.sqrt(np.maximum(np.diag(information), 1e-20))
     values, vectors = np.linalg.eigh(information / np.outer(size, size))
@@ -196,18 +196,28 @@ def _inverse(information: FloatArray) -> FloatArray:
     return np.asarray(scaled / np.outer(size, size))
 
 
-def _describe(model: TraceModel, theta: FloatArray, free_covariance: FloatArray) -> TraceFit:
+def describe(
+    model: TraceModel,
+    theta: FloatArray,
+    free_covariance: FloatArray,
+    *,
+    fitted: float | None = None,
+) -> TraceFit:
+    """A fit's estimates from its maximum θ (3,) and the covariance of what was free.
+
+    `fitted`: parameters taken from this trace's data, where it shares some with others.
+    """
     covariance = np.zeros((3, 3))
     covariance[np.ix_(model.free, model.free)] = free_covariance
     signed = model.residuals(theta[None])[0][: len(model.spectrum.power)]
     deviance = float(np.sum(signed**2))
-    dof, p_value = model.p_value(deviance, len(model.free))
+    dof, p_value = model.p_value(deviance, len(model.free) if fitted is None else fitted)
     corner = np.array([1.0, -1.0, 0.0])
     return TraceFit(
-        stiffness=_logarithmic(theta[0], covariance[0, 0], "pN/nm"),
-        friction=_logarithmic(theta[1], covariance[1, 1], "pN s/nm"),
+        stiffness=logarithmic(theta[0], covariance[0, 0], "pN/nm"),
+        friction=logarithmic(theta[1], covariance[1, 1], "pN s/nm"),
         noise=_noise(model, theta[2], covariance[2, 2]),
-        corner_frequency=_logarithmic(
+        corner_frequency=logarithmic(
             theta[0] - theta[1] - math.log(2 * math.pi), corner @ covariance @ corner, "Hz"
         ),
         theta=theta,
@@ -219,7 +229,8 @@ def _describe(model: TraceModel, theta: FloatArray, free_covariance: FloatArray)
     )
 
 
-def _logarithmic(ln_value: float, variance: float, unit: str) -> Estimate:
+def logarithmic(ln_value: float, variance: float, unit: str) -> Estimate:
+    """The estimate of a positive quantity from its logarithm and the variance of that."""
     sigma = math.sqrt(max(float(variance), 0.0))
     value = math.exp(ln_value)
     if not sigma < PRIOR_HALF_WIDTH:

@@ -8,26 +8,34 @@ any coupling: Σ φ_i = 1 (equipartition) and Σ φ_i κ_i = 1 (free diffusion a
 
 from __future__ import annotations
 
-import math
 from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike
 
 
 @dataclass(frozen=True)
 class Modes:
-    """Shares of the variance and relative rates of the modes along one axis."""
+    """Shares of the variance and relative rates of the modes along one axis.
 
-    shares: tuple[float, ...]
-    rates: tuple[float, ...]
+    Each is a number, or an array (n,) where many beads are described at once.
+    """
+
+    shares: tuple[Any, ...]
+    rates: tuple[Any, ...]
 
     def __post_init__(self) -> None:
-        if not math.isclose(sum(self.shares), 1, rel_tol=1e-9):
+        if not np.allclose(sum(self.shares), 1, rtol=1e-9, atol=0):
             raise ValueError(f"the shares must sum to 1, got {self.shares}")
 
 
 SINGLE_MODE = Modes((1.0,), (1.0,))
 
 
-def rotating_bead(extension_nm: float, radius_nm: float, friction_ratio_nm2: float) -> Modes:
+def rotating_bead(
+    extension_nm: ArrayLike, radius_nm: ArrayLike, friction_ratio_nm2: ArrayLike
+) -> Modes:
     """Modes across the field, where the bead's rotation couples to its translation.
 
     Parameters
@@ -35,6 +43,7 @@ def rotating_bead(extension_nm: float, radius_nm: float, friction_ratio_nm2: flo
     extension_nm : tether extension L.
     radius_nm : lever R between attachment and bead centre.
     friction_ratio_nm2 : rotational over translational friction γ_φ/γ_y (bulk: 4R²/3).
+        All three are numbers or arrays that broadcast.
 
     Returns
     -------
@@ -43,11 +52,13 @@ def rotating_bead(extension_nm: float, radius_nm: float, friction_ratio_nm2: flo
     Source: Daldrop et al. 2015, Eq 16: λ± = (F/2L)[T ± √(T² − 4LR/(γ_y γ_φ))] with
     T = 1/γ_y + (L + R)R/γ_φ; the shares follow from the two sum rules.
     """
-    if not (extension_nm > 0 and radius_nm > 0 and friction_ratio_nm2 > 0):
+    length, lever, ratio = (
+        np.asarray(value, dtype=float) for value in (extension_nm, radius_nm, friction_ratio_nm2)
+    )
+    if not np.all((length > 0) & (lever > 0) & (ratio > 0)):
         raise ValueError("extension, radius and friction ratio must be positive")
-    length, lever, ratio = extension_nm, radius_nm, friction_ratio_nm2
     trace = 1 + (length + lever) * lever / ratio
-    root = math.sqrt(trace**2 - 4 * length * lever / ratio)
+    root = np.sqrt(trace**2 - 4 * length * lever / ratio)
     scale = (length + lever) / (2 * length)
     fast = scale * (trace + root)
     # the product of both rates is exact; the difference trace − root would cancel

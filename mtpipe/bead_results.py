@@ -1,0 +1,81 @@
+"""What the calibration of one bead found: results as plain frozen data."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from mtpipe.estimate import Estimate
+from mtpipe.fit.posterior import Posterior
+from mtpipe.fit.trace import TraceFit
+from mtpipe.physics.camera import FloatArray
+from mtpipe.recording import Plateau
+from mtpipe.traces import Trace
+
+
+@dataclass(frozen=True)
+class AxisResult:
+    """Calibration of one bead, plateau and axis.
+
+    `fit` and `posterior` are of the most informed fit the data support, which `method` names: of
+    the bead's whole series, or of this trace by itself. `fit` is None where the trace could not be
+    fitted (`refusal` says why). `posterior` is sampled on the lateral axes, whose stiffness gives
+    the force; `force` is None for z, where refused, and where the tether's extension is not known;
+    `force_sample_pN` are the draws behind it. Where `shares_force`, x and y have one force between
+    them. `force_alone` is the force that this trace tells by itself, given the friction expected.
+    `free` is the fit without prior knowledge of the friction; the effective radius is read from it,
+    on the lateral axes (z mixes in the lateral motion: its friction is no measure of the radius).
+    """
+
+    axis: str
+    method: str
+    free: TraceFit | None = None
+    fit: TraceFit | None = None
+    posterior: Posterior | None = None
+    force: Estimate | None = None
+    force_alone: Estimate | None = None
+    effective_radius: Estimate | None = None
+    force_sample_pN: FloatArray | None = None
+    shares_force: bool = False
+    refusal: str = ""
+
+    @property
+    def estimates(self) -> Posterior | TraceFit | None:
+        """Where to read stiffness, friction, noise and corner frequency; None where refused."""
+        return None if self.refusal else self.posterior or self.fit
+
+
+@dataclass(frozen=True)
+class PlateauResult:
+    """Calibration of one bead in one plateau; extension and its standard error in nm."""
+
+    trace: Trace
+    extension_nm: float
+    extension_stderr_nm: float
+    axes: tuple[AxisResult, ...]
+
+    @property
+    def plateau(self) -> Plateau:
+        """Where the magnets rested."""
+        return self.trace.plateau
+
+
+@dataclass(frozen=True)
+class BeadResult:
+    """Calibration of one bead.
+
+    `z_zero_stderr_nm` is the standard error, common to all plateaus, of where z = 0 lies; the
+    forces' errors hold it, the extensions' do not. `friction_ratio` is the measured friction over
+    the one expected from the setup (wall included if the setup lists it), None where no free fit
+    tells it. `radius` is what the series says of the bead's radius, None where it was not fitted.
+    `series` says which joint fit the forces come from, "" for none; `left_out` the traces
+    (plateau number, axis) that contradict it and were fitted by themselves.
+    """
+
+    bead: str
+    plateaus: tuple[PlateauResult, ...]
+    z_zero_stderr_nm: float
+    friction_ratio: Estimate | None
+    friction_contradicts: bool
+    radius: Estimate | None = None
+    series: str = ""
+    left_out: tuple[tuple[int, str], ...] = ()

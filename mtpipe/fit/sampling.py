@@ -1,0 +1,190 @@
+"""Sampling of posteriors with emcee, until the chain is long enough or a limit is reached.
+
+Walkers start from a proposal law, the Gaussian approximation at the maximum with heavier tails, and
+mostly propose from it anew (independence proposals, nearly uncorrelated where the posterior is
+nearly Gaussian); about every fifth step is a stretch move (Goodman & Weare 2010), which does not
+need that to be so. The chain grows until it is 50 autocorrelation times long; whether it got there
+is part of the result.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Protocol
+
+import numpy as np
+
+from mtpipe.errors import FitError
+from mtpipe.physics.camera import FloatArray
+
+LEAST_WALKERS = 32
+STEPS_AT_ONCE = 100
+LONGEST_CHAIN = 1000
+AUTOCORRELATION_TIMES = 50
+R_HAT_LIMIT = 1.05
+HALVINGS = 60
+
+
+class Proposal(Protocol):
+    """Where walkers are proposed to go."""
+
+    def draw(self, n: int, generator: np.random.Generator) -> FloatArray:
+        """(n, dimensions) points."""
+
+    def log_density(self, points: FloatArray) -> FloatArray:
+        """(n,) up to a constant."""
+
+
+@dataclass(frozen=True)
+class Chain:
+    """A sample and its convergence.
+
+    Attributes
+    ----------
+    theta : (n_samples, dimensions).
+    r_hat : largest split R-hat over the coordinates (Gelman et al. 2013, section 11.4).
+    effective_samples : smallest number of independent samples over the coordinates.
+    autocorrelation_steps : longest integrated autocorrelation time.
+    converged : chain of at least 50 autocorrelation times and R-hat below 1.05.
+    """
+
+    theta: FloatArray
+    r_hat: float
+    effective_samples: float
+    autocorrelation_steps: float
+    acceptance: float
+    converged: bool
+
+
+def sample(
+    log_probability: Callable[[FloatArray], FloatArray],
+    proposal: Proposal,
+    centre: FloatArray,
+    generator: np.random.Generator,
+) -> Chain:
+    """Sample a posterior.
+
+    Parameters
+    ----------
+    log_probability : from (n, dimensions) to (n,); −inf where not allowed.
+    proposal : a law that covers the posterior.
+    centre : (dimensions,) the maximum, where the posterior is not zero.
+
+    Raises
+    ------
+    FitError : the priors exclude the maximum.
+    """
+    import emcee
+
+    def propose(walkers: FloatArray, random: object) -> tuple[FloatArray, FloatArray]:
+        drawn = proposal.draw(len(walkers), generator)
+        return drawn, proposal.log_density(walkers) - proposal.log_density(drawn)
+
+    dimensions = len(centre)
+    walkers = max(LEAST_WALKERS, 2 * dimensions + 2)
+    sampler = emcee.EnsembleSampler(
+        walkers,
+        dimensions,
+        log_probability,
+        vectorize=True,
+        moves=[(emcee.moves.MHMove(propose), 0.8), (emcee.moves.StretchMove(), 0.2)],
+    )
+    start = proposal.draw(walkers, generator)
+    sampler.random_state = np.random.RandomState(generator.integers(2**31)).get_state()
+    state = _inside(start, centre, log_probability)
+    autocorrelation, enough = math.inf, False
+    while sampler.iteration < LONGEST_CHAIN and not enough:
+        state = sampler.run_mcmc(state, STEPS_AT_ONCE, skip_initial_state_check=True)
+        chain = sampler.get_chain(discard=sampler.iteration // 5)
+        # a walker that never moved has no autocorrelation function
+        with np.errstate(invalid="ignore", divide="ignore"):
+            times = emcee.autocorr.integrated_time(chain, tol=0, quiet=True)
+        autocorrelation = float(np.max(times)) if np.all(np.isfinite(times)) else math.inf
+        enough = len(chain) >= AUTOCORRELATION_TIMES * autocorrelation
+    r_hat = float(np.max(split_r_hat(chain)))
+    flat = chain.reshape(-1, dimensions)
+    return Chain(
+        theta=flat,
+        r_hat=r_hat,
+        effective_samples=len(flat) / autocorrelation,
+        autocorrelation_steps=autocorrelation,
+        acceptance=float(np.mean(sampler.acceptance_fraction)),
+        converged=bool(enough and r_hat < R_HAT_LIMIT),
+    )
+
+
+def _inside(
+    walkers: FloatArray, centre: FloatArray, log_probability: Callable[[FloatArray], FloatArray]
+) -> FloatArray:
+    """Walkers moved towards the maximum until all lie where the prior allows."""
+    for _ in range(HALVINGS):
+        outside = ~np.isfinite(log_probability(walkers))
+        if not outside.any():
+            return walkers
+        walkers[outside] = 0.5 * (walkers[outside] + centre)
+    raise FitError("the priors exclude the best fit: stated friction, noise and data contradict")
+
+
+def split_r_hat(chain: FloatArray) -> FloatArray:
+    """Split R-hat per coordinate for a chain (n_steps, n_walkers, n_coordinates)."""
+    half = len(chain) // 2
+    parts = np.concatenate([chain[:half], chain[half : 2 * half]], axis=1)
+    within = parts.var(axis=0, ddof=1).mean(axis=0)
+    between = parts.mean(axis=0).var(axis=0, ddof=1)
+    return np.asarray(np.sqrt((half - 1) / half + between / np.maximum(within, 1e-300)))
+
+
+@dataclass(frozen=True)
+class Student:
+    """Multivariate Student law, up to a constant that all of the same dimension share."""
+
+    centre: FloatArray
+    root: FloatArray
+    inverse: FloatArray
+    log_volume: float
+    degrees: float
+
+    @classmethod
+    def about(
+        cls, centre: FloatArray, covariance: FloatArray, *, degrees: float, widening: float
+    ) -> Student:
+        """The law whose scale is the root of a covariance, widened."""
+        lower = np.linalg.cholesky(covariance + 1e-12 * np.diag(np.diag(covariance)))
+        root = np.asarray(widening * lower, dtype=np.float64)
+        inverse = np.asarray(np.linalg.inv(root), dtype=np.float64)
+        volume = float(np.sum(np.log(np.diag(root))))
+        return cls(np.asarray(centre), root, inverse, volume, degrees)
+
+    def draw(self, n: int, generator: np.random.Generator) -> FloatArray:
+        """(n, dimensions) points."""
+        normal = generator.normal(size=(n, len(self.centre)))
+        tail = np.sqrt(self.degrees / generator.chisquare(self.degrees, size=(n, 1)))
+        return np.asarray(self.centre + (normal * tail) @ self.root.T)
+
+    def log_density(self, points: FloatArray) -> FloatArray:
+        """(n,) up to a constant."""
+        scaled = (points - self.centre) @ self.inverse.T
+        power = -0.5 * (self.degrees + len(self.centre))
+        distance = np.sum(scaled**2, axis=1)
+        return np.asarray(power * np.log1p(distance / self.degrees) - self.log_volume)
+
+
+@dataclass(frozen=True)
+class Mixture:
+    """Equal shares of several Student laws."""
+
+    parts: tuple[Student, ...]
+
+    def draw(self, n: int, generator: np.random.Generator) -> FloatArray:
+        """(n, dimensions) points."""
+        drawn = np.stack([part.draw(n, generator) for part in self.parts])
+        return np.asarray(drawn[generator.integers(len(self.parts), size=n), np.arange(n)])
+
+    def log_density(self, points: FloatArray) -> FloatArray:
+        """(n,) up to a constant."""
+        density = self.parts[0].log_density(points)
+        for part in self.parts[1:]:
+            density = np.logaddexp(density, part.log_density(points))
+        return density
