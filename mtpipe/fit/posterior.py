@@ -128,8 +128,8 @@ def _proposal(fit: TraceFit) -> Mixture | _Folded:
         covariance = np.zeros((3, 3))
         covariance[:2, :2] = usual.covariance[:2, :2] * np.outer(shrink[:2], shrink[:2])
         covariance[2, 2] = (2 * math.log(factor)) ** 2
-        return Mixture((main, _student(centre, covariance)))
-    return _Folded(main) if len(free) == 3 else Mixture((main,))
+        return Mixture((main, _student(centre, covariance)), (0.5, 0.5))
+    return _Folded(main) if len(free) == 3 else Mixture((main,), (1.0,))
 
 
 def _student(centre: FloatArray, covariance: FloatArray) -> Student:

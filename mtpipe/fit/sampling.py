@@ -15,13 +15,14 @@ from dataclasses import dataclass
 from typing import Protocol
 
 import numpy as np
+from scipy import special
 
 from mtpipe.errors import FitError
 from mtpipe.physics.camera import FloatArray
 
 LEAST_WALKERS = 32
 STEPS_AT_ONCE = 100
-LONGEST_CHAIN = 1000
+LONGEST_CHAIN = 2000
 AUTOCORRELATION_TIMES = 50
 R_HAT_LIMIT = 1.05
 HALVINGS = 60
@@ -102,8 +103,9 @@ def sample(
         with np.errstate(invalid="ignore", divide="ignore"):
             times = emcee.autocorr.integrated_time(chain, tol=0, quiet=True)
         autocorrelation = float(np.max(times)) if np.all(np.isfinite(times)) else math.inf
-        enough = len(chain) >= AUTOCORRELATION_TIMES * autocorrelation
-    r_hat = float(np.max(split_r_hat(chain)))
+        r_hat = float(np.max(split_r_hat(chain)))
+        long = len(chain) >= AUTOCORRELATION_TIMES * autocorrelation
+        enough = long and r_hat < R_HAT_LIMIT
     flat = chain.reshape(-1, dimensions)
     return Chain(
         theta=flat,
@@ -111,7 +113,7 @@ def sample(
         effective_samples=len(flat) / autocorrelation,
         autocorrelation_steps=autocorrelation,
         acceptance=float(np.mean(sampler.acceptance_fraction)),
-        converged=bool(enough and r_hat < R_HAT_LIMIT),
+        converged=enough,
     )
 
 
@@ -173,18 +175,18 @@ class Student:
 
 @dataclass(frozen=True)
 class Mixture:
-    """Equal shares of several Student laws."""
+    """Several Student laws, each with its share."""
 
     parts: tuple[Student, ...]
+    shares: tuple[float, ...]
 
     def draw(self, n: int, generator: np.random.Generator) -> FloatArray:
         """(n, dimensions) points."""
         drawn = np.stack([part.draw(n, generator) for part in self.parts])
-        return np.asarray(drawn[generator.integers(len(self.parts), size=n), np.arange(n)])
+        chosen = generator.choice(len(self.parts), size=n, p=self.shares)
+        return np.asarray(drawn[chosen, np.arange(n)])
 
     def log_density(self, points: FloatArray) -> FloatArray:
         """(n,) up to a constant."""
-        density = self.parts[0].log_density(points)
-        for part in self.parts[1:]:
-            density = np.logaddexp(density, part.log_density(points))
-        return density
+        density = np.stack([part.log_density(points) for part in self.parts], axis=1)
+        return np.asarray(special.logsumexp(density, axis=1, b=self.shares))

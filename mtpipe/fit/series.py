@@ -6,13 +6,15 @@ noise are read off as a `TraceFit` and a `Posterior`, as if it had been fitted b
 
 from __future__ import annotations
 
+import itertools
 import math
 from dataclasses import dataclass, replace
 
 import numpy as np
+from scipy.interpolate import CubicSpline
 
 from mtpipe.estimate import Estimate
-from mtpipe.fit.model import PRIOR_HALF_WIDTH, TraceModel
+from mtpipe.fit.model import LARGEST_LN_NOISE, PRIOR_HALF_WIDTH, TraceModel
 from mtpipe.fit.posterior import Posterior
 from mtpipe.fit.sampling import Chain, Mixture, Student, sample
 from mtpipe.fit.series_model import SeriesModel, SeriesTrace
@@ -21,9 +23,15 @@ from mtpipe.physics.camera import FloatArray
 from mtpipe.physics.modes import Modes
 
 METHOD = "series of spectra, maximum likelihood"
-# In ten and more dimensions a heavier or wider law would rarely be accepted.
-PROPOSAL_LAWS = ((40.0, 1.08), (40.0, 1.35))
+# Degrees of freedom, widening, share. In ten and more dimensions a heavier or wider law would be
+# accepted rarely.
+PROPOSAL_LAWS = ((40.0, 1.08, 0.8), (40.0, 1.35, 0.2))
 NOISE_DEGREES = 5.0
+NOISE_WIDENING = 1.25
+PRIOR_SHARE = 0.15
+# The likeliest values given the noise are followed from zero noise to so many standard errors.
+RIDGE_SIGMAS = 2.5
+RIDGE_ITERATIONS = 2
 
 
 @dataclass(frozen=True)
@@ -179,17 +187,16 @@ def sample_series(fit: SeriesFit, *, seed: int | np.random.Generator = 0) -> Ser
 class _Proposal:
     """Where walkers are proposed to go.
 
-    Noise with a prior is drawn from what data and prior say of it together, or from the prior alone
-    (its posterior has a shoulder there); all else from its Gaussian approximation given the noise,
-    whose variance moves it linearly.
+    Noise with a prior is drawn as a variance, in which the likelihood is nearly Gaussian down to
+    zero, or from the prior alone; all else from its Gaussian approximation about where it is
+    likeliest given that noise. Above the Nyquist frequency that is no straight line.
     """
 
-    noise: tuple[int, ...]
-    others: tuple[int, ...]
-    noise_laws: Mixture | None
+    noise: list[int]
+    others: list[int]
+    noise_law: _NoiseLaw | None
     rest: Mixture
-    slope: FloatArray
-    noise_centre: FloatArray
+    ridges: tuple[CubicSpline, ...]
 
     @classmethod
     def at(cls, fit: SeriesFit) -> _Proposal:
@@ -200,52 +207,103 @@ class _Proposal:
         ])  # fmt: skip
         shrink = np.minimum(1.0, limit / np.sqrt(np.diag(fit.covariance)))
         covariance = fit.covariance * np.outer(shrink, shrink)
-        noise = tuple(
-            i
-            for i, name in enumerate(model.names)
-            if name.startswith("noise") and not model.is_variance(i)
-        )
-        others = tuple(i for i in range(len(model.names)) if i not in noise)
-        of_rest = covariance[np.ix_(others, others)]
-        slope, laws = np.zeros((len(others), 0)), None
+        noise = model.logarithmic_noise
+        others = [i for i in range(len(model.names)) if i not in noise]
+        of_rest, law = covariance[np.ix_(others, others)], None
         if noise:
             of_noise = covariance[np.ix_(noise, noise)]
             across = covariance[np.ix_(others, noise)]
-            slope = np.linalg.solve(of_noise, across.T).T
-            of_rest = of_rest - slope @ across.T
-            slope = slope / np.exp(fit.theta[list(noise)])
-            priors = [prior for prior in (model.bead.noise_nm[model.axis_of(i)] for i in noise)]
-            median = np.array([2 * math.log(prior[0]) for prior in priors if prior])
-            width = np.array([2 * math.log(prior[1]) for prior in priors if prior])
-            laws = Mixture((
-                Student.about(
-                    fit.theta[list(noise)], of_noise, degrees=NOISE_DEGREES, widening=1.3
-                ),
-                Student.about(median, np.diag(width**2), degrees=NOISE_DEGREES, widening=1.0),
-            ))  # fmt: skip
+            of_rest = of_rest - across @ np.linalg.solve(of_noise, across.T)
+            law = _NoiseLaw.at(fit, noise, of_noise)
         rest = Mixture(
             tuple(
-                Student.about(fit.theta[list(others)], of_rest, degrees=degrees, widening=widening)
-                for degrees, widening in PROPOSAL_LAWS
-            )
+                Student.about(fit.theta[others], of_rest, degrees=degrees, widening=widening)
+                for degrees, widening, _ in PROPOSAL_LAWS
+            ),
+            tuple(share for _, _, share in PROPOSAL_LAWS),
         )
-        return cls(noise, others, laws, rest, slope, fit.theta[list(noise)])
+        return cls(noise, others, law, rest, tuple(_ridge(fit, i, others) for i in noise))
 
     def draw(self, n: int, generator: np.random.Generator) -> FloatArray:
         drawn = np.empty((n, len(self.noise) + len(self.others)))
-        if self.noise_laws is not None:
-            drawn[:, list(self.noise)] = self.noise_laws.draw(n, generator)
-        drawn[:, list(self.others)] = self.rest.draw(n, generator) + self._moved(drawn)
+        if self.noise_law is not None:
+            drawn[:, self.noise] = self.noise_law.draw(n, generator)
+        drawn[:, self.others] = self.rest.draw(n, generator) + self._moved(drawn)
         return drawn
 
     def log_density(self, points: FloatArray) -> FloatArray:
-        density = self.rest.log_density(points[:, list(self.others)] - self._moved(points))
-        if self.noise_laws is not None:
-            density = density + self.noise_laws.log_density(points[:, list(self.noise)])
+        density = self.rest.log_density(points[:, self.others] - self._moved(points))
+        if self.noise_law is not None:
+            density = density + self.noise_law.log_density(points[:, self.noise])
         return density
 
     def _moved(self, points: FloatArray) -> FloatArray:
         """How far the noise moves all else."""
-        # a linear rule holds only so far
-        noise = np.minimum(points[:, list(self.noise)], self.noise_centre + 2.0)
-        return np.asarray((np.exp(noise) - np.exp(self.noise_centre)) @ self.slope.T)
+        moved = np.zeros((len(points), len(self.others)))
+        for i, ridge in zip(self.noise, self.ridges, strict=True):
+            moved += ridge(np.exp(np.minimum(points[:, i], math.log(ridge.x[-1]))))
+        return moved
+
+
+@dataclass(frozen=True)
+class _NoiseLaw:
+    """Law of ln ε² on each axis: the variances are Student, folded to be positive, or the prior."""
+
+    variances: Student
+    prior: Student
+
+    @classmethod
+    def at(cls, fit: SeriesFit, noise: list[int], covariance: FloatArray) -> _NoiseLaw:
+        """About a fit; the covariance is of ln ε²."""
+        model = fit.model
+        known = [model.bead.noise_nm[model.axis_of(i)] or (1.0, 1.0) for i in noise]
+        centre = np.exp(fit.theta[noise])
+        median = np.array([2 * math.log(nm) for nm, _ in known])
+        width = np.array([2 * math.log(factor) for _, factor in known])
+        return cls(
+            Student.about(
+                centre,
+                covariance * np.outer(centre, centre),
+                degrees=NOISE_DEGREES,
+                widening=NOISE_WIDENING,
+            ),
+            Student.about(median, np.diag(width**2), degrees=NOISE_DEGREES, widening=1.0),
+        )
+
+    def draw(self, n: int, generator: np.random.Generator) -> FloatArray:
+        """(n, axes) ln ε²."""
+        about = np.log(np.abs(self.variances.draw(n, generator)))
+        chosen = generator.random(n) < PRIOR_SHARE
+        return np.where(chosen[:, None], self.prior.draw(n, generator), about)
+
+    def log_density(self, ln_variance: FloatArray) -> FloatArray:
+        """(n,) up to a constant."""
+        variance = np.exp(np.minimum(ln_variance, LARGEST_LN_NOISE))
+        signs = itertools.product((1.0, -1.0), repeat=variance.shape[1])
+        folded = [self.variances.log_density(variance * np.array(sign)) for sign in signs]
+        about = np.logaddexp.reduce(folded) + ln_variance.sum(axis=1)
+        return np.asarray(
+            np.logaddexp(
+                math.log(1 - PRIOR_SHARE) + about,
+                math.log(PRIOR_SHARE) + self.prior.log_density(ln_variance),
+            )
+        )
+
+
+def _ridge(fit: SeriesFit, coordinate: int, others: list[int]) -> CubicSpline:
+    """How far the likeliest values of all else move with a noise variance, from where they are."""
+    model, centre = fit.model, math.exp(fit.theta[coordinate])
+    highest = 1 + RIDGE_SIGMAS * min(math.sqrt(fit.covariance[coordinate, coordinate]), 1.0)
+    found = {centre: np.zeros(len(others))}
+    for ratios in ((0.75, 0.5, 0.25, 0.01), np.linspace(1, highest, 4)[1:]):
+        theta = fit.theta.copy()
+        for ratio in ratios:
+            theta[coordinate] = math.log(ratio * centre)
+            for _ in range(RIDGE_ITERATIONS):
+                jacobian = model.jacobian(theta)[:, others]
+                residuals = model.residuals(theta[None])[0]
+                move = np.linalg.lstsq(jacobian, residuals, rcond=None)[0]
+                theta[others] -= np.clip(move, -1.0, 1.0)
+            found[ratio * centre] = theta[others] - fit.theta[others]
+    nodes = sorted(found)
+    return CubicSpline(nodes, np.array([found[node] for node in nodes]))

@@ -125,6 +125,11 @@ class SeriesModel:
         is_noise = self.names[coordinate].startswith("noise")
         return is_noise and not self.noise_is_log(self.axis_of(coordinate))
 
+    @property
+    def logarithmic_noise(self) -> list[int]:
+        """Indices of the noise coordinates that are logarithms."""
+        return [self.noise(axis) for axis in self._axes if self.noise_is_log(axis)]
+
     def axis_of(self, coordinate: int) -> int:
         """Axis of a noise coordinate."""
         return int(self.names[coordinate].removeprefix("noise_"))

@@ -13,7 +13,7 @@ import numpy as np
 from geometry import attachment_height_nm, circle, stiff_direction_degree
 from published import RANGES, ROTATION, THERMAL_ENERGY_PN_NM
 
-from mtpipe.bead_calibration import AxisResult, PlateauResult
+from mtpipe.bead_results import AxisResult, PlateauResult
 from mtpipe.calibration import Calibration, calibrate
 from mtpipe.conditions import Conditions
 from mtpipe.estimate import Estimate
