@@ -25,12 +25,14 @@ if TYPE_CHECKING:
     from mtpipe.fit.posterior import Posterior, sample_posterior
     from mtpipe.fit.trace import TraceFit, fit_trace
     from mtpipe.ingest import load
+    from mtpipe.methods import METHODS, fit_by_method
     from mtpipe.pipeline import Run, run
     from mtpipe.recording import Plateau, Recording
     from mtpipe.setup import Setup, read_setup
     from mtpipe.tether_curves import force_extension
 
 _HOME = {
+    "METHODS": "methods",
     "Calibration": "calibration",
     "Estimate": "estimate",
     "FitError": "errors",
@@ -44,6 +46,7 @@ _HOME = {
     "SetupError": "errors",
     "TraceFit": "fit.trace",
     "calibrate": "calibration",
+    "fit_by_method": "methods",
     "fit_trace": "fit.trace",
     "force_extension": "tether_curves",
     "load": "ingest",
@@ -53,6 +56,7 @@ _HOME = {
     "subtract_drift": "drift",
 }
 __all__ = [
+    "METHODS",
     "Calibration",
     "Estimate",
     "FitError",
@@ -66,6 +70,7 @@ __all__ = [
     "SetupError",
     "TraceFit",
     "calibrate",
+    "fit_by_method",
     "fit_trace",
     "force_extension",
     "load",

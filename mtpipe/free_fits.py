@@ -6,6 +6,7 @@ What these fits say of the bead's friction is collected for `mtpipe.friction_pri
 
 from __future__ import annotations
 
+import functools
 import math
 from collections import Counter
 from collections.abc import Mapping
@@ -14,8 +15,7 @@ from mtpipe import refusal
 from mtpipe.conditions import Conditions
 from mtpipe.errors import FitError
 from mtpipe.fit.model import TraceModel
-from mtpipe.fit.trace import TraceFit, fit_model
-from mtpipe.spectrum import periodogram
+from mtpipe.fit.trace import TraceFit, fit_positions
 from mtpipe.traces import Trace
 
 # Free fits that know the friction worse than this say nothing about the bead's friction.
@@ -35,22 +35,20 @@ def free_fit(
     noise_nm: float | None,
 ) -> TraceFit | str:
     """A fit without prior knowledge of the friction, or the reason why there is none."""
+    model = functools.partial(
+        TraceModel,
+        exposure_s=conditions.exposure_s,
+        thermal_energy_pN_nm=conditions.thermal_energy_pN_nm,
+        noise_variance_nm2=None,
+        noise_prior_nm=None if not noise_nm else (noise_nm, NOISE_FACTOR),
+        modes=conditions.modes(axis, extension_nm),
+    )
     try:
-        spectrum = periodogram(
-            trace.position_nm[:, axis], 1 / conditions.frame_rate_hz, lowest_hz=lowest_hz
+        return fit_positions(
+            trace.position_nm[:, axis], 1 / conditions.frame_rate_hz, model, lowest_hz=lowest_hz
         )
     except FitError as error:
         return str(error)
-    return fit_model(
-        TraceModel(
-            spectrum,
-            conditions.exposure_s,
-            conditions.thermal_energy_pN_nm,
-            noise_variance_nm2=None,
-            noise_prior_nm=None if not noise_nm else (noise_nm, NOISE_FACTOR),
-            modes=conditions.modes(axis, extension_nm),
-        )
-    )
 
 
 def refusals_of(

@@ -140,7 +140,8 @@ def stuck(fit: TraceFit, conditions: Conditions, axis: int, tether_nm: float) ->
     theta = np.array([[math.log(stiffness), math.log(friction), 0.0]])
     least = replace(fit.model, noise_variance_nm2=0.0).expected(theta)[0]
     # above 1 Hz, where drift that the reference left does not reach
-    weight = spectrum.ordinates * (spectrum.frequency_hz > min(1.0, 0.1 / spectrum.window.frame_s))
+    above = spectrum.frequency_hz > min(1.0, 0.1 / spectrum.window.frame_s)
+    weight = spectrum.ordinates / spectrum.gain * above
     measured, least_power = float(weight @ spectrum.power), float(weight @ least)
     if measured > least_power:
         return None

@@ -6,13 +6,21 @@ expectation is the covariance weighted with how often each lag occurs in the tra
 a camera, for the frames that are there, averaged over each frequency bin. So neither gaps, nor the
 length of the trace, nor the width of a bin, nor the subtracted mean biases a fit.
 
+Power also leaks from strong frequencies to weak ones, through gaps and off the ends of a short
+trace, and is then the same few numbers everywhere. The remedy is as old as spectra: prewhitening
+(Percival & Walden 1993, section 6.5). The periodogram is that of x_t − φ x_{t−1}, whose spectrum is
+nearly flat if φ is the trace's own correlation of successive frames; there is nothing strong to
+leak, and ordinates are independent again but for the gaps themselves.
+
 Periodograms are one-sided, per Hz: I_j = (2D/n) |Σ x e^{−iθ_j t}|², n the number of frames present.
 """
 
 from __future__ import annotations
 
 import functools
+import math
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -28,6 +36,9 @@ BIN_GROWTH = 1.04
 SHORT_LAGS = 36
 LN_TAU_STEP = 0.2
 MINIMUM_FRAMES = 64
+# φ below this changes the spectrum by less than a factor of two.
+LEAST_PHI = 0.1
+PHI_LN_STEP = 0.5
 # Longer traces are cut into equal segments: their mean periodogram has nearly all the information,
 # and neither memory nor time grows faster than the trace.
 LONGEST_SEGMENT = 2**16
@@ -40,16 +51,19 @@ class Spectrum:
     Attributes
     ----------
     frequency_hz : (n_bins,) mean frequency of each bin.
-    power : (n_bins,) nm²/Hz, one-sided, mean of the periodogram's ordinates.
-    ordinates : (n_bins,) number of independent ordinates in the mean (lost frames taken off): the
-        power over its expectation follows a Gamma law of this shape.
+    power : (n_bins,) nm²/Hz, one-sided, mean of the periodogram's ordinates, prewhitened if φ > 0.
+    ordinates : (n_bins,) number of independent ordinates in the mean: the power over its
+        expectation follows a Gamma law of this shape.
+    share : of the bins' information that is there when they are taken together; below 1 with gaps,
+        through which bins are correlated.
     window : predicts the expectation of `power`.
-    variance_nm2 : of the frames present.
+    variance_nm2 : of the frames present, before prewhitening.
     """
 
     frequency_hz: FloatArray
     power: FloatArray
     ordinates: FloatArray
+    share: float
     window: Window
     variance_nm2: float
     frames: int
@@ -60,8 +74,25 @@ class Spectrum:
         """Length of the trace, gaps included."""
         return self.frames * self.window.frame_s
 
+    @property
+    def gain(self) -> FloatArray:
+        """(n_bins,) what prewhitening made of the power: |1 − φ e^{−iθ}|²."""
+        phi, theta = self.window.phi, 2 * np.pi * self.frequency_hz * self.window.frame_s
+        return np.asarray((1 - phi) ** 2 + 4 * phi * np.sin(theta / 2) ** 2)
 
-def periodogram(x_nm: FloatArray, frame_s: float, *, lowest_hz: float = 0.0) -> Spectrum:
+
+def prewhitening(tau_s: float, frame_s: float) -> float:
+    """φ for a trace that relaxes in about τ, rounded so that windows are shared; 0: not worth it.
+
+    Any φ gives an unbiased fit; it only has to make the spectrum about flat.
+    """
+    phi = math.exp(-frame_s / math.exp(PHI_LN_STEP * round(math.log(tau_s) / PHI_LN_STEP)))
+    return phi if phi > LEAST_PHI else 0.0
+
+
+def periodogram(
+    x_nm: FloatArray, frame_s: float, *, lowest_hz: float = 0.0, phi: float = 0.0
+) -> Spectrum:
     """Binned periodogram of a trace with gaps.
 
     Parameters
@@ -69,6 +100,7 @@ def periodogram(x_nm: FloatArray, frame_s: float, *, lowest_hz: float = 0.0) -> 
     x_nm : (n_frames,) positions on the camera's grid; NaN where a frame is lost.
     frame_s : frame interval.
     lowest_hz : ordinates below are left out (a high-pass has emptied them).
+    phi : x_t − φ x_{t−1} is used instead of x (prewhitening).
 
     Raises
     ------
@@ -79,28 +111,31 @@ def periodogram(x_nm: FloatArray, frame_s: float, *, lowest_hz: float = 0.0) -> 
     n, frames = int(present.sum()), len(x)
     if n < MINIMUM_FRAMES:
         raise FitError(f"only {n} frames of this trace are there; at least 64 are needed")
-    centred = np.where(present, x - x[present].mean(), 0.0)
-    variance = float(np.sum(centred**2) / n)
+    centred = x - x[present].mean()
+    variance = float(np.mean(centred[present] ** 2))
     if not variance > 0:
         raise FitError("the position never changes in this trace")
-    segments = -(-frames // LONGEST_SEGMENT)
-    length = frames // segments
-    used = present[: segments * length].reshape(segments, length)
+    whitened = centred[1:] - phi * centred[:-1] if phi > 0 else centred
+    segments = -(-len(whitened) // LONGEST_SEGMENT)
+    length = len(whitened) // segments
+    pieces = whitened[: segments * length].reshape(segments, length)
+    used = np.isfinite(pieces)
     seen = int(used.sum())
+    if seen < MINIMUM_FRAMES:
+        raise FitError(f"only {seen} pairs of successive frames are there; at least 64 are needed")
     edges = _bin_edges(length, max(1, int(np.ceil(lowest_hz * frame_s * length))))
     key = used.tobytes() if seen < used.size else None
-    window = _window(segments, length, key, tuple(edges.tolist()), frame_s)
-    pieces = centred[: segments * length].reshape(segments, length)
+    window = _window(segments, length, key, tuple(edges.tolist()), frame_s, phi)
     ordinates = np.zeros(length // 2 + 1)
     for piece, mask in zip(pieces, used, strict=True):
-        mean = piece.sum() / max(mask.sum(), 1)
+        mean = piece[mask].mean() if mask.any() else 0.0
         ordinates += np.abs(fft.rfft(np.where(mask, piece - mean, 0.0))) ** 2
     ordinates *= 2 * frame_s / seen
-    counts = np.diff(edges)
     return Spectrum(
         frequency_hz=(edges[:-1] + edges[1:] - 1) / 2 / (length * frame_s),
-        power=np.add.reduceat(ordinates[: edges[-1]], edges[:-1]) / counts,
-        ordinates=counts * (seen / length),
+        power=np.add.reduceat(ordinates[: edges[-1]], edges[:-1]) / np.diff(edges),
+        ordinates=window.ordinates,
+        share=window.share,
         window=window,
         variance_nm2=variance,
         frames=frames,
@@ -117,9 +152,14 @@ class Window:
     white : (n_bins,) expectation over 2D for white noise of unit variance.
     short : (SHORT_LAGS, n_bins) the same for unit covariance at lag ±m, m = 1, 2, …
     slow : spline over ln(τ/D) of the logarithm of the same for the covariance e^{−|m|D/τ}.
+    ordinates, share : as of `Spectrum`.
+    phi : of the prewhitening.
     """
 
     frame_s: float
+    phi: float
+    ordinates: FloatArray
+    share: float
     white: FloatArray
     short: FloatArray
     slow: interpolate.CubicSpline
@@ -172,28 +212,79 @@ def _bin_edges(frames: int, first: int) -> NDArray[np.int64]:
 
 @functools.lru_cache(maxsize=64)
 def _window(
-    segments: int, length: int, present: bytes | None, edges: tuple[int, ...], frame_s: float
+    segments: int,
+    length: int,
+    present: bytes | None,
+    edges: tuple[int, ...],
+    frame_s: float,
+    phi: float,
 ) -> Window:
     masks = (
         np.ones((1, length), dtype=bool)
         if present is None
         else np.frombuffer(present, dtype=bool).reshape(segments, length)
     )
-    expectation = _Expectation(masks, np.array(edges))
-    lags = np.arange(length)
+    expectation = _Expectation(masks, np.array(edges), phi)
+    # one lag more than there is: prewhitening looks one ahead
+    lags = np.arange(length + 1)
     white = expectation.of((lags == 0).astype(float))
     short = np.array([expectation.of((lags == m).astype(float)) for m in range(1, SHORT_LAGS + 1)])
     # two knots below τ = D keep the spline's ends away from where it is used
     ln_tau = np.arange(-2 * LN_TAU_STEP, np.log(20.0 * length) + 2 * LN_TAU_STEP, LN_TAU_STEP)
     slow = np.array([expectation.of(np.exp(-lags * np.exp(-u))) for u in ln_tau])
-    return Window(frame_s, white, short, interpolate.CubicSpline(ln_tau, np.log(slow)))
+    ordinates, share = _independent_ordinates(masks, np.array(edges))
+    return Window(
+        frame_s=frame_s,
+        phi=phi,
+        ordinates=ordinates,
+        share=share,
+        white=white,
+        short=short,
+        slow=interpolate.CubicSpline(ln_tau, np.log(slow)),
+    )
+
+
+def _independent_ordinates(
+    masks: NDArray[np.bool_], edges: NDArray[np.int64]
+) -> tuple[FloatArray, float]:
+    """How many independent ordinates each bin has, and the share left in all of them together.
+
+    For a flat spectrum the ordinates j and k of one segment with n frames present have the
+    correlation |M̂_{j−k}|²/n², M̂ the transform of the mask; without gaps there is none.
+    """
+    counts = np.diff(edges).astype(float)
+    if masks.all():
+        return counts * len(masks), 1.0
+    total = float(masks.sum())
+    covariance = np.zeros((len(counts), len(counts)))
+    for mask in masks:
+        line = np.abs(fft.fft(mask.astype(float))) ** 2 / total**2
+        # Σ_{a≤j<b, c≤k<d} line_{|j−k|} from the second sum of the line
+        half = line[: edges[-1] + 1]
+        symmetric = np.concatenate([half[:0:-1], half])
+        second = np.cumsum(np.cumsum(symmetric))
+        origin = len(half) - 1
+
+        def area(shift: NDArray[np.int64], second: FloatArray = second, o: int = origin) -> Any:
+            return second[np.clip(shift + o - 1, 0, len(second) - 1)]
+
+        low, high = edges[:-1], edges[1:]
+        covariance += (
+            area(high[:, None] - low[None, :])
+            - area(low[:, None] - low[None, :])
+            - area(high[:, None] - high[None, :])
+            + area(low[:, None] - high[None, :])
+        )
+    ordinates = counts**2 / np.diag(covariance)
+    together = counts.sum() ** 2 / covariance.sum()
+    return ordinates, float(min(together / ordinates.sum(), 1.0))
 
 
 class _Expectation:
     """(1/n) Σ_segments E|Σ_t m_t (x_t − x̄) e^{−iθt}|², binned, for a given covariance of x."""
 
-    def __init__(self, masks: NDArray[np.bool_], edges: NDArray[np.int64]) -> None:
-        self.mask, self.edges = masks[0].astype(float), edges
+    def __init__(self, masks: NDArray[np.bool_], edges: NDArray[np.int64], phi: float) -> None:
+        self.mask, self.edges, self.phi = masks[0].astype(float), edges, phi
         self.length, self.n = masks.shape[1], float(masks.sum())
         self.padding = fft.next_fast_len(2 * self.length)
         pairs = np.zeros(self.padding // 2 + 1)
@@ -204,8 +295,14 @@ class _Expectation:
         # with several segments relaxation is short against each, and what subtracting a segment's
         # mean over its gaps changes is far below the statistical error
         self.mean_matters = len(masks) == 1 and self.n < self.length
+        self.mask_dft = fft.rfft(self.mask)
+        self.padded_mask_dft = fft.rfft(self.mask, self.padding)
 
-    def of(self, covariance: FloatArray) -> FloatArray:
+    def of(self, covariance_of_x: FloatArray) -> FloatArray:
+        """Binned, for the covariance of x at lags 0 … length."""
+        before = np.concatenate([covariance_of_x[1:2], covariance_of_x[:-2]])
+        covariance = (1 + self.phi**2) * covariance_of_x[:-1]
+        covariance -= self.phi * (before + covariance_of_x[1:])
         weighted = covariance * self.weights
         # at the Fourier frequencies lag m − N is the same phase as lag m
         folded = weighted.copy()
@@ -221,9 +318,8 @@ class _Expectation:
         symmetric = np.zeros(self.padding)
         symmetric[: self.length] = covariance
         symmetric[-self.length + 1 :] += covariance[:0:-1]
-        spectrum = fft.rfft(symmetric).real * fft.rfft(self.mask, self.padding)
+        spectrum = fft.rfft(symmetric).real * self.padded_mask_dft
         smooth = self.mask * fft.irfft(spectrum, self.padding)[: self.length]
-        mask_dft = fft.rfft(self.mask)
-        cross = -2 * np.real(fft.rfft(smooth) / self.n * np.conj(mask_dft))
+        cross = -2 * np.real(fft.rfft(smooth) / self.n * np.conj(self.mask_dft))
         mean_variance = smooth.sum() / self.n**2
-        return np.asarray((cross + mean_variance * np.abs(mask_dft) ** 2) / self.n)
+        return np.asarray((cross + mean_variance * np.abs(self.mask_dft) ** 2) / self.n)

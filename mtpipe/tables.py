@@ -177,8 +177,8 @@ def spectra_table(calibration: Calibration) -> pd.DataFrame:
                 "axis": one.axis,
                 "frequency_hz": one.fit.spectrum.frequency_hz,
                 "ordinates": one.fit.spectrum.ordinates,
-                "power_nm2_per_hz": one.fit.spectrum.power,
-                "model_nm2_per_hz": one.fit.expected_power,
+                "power_nm2_per_hz": one.fit.spectrum.power / one.fit.spectrum.gain,
+                "model_nm2_per_hz": one.fit.expected_power / one.fit.spectrum.gain,
             }
         )
         for bead in calibration.beads

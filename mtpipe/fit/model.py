@@ -14,7 +14,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from scipy import special, stats
 
-from mtpipe.physics.camera import Camera, FloatArray, power_spectrum
+from mtpipe.physics.camera import FloatArray
 from mtpipe.physics.modes import SINGLE_MODE, Modes
 from mtpipe.spectrum import Spectrum
 
@@ -24,7 +24,6 @@ COORDINATES = ("ln_stiffness", "ln_friction", "noise")
 # that fills it is reported as not identified.
 PRIOR_HALF_WIDTH = 5.0
 LARGEST_LN_NOISE = 50.0
-LEAST_ORDINATES = 1e-3
 
 
 @dataclass(frozen=True)
@@ -40,7 +39,6 @@ class TraceModel:
     noise_prior_nm : where the noise is fitted, its prior median in nm and the factor that holds
         68 % of it (ln ε is Gaussian), or None: flat in ε² ≥ 0.
     modes : relaxation modes of this axis.
-    own : (n_bins,) share of each bin's power that is its own (`own_share`), or None: all.
     """
 
     spectrum: Spectrum
@@ -50,14 +48,11 @@ class TraceModel:
     friction: tuple[float, float] | None = None
     noise_prior_nm: tuple[float, float] | None = None
     modes: Modes = SINGLE_MODE
-    own: FloatArray | None = None
 
-    @functools.cached_property
+    @property
     def ordinates(self) -> FloatArray:
-        """(n_bins,) independent ordinates of each bin, leakage through gaps taken off."""
-        if self.own is None:
-            return self.spectrum.ordinates
-        return np.maximum(self.spectrum.ordinates * self.own**2, LEAST_ORDINATES)
+        """(n_bins,) weight of each bin in the likelihood."""
+        return self.spectrum.ordinates * self.spectrum.share
 
     @property
     def free(self) -> tuple[int, ...]:
@@ -87,24 +82,6 @@ class TraceModel:
             tau_s = friction / (stiffness * rate)
             noise = noise + window.expected(share * variance, tau_s, self.exposure_s)
         return noise
-
-    def own_share(self, theta: FloatArray) -> FloatArray:
-        """Share of each bin's expected power that gaps did not bring from other frequencies.
-
-        (n_bins,) for one θ (3,): the bare spectrum, in proportion to the frames present, over the
-        expectation; at most 1.
-        """
-        spectrum = self.spectrum
-        camera = Camera(spectrum.window.frame_s, self.exposure_s)
-        k, friction = np.exp(theta[0]), np.exp(theta[1])
-        bare = 2 * camera.frame_s * self.noise_nm2(theta[None])[0] * np.ones(len(spectrum.power))
-        for share, rate in zip(self.modes.shares, self.modes.rates, strict=True):
-            variance = share * self.thermal_energy_pN_nm / k
-            bare = bare + power_spectrum(
-                spectrum.frequency_hz, variance, friction / (k * rate), camera
-            )
-        present = 1 - spectrum.lost_frames / spectrum.frames
-        return np.asarray(np.minimum(present * bare / self.expected(theta[None])[0], 1.0))
 
     def residuals(self, theta: FloatArray) -> FloatArray:
         """Signed roots of the deviance per bin (and of the prior): their squares sum to −2 ln L.
@@ -195,7 +172,8 @@ class TraceModel:
         2n(ln n − ψ(n)) and 4n²ψ'(n) − 4n, which matters for the bins of one ordinate. The sum is
         taken as a Gamma law of matching mean and variance.
         """
-        n = self.ordinates
+        n = self.spectrum.ordinates
+        deviance = deviance / self.spectrum.share
         mean = float(np.sum(2 * n * (np.log(n) - special.digamma(n)))) - fitted
         variance = float(np.sum(4 * n**2 * special.polygamma(1, n) - 4 * n)) - 2 * fitted
         return mean, float(stats.gamma.sf(deviance, mean**2 / variance, scale=variance / mean))

@@ -6,7 +6,9 @@ that are there); lmfit minimises its deviance. Nothing here knows of files, bead
 
 from __future__ import annotations
 
+import functools
 import math
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 from typing import Literal
 
@@ -14,11 +16,11 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from mtpipe.estimate import Estimate, Status
+from mtpipe.fit.arguments import check_arguments
 from mtpipe.fit.model import COORDINATES, PRIOR_HALF_WIDTH, TraceModel
-from mtpipe.physics.buffer import thermal_energy_pN_nm
-from mtpipe.physics.camera import Camera, FloatArray
+from mtpipe.physics.camera import FloatArray
 from mtpipe.physics.modes import SINGLE_MODE, Modes
-from mtpipe.spectrum import Spectrum, periodogram
+from mtpipe.spectrum import Spectrum, periodogram, prewhitening
 
 # A parameter known to a factor of no better than e^(±0.5) is not called a measurement.
 NOT_IDENTIFIED_LN = 0.5
@@ -27,6 +29,9 @@ AT_ZERO = 1e-7
 # All coordinates are of order one; a larger covariance is lmfit's way of saying undetermined.
 SENSIBLE_COVARIANCE = 1e6
 METHOD = "spectrum, maximum likelihood"
+# Off the ends of a trace leaks a share τ/T of the power, the same at all frequencies; it may be so
+# much of what N frames tell, 1/√N.
+LEAKAGE = 0.1
 
 
 @dataclass(frozen=True)
@@ -104,50 +109,60 @@ def fit_trace(
     FitError : fewer than 64 frames, or no motion.
     ValueError : an exposure longer than a frame, or a number that cannot be.
     """
-    x = np.asarray(x_nm, dtype=float)
-    if x.ndim != 1:
-        raise ValueError(f"x_nm must be one trace, (n_frames,), got the shape {x.shape}")
-    if not (math.isfinite(frame_rate_hz) and frame_rate_hz > 0):
-        raise ValueError(f"frame_rate_hz must be positive, got {frame_rate_hz}")
-    if not 250 < temperature_K < 400:
-        raise ValueError(f"temperature_K = {temperature_K} is no temperature of a buffer in K")
-    camera = Camera(1 / frame_rate_hz, exposure_s)
-    if isinstance(tracking_noise_nm, str):
-        if tracking_noise_nm != "fit":
-            raise ValueError(f'tracking_noise_nm is a number or "fit", got {tracking_noise_nm!r}')
-        known = None
-    elif not (math.isfinite(tracking_noise_nm) and tracking_noise_nm >= 0):
-        raise ValueError(f"tracking_noise_nm must be at least 0, got {tracking_noise_nm}")
-    else:
-        known = tracking_noise_nm**2
-    if friction is not None and not (friction[0] > 0 and friction[1] > 0):
-        raise ValueError(f"friction needs a positive value and standard error, got {friction}")
-    spectrum = periodogram(x, camera.frame_s, lowest_hz=lowest_hz)
-    return fit_model(
-        TraceModel(
-            spectrum,
-            min(exposure_s, camera.frame_s),
-            float(thermal_energy_pN_nm(temperature_K)),
-            known,
-            friction,
-            modes=modes,
-        )
+    given = check_arguments(
+        x_nm,
+        frame_rate_hz=frame_rate_hz,
+        exposure_s=exposure_s,
+        temperature_K=temperature_K,
+        tracking_noise_nm=tracking_noise_nm,
+        friction=friction,
     )
+    model = functools.partial(
+        TraceModel,
+        exposure_s=given.camera.exposure_s,
+        thermal_energy_pN_nm=given.thermal_energy_pN_nm,
+        noise_variance_nm2=given.noise_variance_nm2,
+        friction=given.friction,
+        modes=modes,
+    )
+    return fit_positions(given.x_nm, given.camera.frame_s, model, lowest_hz=lowest_hz)
+
+
+def fit_positions(
+    x_nm: FloatArray,
+    frame_s: float,
+    model: Callable[[Spectrum], TraceModel],
+    *,
+    lowest_hz: float = 0.0,
+) -> TraceFit:
+    """Fit a trace, prewhitened where power would leak between its frequencies.
+
+    Parameters
+    ----------
+    x_nm : (n_frames,) positions, NaN where lost.
+    model : the model of a spectrum.
+
+    Raises
+    ------
+    FitError : fewer than 64 frames, or no motion.
+    """
+    present = np.isfinite(x_nm)
+    complete = x_nm
+    if present.any() and not present.all():
+        # a first look needs no more than the relaxation time
+        frames = np.arange(len(x_nm))
+        complete = np.interp(frames, frames[present], x_nm[present])
+    first = fit_model(model(periodogram(complete, frame_s, lowest_hz=lowest_hz)))
+    tau_s = math.exp(min(first.theta[1] - first.theta[0], math.log(first.spectrum.duration_s)))
+    leaks = tau_s / first.spectrum.duration_s * math.sqrt(len(x_nm)) > LEAKAGE
+    if present.all() and not leaks:
+        return first
+    phi = prewhitening(tau_s, frame_s)
+    return fit_model(model(periodogram(x_nm, frame_s, lowest_hz=lowest_hz, phi=phi)))
 
 
 def fit_model(model: TraceModel) -> TraceFit:
-    """Maximise the likelihood of a trace model with lmfit.
-
-    Under gaps the power that leaks into a bin comes from the same few strong ordinates everywhere
-    and carries no information of its own: a second fit counts only the share that is a bin's own.
-    """
-    first = _maximise(replace(model, own=None))
-    if model.spectrum.lost_frames == 0:
-        return first
-    return _maximise(replace(model, own=model.own_share(first.theta)))
-
-
-def _maximise(model: TraceModel) -> TraceFit:
+    """Maximise the likelihood of a trace model with lmfit."""
     import lmfit
 
     start = model.start
@@ -180,7 +195,7 @@ def _maximise(model: TraceModel) -> TraceFit:
     )
     theta = coordinates(result.params)
     if model.noise_variance_nm2 is None and not model.noise_is_log and theta[2] < AT_ZERO * scale:
-        without = _maximise(replace(model, noise_variance_nm2=0.0))
+        without = fit_model(replace(model, noise_variance_nm2=0.0))
         return describe(model, without.theta, inverse_information(model.information(without.theta)))
     if result.covar is None or not np.all(np.abs(result.covar) < SENSIBLE_COVARIANCE):
         return describe(model, theta, inverse_information(model.information(theta)))

@@ -28,6 +28,7 @@ COLUMNS: Mapping[str, tuple[str, ...]] = {
         *("bead", "plateau", "axis", "magnet_mm", "start_s", "duration_s", "frames"),
         *("lost_frames", "extension_nm", "extension_stderr_nm"),
         *_four("force", "pN"),
+        *_four("force_alone", "pN"),
         *_four("stiffness", "pN_per_nm"),
         *_four("friction", "pN_s_per_nm"),
         *_four("corner_frequency", "hz"),
@@ -43,7 +44,8 @@ COLUMNS: Mapping[str, tuple[str, ...]] = {
         *_four("contour_length", "nm"),
         *_four("persistence_length", "nm"),
         *_four("stretch_modulus", "pN"),
-        *("friction_ratio", "friction_ratio_stderr"),
+        *_four("radius", "nm"),
+        *("series", "friction_ratio", "friction_ratio_stderr"),
     ),
     "details/spectra.parquet": (
         *("bead", "plateau", "axis", "frequency_hz", "ordinates"),

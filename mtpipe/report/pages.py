@@ -6,7 +6,7 @@ plotly.js, style and script are copied beside the pages once; nothing is loaded 
 from __future__ import annotations
 
 import re
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from datetime import datetime
 from importlib.resources import files as resources
 from pathlib import Path
@@ -15,17 +15,19 @@ from typing import Any
 from jinja2 import Environment, PackageLoader, StrictUndefined
 
 from mtpipe.files import folder_written_whole
-from mtpipe.report import rows, words
+from mtpipe.report import rows, rows_drift, words
+from mtpipe.report.figures_agreement import agreement_figure
 from mtpipe.report.figures_bead import (
-    agreement_figure,
     force_extension_figure,
     traces_figure,
     valid_range,
 )
 from mtpipe.report.figures_run import drift_figure, forces_figure
 from mtpipe.report.figures_trace import posterior_figure, spectrum_figure
+from mtpipe.report.fit_words import joint_fit
 from mtpipe.report.folder import RunFolder, read_run_folder, records
 from mtpipe.report.notices import notice_groups
+from mtpipe.report.plateau_forces import Comparison, comparisons, rms_difference
 from mtpipe.report.plotly_json import Arrays
 
 Progress = Callable[[int, int], None]
@@ -132,8 +134,8 @@ def _index_page(run: RunFolder, beads: list[rows.BeadRow]) -> dict[str, Any]:
         "setup": words.setup_in_words(run.setup),
         "source": run.run["setup"].get("source"),
         "drift_words": DRIFT_METHOD.get(method, method),
-        "drift_rows": rows.drift_rows(drift),
-        "references": rows.reference_rows(run),
+        "drift_rows": rows_drift.drift_rows(drift),
+        "references": rows_drift.reference_rows(run),
         "started": _date(run.run.get("started")),
         "charts": {"arrays": arrays.packed(), "figures": figures},
         "drawn": figures,
@@ -147,9 +149,10 @@ def _bead_page(run: RunFolder, row: rows.BeadRow) -> dict[str, Any]:
         f"{int(force['plateau'])}/{force['axis']}": force
         for force in records(run.forces[run.forces["bead"] == bead])
     }
+    compared = comparisons(run.forces[run.forces["bead"] == bead])
     figures = {
         "force_extension": force_extension_figure(arrays, run, bead),
-        "agreement": agreement_figure(arrays, run, bead),
+        "agreement": agreement_figure(arrays, compared),
         "traces": traces_figure(arrays, run, bead),
     }
     spectra = {
@@ -170,6 +173,7 @@ def _bead_page(run: RunFolder, row: rows.BeadRow) -> dict[str, Any]:
     return {
         "row": row,
         "plateaus": plateaus,
+        "agreement": _agreement(compared),
         "statuses": [
             f"“{words.STATUS[status]}”: {meaning}."
             for status, meaning in words.STATUS_MEANING.items()
@@ -182,7 +186,15 @@ def _bead_page(run: RunFolder, row: rows.BeadRow) -> dict[str, Any]:
             "arrays": arrays.packed(),
             "figures": figures,
             "choices": {"spectrum": spectra, "posterior": posteriors},
-            "captions": {key: _captions(f, key in posteriors) for key, f in forces.items()},
+            "captions": {
+                f"{p.plateau}/{a.axis}": _captions(
+                    forces[f"{p.plateau}/{a.axis}"],
+                    sampled=f"{p.plateau}/{a.axis}" in posteriors,
+                    shared=p.force_shared and a.axis != "z",
+                )
+                for p in plateaus
+                for a in p.axes
+            },
             "first": (usable or list(forces) or [""])[0],
         },
         "drawn": figures,
@@ -190,7 +202,19 @@ def _bead_page(run: RunFolder, row: rows.BeadRow) -> dict[str, Any]:
     }
 
 
-def _captions(force: Mapping[str, Any], sampled: bool) -> dict[str, str]:
+def _agreement(compared: Sequence[Comparison]) -> str:
+    """How far x and y differ overall, in words."""
+    overall = rms_difference(compared)
+    if overall is None:
+        return ""
+    rms, plateaus = overall
+    return (
+        f"x and y differ by {words.number(rms, 2)} combined standard errors (rms over "
+        f"{words.count(plateaus, 'plateau')}; about 1 is chance)."
+    )
+
+
+def _captions(force: Mapping[str, Any], *, sampled: bool, shared: bool) -> dict[str, str]:
     status = words.text(force["status"])
     if status == "refused":
         refused = f"Refused: {words.text(force['refusal'])}"
@@ -198,8 +222,11 @@ def _captions(force: Mapping[str, Any], sampled: bool) -> dict[str, str]:
     parts = []
     if words.is_number(force["force_pN"]):
         shown = words.with_error(force["force_pN"], force["force_stderr_pN"])
-        parts.append(f"Force {shown} pN")
-    parts.append(f"Fitted: {words.text(force['method'])}")
+        parts.append(f"force {shown} pN{', common to x and y' if shared else ''}")
+    if words.is_number(force["force_alone_pN"]) and joint_fit(force["method"]):
+        shown = words.with_error(force["force_alone_pN"], force["force_alone_stderr_pN"])
+        parts.append(f"{force['axis']} by itself tells {shown} pN")
+    parts.append(f"fitted: {words.text(force['method'])}")
     if words.is_number(force["fit_deviance"]):
         parts.append(
             f"deviance {words.number(force['fit_deviance'], 4)} for "
@@ -211,19 +238,31 @@ def _captions(force: Mapping[str, Any], sampled: bool) -> dict[str, str]:
         parts.append(f"{words.STATUS.get(status, status)}: {meaning}")
     ratio = words.number(force["nyquist_ratio"], 2)
     parts.append(f"corner frequency {ratio} of the Nyquist frequency")
-    return {"spectrum": "; ".join(parts) + ".", "posterior": _posterior_caption(force, sampled)}
+    text = "; ".join(parts) + "."
+    return {
+        "spectrum": text[0].upper() + text[1:],
+        "posterior": _posterior_caption(force, sampled=sampled, shared=shared),
+    }
 
 
-def _posterior_caption(force: Mapping[str, Any], sampled: bool) -> str:
+def _posterior_caption(force: Mapping[str, Any], *, sampled: bool, shared: bool) -> str:
     if not sampled or not words.is_number(force["posterior_rhat"]):
         return "No posterior was sampled for this trace."
+    if joint_fit(force["method"]):
+        common = ", and the force that x and y share" if shared else ""
+        of = (
+            "Joint posterior of the bead's series, seen from this trace: its stiffness and "
+            f"friction{common}"
+        )
+    else:
+        of = "Posterior of this trace by itself"
     numbers = (
         f"R-hat {words.number(force['posterior_rhat'], 4)}, "
         f"{words.number(force['posterior_ess'], 3)} effective samples"
     )
     if not force["posterior_converged"]:
-        return f"Not converged ({numbers}): this sample is not yet a posterior."
-    return f"Converged: {numbers}."
+        return f"{of}. Not converged ({numbers}): this sample is not yet a posterior."
+    return f"{of}. Converged: {numbers}."
 
 
 def _date(started: Any) -> str:

@@ -8,7 +8,9 @@ from dataclasses import dataclass
 from typing import Any
 
 from mtpipe.report import words
+from mtpipe.report.fit_words import ForceSource, force_source
 from mtpipe.report.folder import RunFolder, records
+from mtpipe.report.plateau_forces import comparisons, share_a_force
 
 VERDICTS = ("good", "caution", "refused")
 
@@ -29,7 +31,10 @@ class Cell:
 
 @dataclass(frozen=True)
 class BeadRow:
-    """One bead of the overview and the head of its own page."""
+    """One bead of the overview and the head of its own page.
+
+    `radius` is as the joint fit tells it, or the setup's where that took it as exact.
+    """
 
     bead: str
     verdict: str
@@ -40,6 +45,9 @@ class BeadRow:
     persistence_length: Cell
     stretch_modulus: Cell
     friction_ratio: Cell
+    radius: Cell
+    radius_beside: str
+    source: ForceSource | None
     tether_model: str
 
     @property
@@ -55,12 +63,12 @@ class BeadRow:
 
 @dataclass(frozen=True)
 class ForceRow:
-    """One axis of one plateau."""
+    """One axis of one plateau; `alone` is the force that the axis tells by itself."""
 
     key: str
     axis: str
-    extension: Cell
     force: Cell
+    alone: Cell
     stiffness: Cell
     friction: Cell
     corner: Cell
@@ -74,12 +82,19 @@ class ForceRow:
 
 @dataclass(frozen=True)
 class PlateauRows:
-    """The axes of one plateau."""
+    """The axes of one plateau.
+
+    `force_shared` says whether x and y, the first two axes, have one force; `difference` is that of
+    the forces they tell by themselves, in standard errors.
+    """
 
     plateau: int
     magnet: Cell
     times: str
     lost: str
+    extension: Cell
+    force_shared: bool
+    difference: Cell
     axes: tuple[ForceRow, ...]
 
 
@@ -99,7 +114,7 @@ class ModelRow:
 
 def bead_rows(folder: RunFolder) -> list[BeadRow]:
     """Rows of the overview, good beads first, then by name (numbers in names in their order)."""
-    rows = [_bead_row(row) for row in records(folder.beads)]
+    rows = [_bead_row(row, folder) for row in records(folder.beads)]
     return sorted(rows, key=lambda row: (row.rank, words.natural(row.bead)))
 
 
@@ -109,12 +124,16 @@ def plateau_rows(folder: RunFolder, bead: str) -> list[PlateauRows]:
     groups: dict[int, list[dict[str, Any]]] = {}
     for row in records(table):
         groups.setdefault(int(row["plateau"]), []).append(row)
+    differences = {one.plateau: one.difference for one in comparisons(table)}
     return [
         PlateauRows(
             plateau=plateau,
             magnet=_plain(rows[0]["magnet_mm"], "the recording has no magnet position"),
             times=_times(rows[0]["start_s"], rows[0]["duration_s"]),
             lost=_lost(rows),
+            extension=_extension(rows[0]),
+            force_shared=share_a_force(rows),
+            difference=_difference(differences.get(plateau)),
             axes=tuple(_force_row(row) for row in rows),
         )
         for plateau, rows in groups.items()
@@ -148,40 +167,12 @@ def model_rows(folder: RunFolder, bead: str) -> list[ModelRow]:
     ]
 
 
-def drift_rows(drift: Mapping[str, Any]) -> list[tuple[str, str, str, str]]:
-    """(axis, cutoff, what was subtracted, noise added) of each axis."""
-    none: Sequence[None] = (None, None, None)
-    cutoffs = drift.get("cutoff_hz") or none
-    removed = drift.get("drift_rms_nm") or none
-    added = drift.get("noise_added_nm") or none
-    return [
-        (
-            axis,
-            "frame by frame" if cutoff is None else words.number(cutoff),
-            words.number(rms),
-            words.number(noise),
-        )
-        for axis, cutoff, rms, noise in zip("xyz", cutoffs, removed, added, strict=True)
-    ]
-
-
-def reference_rows(folder: RunFolder) -> list[dict[str, Any]]:
-    """Reference beads: used or left out, with weight and noise per axis."""
-    return [
-        {
-            "bead": row["bead"],
-            "used": bool(row["used"]),
-            "reason": words.text(row["reason"]),
-            "weights": [words.number(row[f"weight_{axis}"], 2) for axis in "xyz"],
-            "noises": [words.number(row[f"noise_{axis}_nm"], 2) for axis in "xyz"],
-        }
-        for row in records(folder.references)
-    ]
-
-
-def _bead_row(row: Mapping[str, Any]) -> BeadRow:
+def _bead_row(row: Mapping[str, Any], folder: RunFolder) -> BeadRow:
     no_curve = "no force–extension fit; the reasons say why"
     low, high = row["force_min_pN"], row["force_max_pN"]
+    stated = folder.setup.beads.radius_nm
+    fitted = words.is_number(row["radius_nm"])
+    forces = folder.forces[folder.forces["bead"] == row["bead"]]
     return BeadRow(
         bead=row["bead"],
         verdict=row["verdict"],
@@ -200,6 +191,9 @@ def _bead_row(row: Mapping[str, Any]) -> BeadRow:
             "" if words.is_number(row["friction_ratio"]) else "no friction was determined",
             row["friction_ratio"] if words.is_number(row["friction_ratio"]) else None,
         ),
+        radius=_estimate(row, "radius", "nm", "not told by a joint fit"),
+        radius_beside=f"setup: {words.measured(stated, 'nm')}" if fitted or stated.known else "",
+        source=force_source(row, records(forces), radius_known=stated.known),
         tether_model=words.MODEL.get(words.text(row["tether_model"]), ""),
     )
 
@@ -224,11 +218,10 @@ def _force_row(row: Mapping[str, Any]) -> ForceRow:
     return ForceRow(
         key=f"{int(row['plateau'])}/{axis}",
         axis=axis,
-        extension=Cell(
-            words.with_error(row["extension_nm"], row["extension_stderr_nm"]),
-            "" if words.is_number(row["extension_nm"]) else "z was not recorded or has no zero",
-        ),
         force=_estimate(row, "force", "pN", "no force is taken from z" if axis == "z" else why),
+        alone=_estimate(
+            row, "force_alone", "pN", "no force is taken from z" if axis == "z" else why
+        ),
         stiffness=_estimate(row, "stiffness", "pN_per_nm", why, 1e3),
         friction=_estimate(row, "friction", "pN_s_per_nm", why, 1e6),
         corner=_estimate(row, "corner_frequency", "hz", why),
@@ -259,6 +252,22 @@ def _estimate(
         return Cell(f"> {words.number(low)}", f"{why_empty}; lower limit at 68 %")
     remains = words.interval(low, high, symbol)
     return Cell(words.EMPTY, f"{why_empty}; {remains}" if remains else why_empty)
+
+
+def _extension(row: Mapping[str, Any]) -> Cell:
+    return Cell(
+        words.with_error(row["extension_nm"], row["extension_stderr_nm"]),
+        "" if words.is_number(row["extension_nm"]) else "z was not recorded or has no zero",
+    )
+
+
+def _difference(difference: tuple[float, float] | None) -> Cell:
+    """F_x − F_y over its standard error, with the difference itself as note."""
+    if difference is None:
+        return Cell(words.EMPTY, "not both axes tell a force by themselves")
+    value, stderr = difference
+    shown = words.signed(value / stderr, 1)
+    return Cell(shown, f"force from x less that from y: {words.with_error(value, stderr)} pN")
 
 
 def _times(start_s: Any, duration_s: Any) -> str:

@@ -70,6 +70,11 @@ def number(value: Any, digits: int = 3) -> str:
     return _minus(shown.rstrip("0").rstrip(".") if "." in shown else shown)
 
 
+def signed(value: float, decimals: int) -> str:
+    """A number with its sign, also "+", to so many decimals."""
+    return _minus(f"{round(value, decimals) + 0.0:+.{decimals}f}")
+
+
 def with_error(value: Any, stderr: Any) -> str:
     """Value ± standard error, the error to one or two digits, the value to the same decimals.
 
@@ -164,9 +169,9 @@ def natural(name: str) -> list[tuple[int, int, str]]:
     return [(0, int(p), "") if i % 2 else (1, 0, p.casefold()) for i, p in enumerate(parts)]
 
 
-def count(amount: int, noun: str) -> str:
-    """`1 bead`, `2 beads`."""
-    return f"{amount} {noun}{'' if amount == 1 else 's'}"
+def count(amount: int, noun: str, plural: str = "") -> str:
+    """`1 bead`, `2 beads`; `2 spectra`."""
+    return f"{amount} {noun if amount == 1 else plural or f'{noun}s'}"
 
 
 def _decimals(error: float) -> int:

@@ -32,10 +32,10 @@ def free_table(cases: Sequence[Case], rows: pd.DataFrame) -> str:
         told = one[one.identified]
         lines.append([
             f"{case.exposure:g}", f"{case.corner:g}", f"{one.k_bound.median():.2%}",
-            _bias(told.k_error), _over_bound(told, "k"), _holding(one, "k"),
-            _bias(told.friction_error), _over_bound(told, "friction"), _holding(one, "friction"),
+            bias(told.k_error), _over_bound(told, "k"), _holding(one, "k"),
+            bias(told.friction_error), _over_bound(told, "friction"), _holding(one, "friction"),
             f"{stats.kstest(one.p_value, 'uniform').pvalue:.2f}",
-            _percent(~one.identified),
+            percent(~one.identified),
             f"{1e3 * one.fit_s.median():.1f} / {1e3 * one.posterior_s.median():.0f}",
         ])  # fmt: skip
     return table(
@@ -53,10 +53,10 @@ def noisy_table(cases: Sequence[Case], rows: pd.DataFrame) -> str:
         one = _rows(case, rows)
         told = one[one.posterior_identified]
         lines.append([
-            f"{case.corner:g}", _bias(told.k_posterior_error),
-            f"{_rms(told.k_posterior_error):.1%}", f"{one.k_bound.median():.1%}",
-            _percent(told.k_posterior_error.abs() < 0.1),
-            _holding(one, "k"), _percent(~one.posterior_identified), _percent(~one.converged),
+            f"{case.corner:g}", bias(told.k_posterior_error),
+            f"{rms(told.k_posterior_error):.1%}", f"{one.k_bound.median():.1%}",
+            percent(told.k_posterior_error.abs() < 0.1),
+            _holding(one, "k"), percent(~one.posterior_identified), percent(~one.converged),
         ])  # fmt: skip
     return table(
         "corner / Nyquist | bias k (%) | rms error k | bound | within 10 % (%)"
@@ -72,8 +72,8 @@ def gaps_table(cases: Sequence[Case], rows: pd.DataFrame) -> str:
         one = _rows(case, rows)
         lines.append([
             f"{case.corner:g}", case.lost,
-            _bias(one.k_error), f"{_rms(one.k_error):.2%}", f"{one.k_bound.median():.2%}",
-            _holding(one, "k"), _bias(one.friction_error), f"{_rms(one.friction_error):.2%}",
+            bias(one.k_error), f"{rms(one.k_error):.2%}", f"{one.k_bound.median():.2%}",
+            _holding(one, "k"), bias(one.friction_error), f"{rms(one.friction_error):.2%}",
             _holding(one, "friction"),
             f"{stats.kstest(one.p_value, 'uniform').pvalue:.2f}",
             f"{1e3 * one.fit_s.median():.1f} / {1e3 * one.posterior_s.median():.0f}",
@@ -93,11 +93,11 @@ def short_table(cases: Sequence[Case], rows: pd.DataFrame) -> str:
         one = _rows(case, rows)
         statistical = float(one.k_error.std())
         lines.append([
-            f"{share:g}", _bias(one.k_error), f"{statistical:.1%}",
+            f"{share:g}", bias(one.k_error), f"{statistical:.1%}",
             f"{one.k_error.mean() / statistical:+.2f}",
             f"{one.k_posterior_error.mean() / statistical:+.2f}",
-            _holding(one, "k"), _bias(one.friction_error), _holding(one, "friction"),
-            _percent(~one.posterior_identified),
+            _holding(one, "k"), bias(one.friction_error), _holding(one, "friction"),
+            percent(~one.posterior_identified),
         ])  # fmt: skip
     return table(
         "relaxation time / trace | bias k (%) | scatter k | bias / scatter: fit"
@@ -133,11 +133,11 @@ def recording_forces_table(outcomes: Sequence[Outcome]) -> str:
         if got.empty:
             continue
         lines.append([
-            name, str(len(group)), _percent(group.refused),
-            _percent(~group.measured & ~group.refused),
-            _percent(got.holds_68), _percent(got.holds_95),
+            name, str(len(group)), percent(group.refused),
+            percent(~group.measured & ~group.refused),
+            percent(got.holds_68), percent(got.holds_95),
             f"{got.pull.mean():+.2f}", f"{got.pull.std():.2f}",
-            _bias(got.ln_error), f"{_rms(got.ln_error):.1%}",
+            bias(got.ln_error), f"{rms(got.ln_error):.1%}",
         ])  # fmt: skip
     return table(
         "forces | number | refused (%) | not identified (%) | within 68 % (%) | within 95 % (%)"
@@ -176,7 +176,7 @@ def verdicts_table(outcomes: Sequence[Outcome]) -> str:
     ):
         lines.append(
             [name, str(len(group))]
-            + [_percent([o.verdict == v for o in group]) for v in ("good", "caution", "refused")]
+            + [percent([o.verdict == v for o in group]) for v in ("good", "caution", "refused")]
         )
     verdicts = table("recordings | number | good (%) | caution (%) | refused (%)", lines)
     reasons = Counter(reason for outcome in outcomes for reason in set(outcome.reasons))
@@ -200,9 +200,9 @@ def lengths_table(outcomes: Sequence[Outcome]) -> str:
         "length | fitted in (%) | within 68 % (%) | mean pull | scatter of pulls | bias (%)"
         " | rms error",
         [
-            [str(name), f"{100 * len(one) / len(outcomes):.0f}", _percent(one.holds),
+            [str(name), f"{100 * len(one) / len(outcomes):.0f}", percent(one.holds),
              f"{one.pull.mean():+.2f}", f"{one.pull.std():.2f}",
-             _bias(one.ln_error), f"{_rms(one.ln_error):.2%}"]
+             bias(one.ln_error), f"{rms(one.ln_error):.2%}"]
             for name, one in rows.groupby("name")
         ],
     )  # fmt: skip
@@ -272,23 +272,26 @@ def _rows(case: Case, rows: pd.DataFrame) -> pd.DataFrame:
     return rows[rows.case == case.name]
 
 
-def _rms(errors: pd.Series) -> float:
+def rms(errors: pd.Series) -> float:
+    """Root mean square."""
     return math.sqrt(float(np.mean(errors**2)))
 
 
-def _bias(errors: pd.Series) -> str:
+def bias(errors: pd.Series) -> str:
+    """Mean in percent, with its standard error."""
     return f"{100 * errors.mean():+.2f} ± {100 * errors.std() / math.sqrt(len(errors)):.2f}"
 
 
 def _over_bound(one: pd.DataFrame, name: str) -> str:
-    return f"{_rms(one[f'{name}_error'] / one[f'{name}_bound']):.2f}"
+    return f"{rms(one[f'{name}_error'] / one[f'{name}_bound']):.2f}"
 
 
 def _holding(one: pd.DataFrame, name: str) -> str:
-    return ", ".join(_percent(one[f"{name}_{by}_holds"]) for by in ("fit", "posterior"))
+    return ", ".join(percent(one[f"{name}_{by}_holds"]) for by in ("fit", "posterior"))
 
 
-def _percent(which: pd.Series | list[bool]) -> str:
+def percent(which: pd.Series | list[bool]) -> str:
+    """Share of what is true in percent; a dash where there is nothing."""
     return f"{100 * float(np.mean(which)):.1f}" if len(which) else "–"
 
 

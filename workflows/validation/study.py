@@ -22,6 +22,8 @@ import challenge
 import pandas as pd
 import recordings
 import report
+import series
+import series_tables
 import traces
 
 import mtpipe
@@ -74,7 +76,7 @@ def _blocks(run: Run, repeats: int, seed: int, challenge_set: Path) -> dict[str,
     outcomes = run(recordings.measure, ((seed, i) for i in range(repeats)))
     clean = challenge.clean_cases(challenge_set)
     answers = run(challenge.measure, ((challenge_set, case) for case in clean))
-    return {
+    return _series_blocks(run, repeats, seed) | {
         "free": report.free_table(cases, rows),
         "noisy": report.noisy_table(cases, rows),
         "gaps": report.gaps_table(cases, rows),
@@ -84,6 +86,24 @@ def _blocks(run: Run, repeats: int, seed: int, challenge_set: Path) -> dict[str,
         "verdicts": report.verdicts_table(outcomes),
         "lengths": report.lengths_table(outcomes),
         "challenge": report.challenge_table(answers),
+    }
+
+
+def _series_blocks(run: Run, repeats: int, seed: int) -> dict[str, str]:
+    """Name → Markdown of the tables of joint fits."""
+
+    def rows(measure: Callable[[Any], Any], cases: Iterable[series.Case]) -> list[Any]:
+        return run(measure, ((c, seed, i) for c, i in itertools.product(cases, range(repeats))))
+
+    joint = pd.DataFrame(itertools.chain.from_iterable(rows(series.measure_joint, series.TRUE)))
+    whole = pd.DataFrame(itertools.chain.from_iterable(rows(series.measure_pipeline, [series.HELD])))
+    cases = (*series.TRUE, *series.FAULTY)
+    chosen = pd.DataFrame(rows(series.measure_choice, cases))
+    return {
+        "series": series_tables.joint_table(series.TRUE, joint),
+        "series pipeline": series_tables.pipeline_table(whole, joint),
+        "series false alarms": series_tables.false_alarm_table(series.TRUE, joint),
+        "series choice": series_tables.choice_table(cases, chosen),
     }
 
 

@@ -15,6 +15,7 @@ from typing import Literal, get_args
 import numpy as np
 
 import mtpipe
+from mtpipe.fit.model import TraceModel
 from mtpipe.physics.buffer import thermal_energy_pN_nm
 from mtpipe.physics.camera import Camera
 from mtpipe.physics.langevin import simulate_axis
@@ -55,6 +56,11 @@ class Case:
         return 2 * math.pi * self.corner * RATE_HZ / 2 * FRICTION
 
     @property
+    def truth(self) -> np.ndarray:
+        """(3,) ln stiffness, ln friction and noise variance, as in `mtpipe.fit.model`."""
+        return np.array([math.log(self.stiffness_pN_per_nm), math.log(FRICTION), self.noise_nm**2])
+
+    @property
     def name(self) -> str:
         """Identifies the case in tables, and seeds it."""
         return repr(self)
@@ -75,12 +81,7 @@ def cases() -> list[Case]:
 def measure(job: tuple[Case, int, int]) -> dict[str, object]:
     """One trace of a case from (case, seed, repeat); a row for a pandas table."""
     case, seed, repeat = job
-    random = np.random.default_rng([seed, zlib.crc32(case.name.encode()), repeat])
-    known = None
-    if case.friction_known is not None:
-        centre = FRICTION * (1 + case.friction_known * random.normal())
-        known = (centre, case.friction_known * FRICTION)
-    x = _simulate(case, random)
+    x, known, random = draw(case, seed, repeat)
     began = time.perf_counter()
     fit = mtpipe.fit_trace(
         x,
@@ -93,8 +94,7 @@ def measure(job: tuple[Case, int, int]) -> dict[str, object]:
     fitted = time.perf_counter()
     posterior = mtpipe.sample_posterior(fit, seed=random)
     sampled = time.perf_counter()
-    truth = np.array([math.log(case.stiffness_pN_per_nm), math.log(FRICTION), case.noise_nm**2])
-    bound = np.sqrt(np.diag(np.linalg.inv(fit.model.information(truth))))
+    truth, bound = case.truth, error_bound(case, fit.model)
     row: dict[str, object] = {
         "case": case.name,
         "p_value": fit.p_value,
@@ -112,12 +112,33 @@ def measure(job: tuple[Case, int, int]) -> dict[str, object]:
         row[f"{name}_error"] = fit.theta[i] - truth[i]
         row[f"{name}_posterior_error"] = np.median(posterior.theta[:, i]) - truth[i]
         row[f"{name}_bound"] = bound[i]
-        row[f"{name}_fit_holds"] = _holds(of_fit.interval, truth[i])
-        row[f"{name}_posterior_holds"] = _holds(of_posterior.interval, truth[i])
+        row[f"{name}_fit_holds"] = holds(of_fit.interval, truth[i])
+        row[f"{name}_posterior_holds"] = holds(of_posterior.interval, truth[i])
     return row
 
 
-def _holds(interval: tuple[float, float], ln_truth: float) -> bool:
+def draw(
+    case: Case, seed: int, repeat: int
+) -> tuple[np.ndarray, tuple[float, float] | None, np.random.Generator]:
+    """Positions in nm, prior of the friction in pN s/nm, and the generator for what follows.
+
+    Whoever asks for the same seed and repeat gets the same trace.
+    """
+    random = np.random.default_rng([seed, zlib.crc32(case.name.encode()), repeat])
+    known = None
+    if case.friction_known is not None:
+        centre = FRICTION * (1 + case.friction_known * random.normal())
+        known = (centre, case.friction_known * FRICTION)
+    return _simulate(case, random), known, random
+
+
+def error_bound(case: Case, model: TraceModel) -> np.ndarray:
+    """Cramér–Rao bound of the standard errors of what is fitted, at the truth of a case."""
+    return np.sqrt(np.diag(np.linalg.inv(model.information(case.truth))))
+
+
+def holds(interval: tuple[float, float], ln_truth: float) -> bool:
+    """Whether an interval of a positive number holds its truth."""
     return interval[0] < math.exp(ln_truth) < interval[1]
 
 
