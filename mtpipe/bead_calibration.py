@@ -23,7 +23,7 @@ from mtpipe.conditions import Conditions
 from mtpipe.errors import FitError
 from mtpipe.estimate import Estimate
 from mtpipe.extension import mean_with_stderr
-from mtpipe.fit.posterior import Posterior, sample_posterior
+from mtpipe.fit.posterior import sample_posterior
 from mtpipe.fit.series import SeriesPosterior, sample_series
 from mtpipe.fit.series_model import BeadPrior
 from mtpipe.fit.trace import TraceFit, fit_model
@@ -266,7 +266,12 @@ def _sampled(
         return replace(alone, posterior=posterior)
     draws = generator.normal(size=len(posterior.theta))
     levers = np.maximum(lever[0] + lever[1] * draws, 0.0)
-    sample = posterior.stiffness_pN_per_nm * levers * _warmth(posterior, conditions, generator)
+    per_exposure = alone.fit.shift_per_exposure()[0]
+    sample = (
+        posterior.stiffness_pN_per_nm
+        * levers
+        * _common(len(levers), per_exposure, conditions, generator)
+    )
     return replace(
         alone,
         posterior=posterior,
@@ -298,7 +303,9 @@ def _joint(
     levers = np.array([float(model.lever_nm(choice.fit.theta[None], t)[0]) for t in members])
     relative = extension[1] * float(np.sum(weight / levers) / np.sum(weight))
     draws = np.maximum(1 + relative * generator.normal(size=len(posterior.theta)), 0.0)
-    sample = series.force_pN(here[axis]) * draws * _warmth(posterior, conditions, generator)
+    per_exposure = choice.fit.shift_per_exposure()[model.drive(here[axis])]
+    common = _common(len(draws), per_exposure, conditions, generator)
+    sample = series.force_pN(here[axis]) * draws * common
     return AxisResult(
         AXES[axis],
         choice.words,
@@ -310,12 +317,17 @@ def _joint(
     )
 
 
-def _warmth(
-    posterior: Posterior, conditions: Conditions, generator: np.random.Generator
+def _common(
+    n: int, per_exposure: float, conditions: Conditions, generator: np.random.Generator
 ) -> FloatArray:
-    """(n_samples,) kT over the kT of the setup: a stiffness is in proportion to it."""
-    draws = generator.normal(size=len(posterior.theta))
-    return np.asarray(1 + conditions.temperature_relative_stderr * draws)
+    """(n,) factors on the force for what the setup states with an error and all traces share.
+
+    A stiffness is in proportion to kT; `per_exposure` is how far its logarithm moves per second of
+    exposure.
+    """
+    warmth = conditions.temperature_relative_stderr * generator.normal(size=n)
+    blur = per_exposure * conditions.exposure_stderr_s * generator.normal(size=n)
+    return np.asarray((1 + warmth) * np.exp(np.clip(blur, -2.0, 2.0)))
 
 
 def _force_alone(
@@ -325,7 +337,11 @@ def _force_alone(
     lever = _lever(axis, extension, conditions)
     if lever is None:
         return None
-    relative = math.hypot(lever[1] / lever[0], conditions.temperature_relative_stderr)
+    relative = math.hypot(
+        lever[1] / lever[0],
+        conditions.temperature_relative_stderr,
+        fit.shift_per_exposure()[0] * conditions.exposure_stderr_s,
+    )
     return fit.stiffness.scaled(lever[0], "pN").widened(relative)
 
 

@@ -62,8 +62,8 @@ def calibrate(
     noise = _reference_noise(recording)
     if recording.setup.camera.exposure_s.value is None:
         lateral = None if noise[0] is None or noise[1] is None else (noise[0], noise[1])
-        exposure, notice = estimate_exposure(beads, conditions, lateral)
-        conditions = replace(conditions, exposure_s=exposure)
+        exposure, stderr, notice = estimate_exposure(beads, conditions, lateral)
+        conditions = replace(conditions, exposure_s=exposure, exposure_stderr_s=stderr)
         notices = (*notices, notice)
     shared = Shared(
         conditions,

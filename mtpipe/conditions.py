@@ -32,6 +32,7 @@ class Conditions:
 
     frame_rate_hz: float
     exposure_s: float
+    exposure_stderr_s: float
     temperature_K: float
     temperature_relative_stderr: float
     viscosity_mPa_s: tuple[float, float]
@@ -174,6 +175,7 @@ def conditions_of(setup: Setup) -> tuple[Conditions, tuple[Notice, ...]]:
     return Conditions(
         frame_rate_hz=rate,
         exposure_s=1 / rate if exposure is None else min(exposure, 1 / rate),
+        exposure_stderr_s=setup.camera.exposure_s.stderr,
         temperature_K=temperature,
         temperature_relative_stderr=temperature_stderr / temperature,
         viscosity_mPa_s=chosen,

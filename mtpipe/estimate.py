@@ -15,7 +15,8 @@ class Estimate:
 
     `status` is "ok"; "fixed" (not fitted, taken as known); "at_bound" (the fit ended at a physical
     limit, such as zero noise: the interval is one-sided); "not_identified" (the data do not
-    determine it: `value` is nan, the interval is what remains possible); "not_converged".
+    determine it: `value` is nan, the interval is what remains possible, and `tied_to` names the
+    quantities that only are known together); "not_converged".
     """
 
     value: float
@@ -24,6 +25,7 @@ class Estimate:
     unit: str
     method: str
     status: Status = "ok"
+    tied_to: tuple[str, ...] = ()
 
     def __post_init__(self) -> None:
         low, high = self.interval
@@ -31,9 +33,17 @@ class Estimate:
             raise ValueError(f"interval ({low}, {high}) is upside down")
 
     @classmethod
-    def missing(cls, unit: str, method: str, status: Status = "not_identified") -> Estimate:
-        """An estimate of something that could not be determined at all."""
-        return cls(math.nan, math.nan, (math.nan, math.nan), unit, method, status)
+    def missing(
+        cls,
+        unit: str,
+        method: str,
+        status: Status = "not_identified",
+        *,
+        interval: tuple[float, float] = (math.nan, math.nan),
+        tied_to: tuple[str, ...] = (),
+    ) -> Estimate:
+        """An estimate of something that could not be determined."""
+        return cls(math.nan, math.nan, interval, unit, method, status, tied_to)
 
     def scaled(self, factor: float, unit: str) -> Estimate:
         """The estimate times an exactly known positive factor."""
@@ -45,6 +55,7 @@ class Estimate:
             unit,
             self.method,
             self.status,
+            self.tied_to,
         )
 
     def widened(self, relative: float) -> Estimate:

@@ -37,7 +37,7 @@ P_POOR = 1e-3
 
 def estimate_exposure(
     beads: Mapping[str, Sequence[Trace]], conditions: Conditions, noise: tuple[float, float] | None
-) -> tuple[float, Notice]:
+) -> tuple[float, float, Notice]:
     """Exposure in s that the lateral traces of all beads find most likely.
 
     Parameters
@@ -47,8 +47,9 @@ def estimate_exposure(
 
     Returns
     -------
-    The exposure, the median of what the beads say, and a notice with its 68 % interval (from the
-    likelihood of all, or from the scatter between beads where that is more).
+    The exposure, the median of what the beads say, its standard error (from the likelihood of all,
+    or from the scatter between beads where that is more; 0 where it had to be assumed), and a
+    notice.
     """
     frame_s = 1 / conditions.frame_rate_hz
     profiles = [] if noise is None else _profiles(beads, conditions, noise)
@@ -58,7 +59,7 @@ def estimate_exposure(
             if noise is None
             else "no trace moves fast enough to tell it"
         )
-        return frame_s, Notice(
+        return frame_s, 0.0, Notice(
             "exposure_assumed",
             "caution",
             f"The exposure is unknown, and {reason}; a whole frame ({frame_s * 1e3:.3g} ms) was "
@@ -71,7 +72,7 @@ def estimate_exposure(
     step = float(SHARES_OF_A_FRAME[1] - SHARES_OF_A_FRAME[0])
     half = max(float(np.ptp(within)) / 2 + step / 2, float(np.std(found)))
     low, high = max(best - half, 0.0), min(best + half, 1.0)
-    return best * frame_s, Notice(
+    return best * frame_s, half * frame_s, Notice(
         "exposure_estimated",
         "caution",
         f"The exposure is unknown; from the blur of {len(profiles)} bead"

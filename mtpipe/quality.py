@@ -172,8 +172,7 @@ def _axis_flags(one: AxisResult, conditions: Conditions) -> list[tuple[str, Seve
         )
         flags.append((
             "not_identified", "warning" if lateral else "info",
-            "Stiffness, friction and noise cannot be told apart in this trace; the stiffness "
-            f"{span}.",
+            f"{_together(stiffness.tied_to)}; the stiffness {span}.",
         ))  # fmt: skip
     elif posterior is not None and not posterior.converged:
         flags.append((
@@ -209,6 +208,14 @@ def _axis_flags(one: AxisResult, conditions: Conditions) -> list[tuple[str, Seve
             f"setup says {stated[0]:.0f} nm.",
         ))  # fmt: skip
     return flags
+
+
+def _together(tied_to: tuple[str, ...]) -> str:
+    """What a trace does not tell, in words."""
+    if len(tied_to) < 2:
+        return "This trace does not determine the stiffness"
+    names = f"{', '.join(tied_to[:-1])} and {tied_to[-1]}"
+    return f"{names[0].upper()}{names[1:]} cannot be told apart in this trace"
 
 
 def _low_frequency_excess(fit: TraceFit) -> str | None:

@@ -80,6 +80,7 @@ def _force_row(
         **four("effective_radius", "nm", None if one.refusal else one.effective_radius),
         **four("noise", "nm", known.noise if known else None),
         "status": known.stiffness.status if known else "refused",
+        "tied_to": ";".join(known.stiffness.tied_to) if known else "",
         "method": one.method,
         "fit_deviance": fit.deviance if fit else math.nan,
         "fit_dof": fit.dof if fit else math.nan,

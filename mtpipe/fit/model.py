@@ -145,8 +145,8 @@ class TraceModel:
         determinant = n.sum() * (slope**2 @ n) - (slope @ n) ** 2
         return ln_tau, 0.5 * np.log(np.maximum(determinant, 1e-30))
 
-    def information(self, theta: FloatArray) -> FloatArray:
-        """Expected Fisher information of the free coordinates at one θ (3,), prior included."""
+    def slopes(self, theta: FloatArray) -> FloatArray:
+        """(free, n_bins) derivatives of ln expected power in the free coordinates at one θ (3,)."""
         unit = 1.0 if self.noise_is_log else self.spectrum.variance_nm2
         steps = 1e-4 * np.array([1.0, 1.0, unit])
         free = np.array(self.free)
@@ -157,13 +157,24 @@ class TraceModel:
             low[:, 2] = np.maximum(low[:, 2], 0.0)
         high = theta + shift
         width = (high - low)[np.arange(len(free)), free][:, None]
-        slope = (np.log(self.expected(high)) - np.log(self.expected(low))) / width
+        return np.asarray((np.log(self.expected(high)) - np.log(self.expected(low))) / width)
+
+    def information(self, theta: FloatArray) -> FloatArray:
+        """Expected Fisher information of the free coordinates at one θ (3,), prior included."""
+        slope = self.slopes(theta)
         information = (slope * self.ordinates) @ slope.T
         if self.friction is not None:
             information[1, 1] += (np.exp(theta[1]) / self.friction[1]) ** 2
         if self.noise_is_log and self.noise_prior_nm is not None:
             information[2, 2] += (2 * np.log(self.noise_prior_nm[1])) ** -2
         return np.asarray(information)
+
+    def exposure_slope(self, theta: FloatArray, modes: Modes | None = None) -> FloatArray:
+        """(n_bins,) change of ln expected power per second of exposure, at one θ (3,)."""
+        step = 1e-3 * self.exposure_s
+        shorter = replace(self, exposure_s=self.exposure_s - step)
+        change = self.expected(theta[None], modes) / shorter.expected(theta[None], modes)
+        return np.asarray(np.log(change[0]) / step)
 
     def p_value(self, deviance: float, fitted: float) -> tuple[float, float]:
         """Degrees of freedom and p-value of a fit's deviance, without the prior's part.

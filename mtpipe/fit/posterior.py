@@ -9,7 +9,7 @@ import numpy as np
 
 from mtpipe.estimate import Estimate, Status
 from mtpipe.fit.sampling import Mixture, Student, sample
-from mtpipe.fit.trace import NOT_IDENTIFIED_LN, TraceFit, fit_model
+from mtpipe.fit.trace import NOT_IDENTIFIED_LN, TraceFit, fit_model, tied
 from mtpipe.physics.camera import FloatArray
 
 METHOD = "spectrum, posterior"
@@ -74,12 +74,13 @@ class Posterior:
     def summary(self, sample: FloatArray, unit: str, *, positive: bool = True) -> Estimate:
         """Median, standard deviation and central 68 % interval of a derived quantity.
 
-        `positive`: a scale, called not identified where it is not known to a factor e^(±0.5).
+        `positive`: a scale, called not identified where it is not known to a factor e.
         """
         low, middle, high = np.quantile(sample, [0.1587, 0.5, 0.8413])
         interval = (float(low), float(high))
         if positive and 0.5 * math.log(high / low) > NOT_IDENTIFIED_LN:
-            return Estimate(math.nan, math.nan, interval, unit, METHOD, "not_identified")
+            together = tied(np.cov(self.theta.T), self.fit.model.free)
+            return Estimate.missing(unit, METHOD, interval=interval, tied_to=together)
         status: Status = "ok" if self.converged else "not_converged"
         return Estimate(float(middle), float(np.std(sample)), interval, unit, METHOD, status)
 

@@ -88,6 +88,17 @@ class SeriesFit:
         slope = self.model.slopes(self.theta)[self.model.traces.index(trace)]
         return float(slope[self.model.drive(trace)] ** 2 @ trace.model.ordinates)
 
+    def shift_per_exposure(self) -> FloatArray:
+        """(dimensions,) how far θ moves per second by which the exposure is not as it is taken."""
+        score = np.zeros(len(self.theta))
+        for trace, slope in zip(self.model.traces, self.model.slopes(self.theta), strict=True):
+            score += (slope * trace.model.ordinates) @ self._exposure_slope(trace)
+        return -self.covariance @ score
+
+    def _exposure_slope(self, trace: SeriesTrace) -> FloatArray:
+        at = self.model.coordinates(self.theta[None], trace)[0]
+        return self._trace_model(trace).exposure_slope(at)
+
     def _trace_model(self, trace: SeriesTrace) -> TraceModel:
         """A trace's model at the maximum; its noise a fitted variance."""
         modes = self.model.modes(self.theta[None], trace)

@@ -1,4 +1,4 @@
-"""The charts of one bead: force–extension curve, agreement of x and y, and traces."""
+"""The charts of one bead: force–extension curve and traces."""
 
 from __future__ import annotations
 
@@ -11,15 +11,18 @@ from mtpipe.fit.tether import Assay, expected_extension_nm
 from mtpipe.physics.tether import VALIDITY, Chain
 from mtpipe.report import words
 from mtpipe.report.folder import RunFolder, records
+from mtpipe.report.plateau_forces import drawn_forces
 from mtpipe.report.plotly_json import (
     AXIS_COLOUR,
     AXIS_SYMBOL,
-    GREY,
     INK,
+    SHARED_COLOUR,
+    SHARED_SYMBOL,
     Arrays,
     Figure,
     axis,
     band,
+    bars,
     layout,
     log_axis,
     note,
@@ -36,24 +39,28 @@ LEAST_LABELLED = 0.03
 
 
 def force_extension_figure(arrays: Arrays, folder: RunFolder, bead: str) -> Figure:
-    """Force against extension, x and y, with every model: solid where fitted, thin elsewhere."""
-    forces = folder.forces[(folder.forces["bead"] == bead) & folder.forces["force_pN"].notna()]
+    """Force against extension with every model: solid where fitted, thin elsewhere.
+
+    One point for a plateau whose force x and y share, else one from x and one from y.
+    """
+    forces = drawn_forces(folder.forces[folder.forces["bead"] == bead])
     data: list[dict[str, Any]] = []
-    for name, table in forces.groupby("axis"):
-        colour = AXIS_COLOUR[str(name)]
+    for source, table in forces.groupby("source", sort=False):
+        colour = AXIS_COLOUR.get(str(source), SHARED_COLOUR)
         data.append(
             {
                 "type": "scatter",
                 "mode": "markers",
-                "name": f"force from {name}",
+                "name": f"force from {source}",
                 "x": arrays.add(table["extension_nm"]),
                 "y": arrays.add(table["force_pN"]),
-                "error_x": _errors(arrays, table["extension_stderr_nm"], colour),
-                "error_y": _errors(arrays, table["force_stderr_pN"], colour),
+                "error_x": bars(arrays, table["extension_stderr_nm"], colour),
+                "error_y": bars(arrays, table["force_stderr_pN"], colour),
                 "customdata": arrays.add(table["plateau"]),
-                "marker": {"color": colour, "size": 8, "symbol": AXIS_SYMBOL[str(name)]},
-                "hovertemplate": f"plateau %{{customdata}}, {name}<br>%{{x:.1f}} nm, %{{y:.3g}} pN"
-                "<extra></extra>",
+                "marker": {"color": colour, "size": 8}
+                | {"symbol": AXIS_SYMBOL.get(str(source), SHARED_SYMBOL)},
+                "hovertemplate": f"plateau %{{customdata}}, {source}<br>%{{x:.1f}} nm, "
+                "%{y:.3g} pN<extra></extra>",
             }
         )
     fits = folder.force_extension[folder.force_extension["bead"] == bead]
@@ -70,41 +77,6 @@ def force_extension_figure(arrays: Arrays, folder: RunFolder, bead: str) -> Figu
             380,
             xaxis=axis("mean extension / nm"),
             yaxis=log_axis("force / pN", seen),
-        ),
-    }
-
-
-def agreement_figure(arrays: Arrays, folder: RunFolder, bead: str) -> Figure:
-    """F_y over F_x for each plateau; 1 where the geometry and the extension are right."""
-    forces = folder.forces[folder.forces["bead"] == bead]
-    wide = forces.pivot_table(
-        index="plateau", columns="axis", values=["force_pN", "force_stderr_pN"]
-    ).dropna()
-    if not {"x", "y"} <= set(wide["force_pN"].columns if len(wide) else ()):
-        return {"data": [], "layout": layout(380)}
-    x, y = (wide["force_pN"][name].to_numpy(np.float64) for name in "xy")
-    relative = np.hypot(*(wide["force_stderr_pN"][a] / wide["force_pN"][a] for a in "xy"))
-    one = {"type": "line", "xref": "paper", "x0": 0, "x1": 1, "y0": 1, "y1": 1}
-    return {
-        "data": [
-            {
-                "type": "scatter",
-                "mode": "markers",
-                "x": arrays.add(x),
-                "y": arrays.add(y / x),
-                "error_y": _errors(arrays, y / x * relative, INK),
-                "customdata": arrays.add(wide.index.to_numpy(np.float64)),
-                "marker": {"color": INK, "size": 8},
-                "showlegend": False,
-                "hovertemplate": "plateau %{customdata}<br>F<sub>x</sub> %{x:.3g} pN, "
-                "F<sub>y</sub>/F<sub>x</sub> %{y:.3f}<extra></extra>",
-            }
-        ],
-        "layout": layout(
-            380,
-            xaxis=log_axis("F<sub>x</sub> / pN", x),
-            yaxis=axis("F<sub>y</sub> / F<sub>x</sub>"),
-            shapes=[one | {"line": {"color": GREY, "width": 1, "dash": "dash"}}],
         ),
     }
 
@@ -244,16 +216,6 @@ def valid_range(model: str) -> tuple[str, str]:
     low, high = valid.force_range_pN
     shown = f"up to {words.number(high)}" if low == 0 else words.span(low, high)
     return shown, valid.reason
-
-
-def _errors(arrays: Arrays, values: Any, colour: str) -> dict[str, Any]:
-    return {
-        "type": "data",
-        "array": arrays.add(values),
-        "color": colour,
-        "thickness": 1.2,
-        "width": 3,
-    }
 
 
 def _pale(colour: str) -> str:

@@ -7,6 +7,7 @@ from typing import Any
 import numpy as np
 
 from mtpipe.report.folder import RunFolder
+from mtpipe.report.plateau_forces import drawn_forces
 from mtpipe.report.plotly_json import (
     AXIS_COLOUR,
     AXIS_SYMBOL,
@@ -15,6 +16,7 @@ from mtpipe.report.plotly_json import (
     Arrays,
     Figure,
     axis,
+    bars,
     layout,
     log_axis,
     positive,
@@ -25,13 +27,12 @@ SYMBOLS = ("circle", "square", "diamond", "triangle-up", "triangle-down", "cross
 
 
 def forces_figure(arrays: Arrays, folder: RunFolder, beads: list[str]) -> Figure:
-    """Force against magnet position (or plateau) of every bead, from x and from y.
+    """Force against magnet position (or plateau) of every bead.
 
-    Up to eight beads have a colour and a sign each; more are drawn alike, named under the pointer.
+    A point where x and y share the force; else a full one from x and an open one from y. Up to
+    eight beads have a colour and a sign each; more are drawn alike, named under the pointer.
     """
-    forces = folder.forces[
-        folder.forces["force_pN"].notna() & folder.forces["axis"].isin(["x", "y"])
-    ]
+    forces = drawn_forces(folder.forces)
     by_magnet = bool(len(forces)) and bool(forces["magnet_mm"].notna().all())
     across, unit = ("magnet_mm", " mm") if by_magnet else ("plateau", "")
     data: list[dict[str, Any]] = []
@@ -39,44 +40,40 @@ def forces_figure(arrays: Arrays, folder: RunFolder, beads: list[str]) -> Figure
     distinct = len(named) <= len(PALETTE)
     for number, bead in enumerate(named):
         colour = PALETTE[number] if distinct else GREY
-        for name, panel in (("x", ""), ("y", "2")):
-            table = forces[(forces["bead"] == bead) & (forces["axis"] == name)].sort_values(across)
+        mine = forces[forces["bead"] == bead].sort_values(across)
+        for first, (mark, table) in enumerate(
+            (("", mine[mine["source"] != "y"]), ("-open", mine[mine["source"] == "y"]))
+        ):
+            if not len(table):
+                continue
             data.append(
                 {
                     "type": "scatter",
-                    "mode": "lines+markers",
+                    "mode": "markers" if mark else "lines+markers",
                     "name": escaped(bead),
                     "legendgroup": str(number),
-                    "showlegend": distinct and name == "x",
+                    "showlegend": distinct and not first,
                     "x": arrays.add(table[across]),
                     "y": arrays.add(table["force_pN"]),
-                    "error_y": {"type": "data", "array": arrays.add(table["force_stderr_pN"])}
-                    | {"color": colour, "thickness": 1, "width": 2},
+                    "error_y": bars(arrays, table["force_stderr_pN"], colour),
                     "line": {"color": colour, "width": 1},
                     "marker": {
-                        "symbol": SYMBOLS[number % len(SYMBOLS)],
-                        "size": 6,
+                        "symbol": SYMBOLS[number % len(SYMBOLS)] + mark,
+                        "size": 7,
                         "color": colour,
                     },
-                    "xaxis": f"x{panel}",
-                    "yaxis": f"y{panel}",
-                    "hovertemplate": f"{escaped(bead)}, {name}<br>%{{x:.4g}}{unit}: %{{y:.3g}} pN"
-                    "<extra></extra>",
+                    "text": list(table["source"]),
+                    "hovertemplate": f"{escaped(bead)}, from %{{text}}<br>%{{x:.4g}}{unit}: "
+                    "%{y:.3g} pN<extra></extra>",
                 }
             )
     title = "magnet position / mm" if by_magnet else "plateau"
-    seen = positive(forces["force_pN"])
-    ends = {} if by_magnet else {"dtick": 1}
     return {
         "data": data,
         "layout": layout(
             380,
-            xaxis=axis(title, domain=[0, 0.47], **ends),
-            xaxis2=axis(title, domain=[0.53, 1], anchor="y2", matches="x", **ends),
-            yaxis=log_axis("force from x / pN", seen),
-            yaxis2=log_axis(
-                "force from y / pN", seen, anchor="x2", matches="y", showticklabels=False
-            ),
+            xaxis=axis(title, **({} if by_magnet else {"dtick": 1})),
+            yaxis=log_axis("force / pN", positive(forces["force_pN"])),
         ),
     }
 

@@ -58,7 +58,9 @@ def force_source(
     radius_known : whether the setup knows the bead's radius.
     """
     lateral = [
-        row for row in forces if row["axis"] in ("x", "y") and words.text(row["status"]) != "refused"
+        row
+        for row in forces
+        if row["axis"] in ("x", "y") and words.text(row["status"]) != "refused"
     ]
     if not lateral:
         return None
@@ -104,7 +106,9 @@ def _friction(joint: JointFit, bead: Mapping[str, Any], *, radius_known: bool) -
     if not radius_known:
         return "The setup does not know the bead's radius, so it was fitted along with the friction"
     if joint.friction_expected:
-        return "The friction is the one expected from radius, viscosity and height, within its error"
+        return (
+            "The friction is the one expected from radius, viscosity and height, within its error"
+        )
     ratio = words.with_error(bead["friction_ratio"], bead["friction_ratio_stderr"])
     seen = f"; by themselves they show {ratio} times as much" if ratio != words.EMPTY else ""
     return (
@@ -121,8 +125,12 @@ def _left_out(lateral: Sequence[Mapping[str, Any]]) -> list[str]:
     ]
     if not left:
         return []
-    what = "contradicts the others and was" if len(left) == 1 else "contradict the others and were"
-    return [f"{'; '.join(left).capitalize()} {what} fitted by {'itself' if len(left) == 1 else 'themselves'}"]
+    what = (
+        "contradicts the others and was fitted by itself"
+        if len(left) == 1
+        else "contradict the others and were fitted by themselves"
+    )
+    return [f"{'; '.join(left).capitalize()} {what}"]
 
 
 def _by_themselves(lateral: Sequence[Mapping[str, Any]]) -> ForceSource:

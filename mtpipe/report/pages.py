@@ -6,7 +6,7 @@ plotly.js, style and script are copied beside the pages once; nothing is loaded 
 from __future__ import annotations
 
 import re
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Mapping
 from datetime import datetime
 from importlib.resources import files as resources
 from pathlib import Path
@@ -16,6 +16,7 @@ from jinja2 import Environment, PackageLoader, StrictUndefined
 
 from mtpipe.files import folder_written_whole
 from mtpipe.report import rows, rows_drift, words
+from mtpipe.report.captions import agreement_caption, trace_captions
 from mtpipe.report.figures_agreement import agreement_figure
 from mtpipe.report.figures_bead import (
     force_extension_figure,
@@ -24,10 +25,9 @@ from mtpipe.report.figures_bead import (
 )
 from mtpipe.report.figures_run import drift_figure, forces_figure
 from mtpipe.report.figures_trace import posterior_figure, spectrum_figure
-from mtpipe.report.fit_words import joint_fit
 from mtpipe.report.folder import RunFolder, read_run_folder, records
 from mtpipe.report.notices import notice_groups
-from mtpipe.report.plateau_forces import Comparison, comparisons, rms_difference
+from mtpipe.report.plateau_forces import comparisons
 from mtpipe.report.plotly_json import Arrays
 
 Progress = Callable[[int, int], None]
@@ -173,7 +173,7 @@ def _bead_page(run: RunFolder, row: rows.BeadRow) -> dict[str, Any]:
     return {
         "row": row,
         "plateaus": plateaus,
-        "agreement": _agreement(compared),
+        "agreement": agreement_caption(compared),
         "statuses": [
             f"“{words.STATUS[status]}”: {meaning}."
             for status, meaning in words.STATUS_MEANING.items()
@@ -187,7 +187,7 @@ def _bead_page(run: RunFolder, row: rows.BeadRow) -> dict[str, Any]:
             "figures": figures,
             "choices": {"spectrum": spectra, "posterior": posteriors},
             "captions": {
-                f"{p.plateau}/{a.axis}": _captions(
+                f"{p.plateau}/{a.axis}": trace_captions(
                     forces[f"{p.plateau}/{a.axis}"],
                     sampled=f"{p.plateau}/{a.axis}" in posteriors,
                     shared=p.force_shared and a.axis != "z",
@@ -200,69 +200,6 @@ def _bead_page(run: RunFolder, row: rows.BeadRow) -> dict[str, Any]:
         "drawn": figures,
         "axes": [axis for axis in "xyz" if any(key.endswith(axis) for key in forces)],
     }
-
-
-def _agreement(compared: Sequence[Comparison]) -> str:
-    """How far x and y differ overall, in words."""
-    overall = rms_difference(compared)
-    if overall is None:
-        return ""
-    rms, plateaus = overall
-    return (
-        f"x and y differ by {words.number(rms, 2)} combined standard errors (rms over "
-        f"{words.count(plateaus, 'plateau')}; about 1 is chance)."
-    )
-
-
-def _captions(force: Mapping[str, Any], *, sampled: bool, shared: bool) -> dict[str, str]:
-    status = words.text(force["status"])
-    if status == "refused":
-        refused = f"Refused: {words.text(force['refusal'])}"
-        return {"spectrum": refused, "posterior": "No posterior: the trace was refused."}
-    parts = []
-    if words.is_number(force["force_pN"]):
-        shown = words.with_error(force["force_pN"], force["force_stderr_pN"])
-        parts.append(f"force {shown} pN{', common to x and y' if shared else ''}")
-    if words.is_number(force["force_alone_pN"]) and joint_fit(force["method"]):
-        shown = words.with_error(force["force_alone_pN"], force["force_alone_stderr_pN"])
-        parts.append(f"{force['axis']} by itself tells {shown} pN")
-    parts.append(f"fitted: {words.text(force['method'])}")
-    if words.is_number(force["fit_deviance"]):
-        parts.append(
-            f"deviance {words.number(force['fit_deviance'], 4)} for "
-            f"{words.number(force['fit_dof'], 4)} degrees of freedom, "
-            f"p = {words.number(force['fit_p_value'], 2)}"
-        )
-    if status != "ok":
-        meaning = words.STATUS_MEANING.get(status, "")
-        parts.append(f"{words.STATUS.get(status, status)}: {meaning}")
-    ratio = words.number(force["nyquist_ratio"], 2)
-    parts.append(f"corner frequency {ratio} of the Nyquist frequency")
-    text = "; ".join(parts) + "."
-    return {
-        "spectrum": text[0].upper() + text[1:],
-        "posterior": _posterior_caption(force, sampled=sampled, shared=shared),
-    }
-
-
-def _posterior_caption(force: Mapping[str, Any], *, sampled: bool, shared: bool) -> str:
-    if not sampled or not words.is_number(force["posterior_rhat"]):
-        return "No posterior was sampled for this trace."
-    if joint_fit(force["method"]):
-        common = ", and the force that x and y share" if shared else ""
-        of = (
-            "Joint posterior of the bead's series, seen from this trace: its stiffness and "
-            f"friction{common}"
-        )
-    else:
-        of = "Posterior of this trace by itself"
-    numbers = (
-        f"R-hat {words.number(force['posterior_rhat'], 4)}, "
-        f"{words.number(force['posterior_ess'], 3)} effective samples"
-    )
-    if not force["posterior_converged"]:
-        return f"{of}. Not converged ({numbers}): this sample is not yet a posterior."
-    return f"{of}. Converged: {numbers}."
 
 
 def _date(started: Any) -> str:

@@ -51,7 +51,9 @@ def share_a_force(rows: Sequence[Mapping[str, Any]]) -> bool:
 
     An axis that was left out of the joint fit has its own.
     """
-    lateral = [row for row in rows if row["axis"] in ("x", "y") and words.is_number(row["force_pN"])]
+    lateral = [
+        row for row in rows if row["axis"] in ("x", "y") and words.is_number(row["force_pN"])
+    ]
     fits = [joint_fit(row["method"]) for row in lateral]
     return len(lateral) == 2 and all(fit is not None and fit.force_shared for fit in fits)
 
@@ -85,7 +87,9 @@ def comparisons(forces: pd.DataFrame) -> list[Comparison]:
                 given=float(weight @ value / weight.sum()),
                 given_stderr=float(weight.sum() ** -0.5),
                 alone={
-                    row["axis"]: four for row in here if all(map(words.is_number, four := _alone(row)))
+                    row["axis"]: four
+                    for row in here
+                    if all(map(words.is_number, four := _alone(row)))
                 },
             )
         )

@@ -20,6 +20,8 @@ Figure = dict[str, Any]
 AXIS_COLOUR = {"x": "#0072b2", "y": "#d55e00", "z": "#009e73"}
 AXIS_SYMBOL = {"x": "circle", "y": "square", "z": "diamond"}
 PALETTE = ("#0072b2", "#d55e00", "#009e73", "#cc79a7", "#56b4e9", "#e69f00", "#000000", "#8c6d1f")
+# A force that x and y share.
+SHARED_COLOUR, SHARED_SYMBOL = "#6a3d9a", "circle"
 INK, GREY, PALE, PALER = "#222222", "#767676", "#d5d9de", "#eceef1"
 
 
@@ -87,6 +89,16 @@ def log_axis(title: str, values: ArrayLike, *, dense: float = 200, **extra: Any)
         "minor": {"ticks": "outside", "ticklen": 3, "dtick": "D1"},
     }
     return axis(title, type="log", **ticks, **extra)
+
+
+def bars(
+    arrays: Arrays, values: ArrayLike, colour: str, *, below: ArrayLike | None = None
+) -> dict[str, Any]:
+    """Error bars, lopsided if `below` is given."""
+    made: dict[str, Any] = {"type": "data", "array": arrays.add(values), "color": colour}
+    if below is not None:
+        made |= {"symmetric": False, "arrayminus": arrays.add(below)}
+    return made | {"thickness": 1.2, "width": 3}
 
 
 def _power(step: int, decade: int) -> str:

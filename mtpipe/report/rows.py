@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 from mtpipe.report import words
@@ -17,11 +17,16 @@ VERDICTS = ("good", "caution", "refused")
 
 @dataclass(frozen=True)
 class Cell:
-    """What a cell shows; `note` is its interval, or the reason why it is empty."""
+    """What a cell shows; `note` is its interval, or the reason why it is empty.
+
+    `rows` is how many rows of the table it spans; `below` stands in it in small type.
+    """
 
     shown: str
     note: str = ""
     sort: float | None = None
+    rows: int = 1
+    below: str = ""
 
     @property
     def empty(self) -> bool:
@@ -33,7 +38,7 @@ class Cell:
 class BeadRow:
     """One bead of the overview and the head of its own page.
 
-    `radius` is as the joint fit tells it, or the setup's where that took it as exact.
+    `radius` is as the joint fit tells it, `radius_stated` what the setup says.
     """
 
     bead: str
@@ -46,7 +51,7 @@ class BeadRow:
     stretch_modulus: Cell
     friction_ratio: Cell
     radius: Cell
-    radius_beside: str
+    radius_stated: str
     source: ForceSource | None
     tether_model: str
 
@@ -63,12 +68,17 @@ class BeadRow:
 
 @dataclass(frozen=True)
 class ForceRow:
-    """One axis of one plateau; `alone` is the force that the axis tells by itself."""
+    """One axis of one plateau.
+
+    `alone` is the force that the axis tells by itself, `difference` that of x and y in standard
+    errors. None: the cell above spans this row.
+    """
 
     key: str
     axis: str
-    force: Cell
+    force: Cell | None
     alone: Cell
+    difference: Cell | None
     stiffness: Cell
     friction: Cell
     corner: Cell
@@ -82,11 +92,7 @@ class ForceRow:
 
 @dataclass(frozen=True)
 class PlateauRows:
-    """The axes of one plateau.
-
-    `force_shared` says whether x and y, the first two axes, have one force; `difference` is that of
-    the forces they tell by themselves, in standard errors.
-    """
+    """The axes of one plateau; `force_shared` says whether x and y have one force."""
 
     plateau: int
     magnet: Cell
@@ -94,7 +100,6 @@ class PlateauRows:
     lost: str
     extension: Cell
     force_shared: bool
-    difference: Cell
     axes: tuple[ForceRow, ...]
 
 
@@ -131,10 +136,9 @@ def plateau_rows(folder: RunFolder, bead: str) -> list[PlateauRows]:
             magnet=_plain(rows[0]["magnet_mm"], "the recording has no magnet position"),
             times=_times(rows[0]["start_s"], rows[0]["duration_s"]),
             lost=_lost(rows),
-            extension=_extension(rows[0]),
+            extension=_extension(rows[0], len(rows)),
             force_shared=share_a_force(rows),
-            difference=_difference(differences.get(plateau)),
-            axes=tuple(_force_row(row) for row in rows),
+            axes=_axes(rows, differences.get(plateau)),
         )
         for plateau, rows in groups.items()
     ]
@@ -171,7 +175,6 @@ def _bead_row(row: Mapping[str, Any], folder: RunFolder) -> BeadRow:
     no_curve = "no force–extension fit; the reasons say why"
     low, high = row["force_min_pN"], row["force_max_pN"]
     stated = folder.setup.beads.radius_nm
-    fitted = words.is_number(row["radius_nm"])
     forces = folder.forces[folder.forces["bead"] == row["bead"]]
     return BeadRow(
         bead=row["bead"],
@@ -191,8 +194,8 @@ def _bead_row(row: Mapping[str, Any], folder: RunFolder) -> BeadRow:
             "" if words.is_number(row["friction_ratio"]) else "no friction was determined",
             row["friction_ratio"] if words.is_number(row["friction_ratio"]) else None,
         ),
-        radius=_estimate(row, "radius", "nm", "not told by a joint fit"),
-        radius_beside=f"setup: {words.measured(stated, 'nm')}" if fitted or stated.known else "",
+        radius=_estimate(row, "radius", "nm", "no joint fit tells it"),
+        radius_stated=words.measured(stated, "nm"),
         source=force_source(row, records(forces), radius_known=stated.known),
         tether_model=words.MODEL.get(words.text(row["tether_model"]), ""),
     )
@@ -222,6 +225,7 @@ def _force_row(row: Mapping[str, Any]) -> ForceRow:
         alone=_estimate(
             row, "force_alone", "pN", "no force is taken from z" if axis == "z" else why
         ),
+        difference=Cell(words.EMPTY, "not both x and y tell a force by themselves"),
         stiffness=_estimate(row, "stiffness", "pN_per_nm", why, 1e3),
         friction=_estimate(row, "friction", "pN_s_per_nm", why, 1e6),
         corner=_estimate(row, "corner_frequency", "hz", why),
@@ -254,20 +258,32 @@ def _estimate(
     return Cell(words.EMPTY, f"{why_empty}; {remains}" if remains else why_empty)
 
 
-def _extension(row: Mapping[str, Any]) -> Cell:
+def _axes(
+    rows: Sequence[Mapping[str, Any]], difference: tuple[float, float] | None
+) -> tuple[ForceRow, ...]:
+    """The rows of one plateau; x and y have one cell for what they have in common."""
+    axes = {row["axis"]: _force_row(row) for row in rows}
+    x, y = axes.get("x"), axes.get("y")
+    if x is not None and x.force is not None and y is not None:
+        if share_a_force(rows):
+            x = replace(x, force=replace(x.force, rows=2, below="x and y share it"))
+            y = replace(y, force=None)
+        if difference is not None:
+            x, y = replace(x, difference=_difference(*difference)), replace(y, difference=None)
+        axes |= {"x": x, "y": y}
+    return tuple(axes.values())
+
+
+def _difference(value: float, stderr: float) -> Cell:
+    note = f"force from x less that from y: {words.with_error(value, stderr)} pN"
+    return Cell(words.signed(value / stderr, 1), note, rows=2)
+
+
+def _extension(row: Mapping[str, Any], rows: int) -> Cell:
+    shown = words.with_error(row["extension_nm"], row["extension_stderr_nm"])
     return Cell(
-        words.with_error(row["extension_nm"], row["extension_stderr_nm"]),
-        "" if words.is_number(row["extension_nm"]) else "z was not recorded or has no zero",
+        shown, "z was not recorded or has no zero" if shown == words.EMPTY else "", rows=rows
     )
-
-
-def _difference(difference: tuple[float, float] | None) -> Cell:
-    """F_x − F_y over its standard error, with the difference itself as note."""
-    if difference is None:
-        return Cell(words.EMPTY, "not both axes tell a force by themselves")
-    value, stderr = difference
-    shown = words.signed(value / stderr, 1)
-    return Cell(shown, f"force from x less that from y: {words.with_error(value, stderr)} pN")
 
 
 def _times(start_s: Any, duration_s: Any) -> str:
