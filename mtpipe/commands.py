@@ -43,6 +43,26 @@ Seed = Annotated[int, typer.Option(help="Seed of the posteriors.", min=0)]
 Workers = Annotated[int | None, typer.Option(help="Processes; default: one per core.", min=1)]
 
 
+def _known_methods(names: list[str]) -> list[str]:
+    from mtpipe.methods import METHODS
+
+    for name in names:
+        if name not in METHODS:
+            raise typer.BadParameter(f"{name!r} is none of {', '.join(METHODS)}")
+    return names
+
+
+Methods = Annotated[
+    list[str] | None,
+    typer.Option(
+        "--method",
+        help="Another method of the field by which each trace is calibrated too, for comparison: "
+        "equipartition, arctangent, allan, hadamard, … May be given several times.",
+        callback=lambda names: _known_methods(names or []),
+    ),
+]
+
+
 @app.callback(invoke_without_command=True)
 def about(
     version: Annotated[bool, typer.Option("--version", help="Print the version and stop.")] = False,
@@ -60,6 +80,7 @@ def run(
     setup: SetupFile = None,
     seed: Seed = 0,
     workers: Workers = None,
+    method: Methods = None,
 ) -> None:
     """Calibrate a recording: forces, force-extension curves and a report."""
     from mtpipe import pipeline
@@ -71,6 +92,7 @@ def run(
             setup=setup,
             seed=seed,
             workers=workers or os.cpu_count() or 1,
+            methods=method or (),
             progress=progress,
         )
     summary(result, out)

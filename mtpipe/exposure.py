@@ -59,12 +59,13 @@ def estimate_exposure(
             if noise is None
             else "no trace moves fast enough to tell it"
         )
-        return frame_s, 0.0, Notice(
+        assumed = Notice(
             "exposure_assumed",
             "caution",
             f"The exposure is unknown, and {reason}; a whole frame ({frame_s * 1e3:.3g} ms) was "
             "assumed. Read the camera's register: forces near the Nyquist frequency depend on it.",
         )
+        return frame_s, 0.0, assumed
     found = np.array([SHARES_OF_A_FRAME[np.argmin(profile)] for profile in profiles])
     best = float(np.median(found))
     total = np.sum(profiles, axis=0)
@@ -72,7 +73,7 @@ def estimate_exposure(
     step = float(SHARES_OF_A_FRAME[1] - SHARES_OF_A_FRAME[0])
     half = max(float(np.ptp(within)) / 2 + step / 2, float(np.std(found)))
     low, high = max(best - half, 0.0), min(best + half, 1.0)
-    return best * frame_s, half * frame_s, Notice(
+    estimated = Notice(
         "exposure_estimated",
         "caution",
         f"The exposure is unknown; from the blur of {len(profiles)} bead"
@@ -81,6 +82,7 @@ def estimate_exposure(
         "in y as the reference beads show it. A shorter exposure and more noise look the same on "
         "these traces; read the camera's register to be sure.",
     )
+    return best * frame_s, half * frame_s, estimated
 
 
 def _profiles(

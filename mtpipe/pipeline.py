@@ -11,7 +11,7 @@ import json
 import math
 import tempfile
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import asdict, dataclass
 from datetime import UTC, datetime
 from pathlib import Path
@@ -21,6 +21,7 @@ import pandas as pd
 import mtpipe
 from mtpipe import tables
 from mtpipe.calibration import Calibration, calibrate
+from mtpipe.comparison import MethodResult, by_methods
 from mtpipe.drift import subtract_drift
 from mtpipe.errors import MtpipeError
 from mtpipe.extension_curve import ForceExtension
@@ -40,11 +41,13 @@ LEFT_OUT_CODES = ("no_positions", "constant_bead")
 class Run:
     """Everything a run found out.
 
-    `flags` are per bead, about its traces; `curves` exist for beads with enough forces.
+    `others` are forces by other methods, where asked for. `flags` are per bead, about its traces;
+    `curves` exist for beads with enough forces.
     """
 
     recording: Recording
     calibration: Calibration
+    others: tuple[MethodResult, ...]
     flags: dict[str, tuple[Notice, ...]]
     verdicts: tuple[BeadVerdict, ...]
     curves: dict[str, ForceExtension]
@@ -67,6 +70,7 @@ def run(
     setup: Path | str | None = None,
     seed: int = 0,
     workers: int = 1,
+    methods: Sequence[str] = (),
     progress: Progress | None = None,
 ) -> Run:
     """Run the whole pipeline and write its folder.
@@ -79,6 +83,7 @@ def run(
     seed : of the posteriors.
     workers : processes, over which beads are spread. More than one needs the usual guard
         `if __name__ == "__main__":` in a script that calls this.
+    methods : other methods of the field (`mtpipe.METHODS`) by which each trace is calibrated too.
     progress : called with (step, done, of how many).
 
     Raises
@@ -108,6 +113,7 @@ def run(
         progress=lambda done, total: say("calibrating beads", done, total),
     )
     clock.lap("calibrate")
+    others = by_methods(calibration, methods)
     say("fitting tethers", 0, beads)
     curves = tether_curves(calibration)
     clock.lap("force-extension")
@@ -123,7 +129,7 @@ def run(
         calibration, flags, curves, recording.setup, _reference_warnings(recording)
     ) + _left_out(recording)
     result = Run(
-        recording, calibration, flags, verdicts, curves, seed, started, dict(clock.seconds)
+        recording, calibration, others, flags, verdicts, curves, seed, started, dict(clock.seconds)
     )
     say("writing", 0, 1)
     _write_tables(result, raw, out, _title(path, raw.name))
@@ -175,7 +181,7 @@ def _title(path: Path, name: str) -> str:
 
 def _write_tables(result: Run, raw: Recording, out: Path, title: str) -> None:
     calibration = result.calibration
-    forces = tables.forces_table(calibration, result.flags)
+    forces = tables.forces_table(calibration, result.flags, result.others)
     beads = tables.beads_table(calibration, result.verdicts, result.curves)
     details = {
         "spectra": tables.spectra_table(calibration),

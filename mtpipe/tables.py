@@ -14,6 +14,7 @@ import pandas as pd
 
 from mtpipe.bead_results import AxisResult, BeadResult, PlateauResult
 from mtpipe.calibration import Calibration
+from mtpipe.comparison import MethodResult
 from mtpipe.estimate import Estimate
 from mtpipe.extension_curve import ForceExtension
 from mtpipe.fit.tether import TetherFit
@@ -39,8 +40,12 @@ def four(quantity: str, unit: str, estimate: Estimate | None) -> dict[str, float
     }
 
 
-def forces_table(calibration: Calibration, flags: Mapping[str, Sequence[Notice]]) -> pd.DataFrame:
-    """`forces`: a row per bead × plateau × axis."""
+def forces_table(
+    calibration: Calibration,
+    flags: Mapping[str, Sequence[Notice]],
+    others: Sequence[MethodResult] = (),
+) -> pd.DataFrame:
+    """`forces`: a row per bead × plateau × axis, and one more for each other method asked for."""
     rows = []
     for bead in calibration.beads:
         for plateau in bead.plateaus:
@@ -48,7 +53,47 @@ def forces_table(calibration: Calibration, flags: Mapping[str, Sequence[Notice]]
             for one in plateau.axes:
                 mine = [n.code for n in codes if n.axis in (None, one.axis)]
                 rows.append(_force_row(calibration, bead, plateau, one, mine))
-    return pd.DataFrame(rows)
+    return pd.DataFrame(rows + [_method_row(calibration, other) for other in others])
+
+
+def _trace_columns(
+    calibration: Calibration, bead: str, plateau: PlateauResult, axis: str
+) -> dict[str, Any]:
+    """Which trace a row is of."""
+    frames = len(plateau.trace.position_nm)
+    magnet = plateau.plateau.magnet_mm
+    return {
+        "bead": bead,
+        "plateau": plateau.plateau.number,
+        "axis": axis,
+        "magnet_mm": math.nan if magnet is None else magnet,
+        "start_s": plateau.trace.start_s,
+        "duration_s": frames / calibration.conditions.frame_rate_hz,
+        "frames": frames,
+        "lost_frames": plateau.trace.lost_on(AXES.index(axis)),
+        "extension_nm": plateau.extension_nm,
+        "extension_stderr_nm": plateau.extension_stderr_nm,
+    }
+
+
+def _method_row(calibration: Calibration, other: MethodResult) -> dict[str, Any]:
+    fit = other.fit
+    return {
+        **_trace_columns(calibration, other.bead, other.plateau, other.axis),
+        **four("force", "pN", other.force),
+        **four("force_alone", "pN", other.force),
+        **four("stiffness", "pN_per_nm", fit.stiffness if fit else None),
+        **four("friction", "pN_s_per_nm", fit.friction if fit else None),
+        **four("corner_frequency", "hz", fit.corner_frequency if fit else None),
+        **four("effective_radius", "nm", None),
+        **four("noise", "nm", fit.noise if fit else None),
+        "status": fit.stiffness.status if fit else "refused",
+        "tied_to": "",
+        "method": other.method,
+        "posterior_converged": False,
+        "flags": "",
+        "refusal": other.refusal,
+    }
 
 
 def _force_row(
@@ -58,20 +103,9 @@ def _force_row(
     one: AxisResult,
     codes: Iterable[str],
 ) -> dict[str, Any]:
-    frames = len(plateau.trace.position_nm)
     posterior, fit, known = one.posterior, one.fit, one.estimates
-    magnet = plateau.plateau.magnet_mm
     return {
-        "bead": bead.bead,
-        "plateau": plateau.plateau.number,
-        "axis": one.axis,
-        "magnet_mm": math.nan if magnet is None else magnet,
-        "start_s": plateau.trace.start_s,
-        "duration_s": frames / calibration.conditions.frame_rate_hz,
-        "frames": frames,
-        "lost_frames": plateau.trace.lost_on(AXES.index(one.axis)),
-        "extension_nm": plateau.extension_nm,
-        "extension_stderr_nm": plateau.extension_stderr_nm,
+        **_trace_columns(calibration, bead.bead, plateau, one.axis),
         **four("force", "pN", one.force),
         **four("force_alone", "pN", None if one.refusal else one.force_alone),
         **four("stiffness", "pN_per_nm", known.stiffness if known else None),

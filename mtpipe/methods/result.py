@@ -45,7 +45,7 @@ def describe(
 ) -> MethodFit:
     """Estimates from (ln k, ln γ) and their (2, 2) covariance.
 
-    What is not known to better than a factor e^(±0.5) has status "not_identified" and no value, and
+    What is not known to better than a factor e has status "not_identified" and no value, and
     nothing has a value where the method did not converge.
     """
     coordinates = {
@@ -97,7 +97,7 @@ def _logarithmic(
     sigma = math.sqrt(max(variance, 0.0)) if math.isfinite(variance) else math.inf
     if status == "not_converged":
         return Estimate.missing(unit, method, status)
-    if not sigma < 10 * NOT_IDENTIFIED_LN:
+    if not sigma < 5 * NOT_IDENTIFIED_LN:
         return Estimate(math.nan, math.nan, (0.0, math.inf), unit, method, "not_identified")
     value = math.exp(ln_value)
     interval = (math.exp(ln_value - sigma), math.exp(ln_value + sigma))
