@@ -39,6 +39,8 @@ MINIMUM_FRAMES = 64
 # φ below this changes the spectrum by less than a factor of two.
 LEAST_PHI = 0.1
 PHI_LN_STEP = 0.5
+# A trace whose spectrum is empty below Nyquist, but for rounding.
+LEAST_POWER = 1e-12
 # Longer traces are cut into equal segments: their mean periodogram has nearly all the information,
 # and neither memory nor time grows faster than the trace.
 LONGEST_SEGMENT = 2**16
@@ -131,9 +133,12 @@ def periodogram(
         mean = piece[mask].mean() if mask.any() else 0.0
         ordinates += np.abs(fft.rfft(np.where(mask, piece - mean, 0.0))) ** 2
     ordinates *= 2 * frame_s / seen
+    power = np.add.reduceat(ordinates[: edges[-1]], edges[:-1]) / np.diff(edges)
+    if not np.max(power) > LEAST_POWER * variance * frame_s:
+        raise FitError("the position only flips from each frame to the next and back")
     return Spectrum(
         frequency_hz=(edges[:-1] + edges[1:] - 1) / 2 / (length * frame_s),
-        power=np.add.reduceat(ordinates[: edges[-1]], edges[:-1]) / np.diff(edges),
+        power=power,
         ordinates=window.ordinates,
         share=window.share,
         window=window,

@@ -125,6 +125,8 @@ def test_low_frequencies_and_short_traces_are_refused_in_words():
         periodogram(np.arange(10.0), 0.01)
     with pytest.raises(FitError, match="never changes"):
         periodogram(np.ones(100), 0.01)
+    with pytest.raises(FitError, match="flips"):
+        periodogram(np.tile([1.0, -1.0], 500), 0.01)
     with pytest.raises(FitError, match="too short"):
         periodogram(np.random.default_rng(0).normal(size=100), 0.01, lowest_hz=49.0)
     lost = np.full(1000, np.nan)

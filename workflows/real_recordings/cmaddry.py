@@ -64,7 +64,8 @@ def table_of_forces(recording: Recording, calibration: Calibration) -> list[str]
                 lengths = f"{need[0]:5.0f} {need[1]:5.0f}"
             theirs = " ".join(f"{f:7.4g}" for f in printed) if printed else "-"
             lines.append(
-                f"{bead} {rows.name:4} | {theirs:23} | {_interval(x.force)}  {_interval(y.force)}  "
+                f"{bead} {rows.name:4} | {theirs:23} | {_interval(x.force_alone)}  "
+                f"{_interval(y.force_alone)}  "
                 f"{plateau.extension_nm:5.0f} | {lengths}"
             )
     return lines
@@ -84,7 +85,7 @@ def friction_table(calibration: Calibration) -> list[str]:
                 continue
             x, y = (_axis(plateau, name) for name in "xy")
             ratio = [friction_ratio(one, conditions) for one in (x, y)]
-            force = [one.force.value if one.force else math.nan for one in (x, y)]
+            force = [one.force_alone.value if one.force_alone else math.nan for one in (x, y)]
             lines.append(
                 f"{bead.bead} {plateau.plateau.number:3} | {ratio[0]:5.2f} {ratio[1]:5.2f} | "
                 f"{ratio[1] / ratio[0]:5.2f} {force[1] / force[0]:5.2f} | "
@@ -105,19 +106,23 @@ def friction_ratio(one: AxisResult, conditions: Conditions) -> float:
 
 def field_axis(calibration: Calibration) -> list[str]:
     """F_x / F_y on the staircase if the field lay along x, and if along y."""
-    radius = calibration.conditions.radius_nm
+    conditions = calibration.conditions
+    radius = conditions.radius_nm
     assert radius is not None
     lines = ["bead | median F_x/F_y above 0.3 pN, field along x | along y"]
     for bead in calibration.beads:
         along_x, along_y = [], []
         for plateau in bead.plateaus:
             x, y = (_axis(plateau, name) for name in "xy")
-            strong = x.force is not None and x.force.value > FEWEST_STAIRS_PN
+            strong = x.force_alone is not None and x.force_alone.value > FEWEST_STAIRS_PN
             if plateau.plateau.number not in STAIRS or not strong:
                 continue
-            if x.estimates is None or y.estimates is None:
+            if x.force_alone is None or y.force_alone is None:
                 continue
-            stiffness = x.estimates.stiffness.value / y.estimates.stiffness.value
+            levers = [
+                conditions.lever_nm(axis, plateau.extension_nm) or math.nan for axis in (0, 1)
+            ]
+            stiffness = x.force_alone.value / levers[0] / (y.force_alone.value / levers[1])
             lever = plateau.extension_nm / (plateau.extension_nm + radius[0])
             along_x.append(stiffness * lever)
             along_y.append(stiffness / lever)

@@ -12,13 +12,13 @@ import numpy as np
 import pandas as pd
 from report import bias, percent, rms, table
 from scipy import stats
-from series import (
+from series import STATED_BOUND
+from series_cases import (
     EXTENSIONS_NM,
     FORCES_PN,
     HELD,
     RADIUS_NM,
     RATE_HZ,
-    STATED_BOUND,
     VISCOSITY_MPA_S,
     Case,
 )

@@ -23,6 +23,7 @@ import pandas as pd
 import recordings
 import report
 import series
+import series_cases
 import series_tables
 import traces
 
@@ -92,18 +93,19 @@ def _blocks(run: Run, repeats: int, seed: int, challenge_set: Path) -> dict[str,
 def _series_blocks(run: Run, repeats: int, seed: int) -> dict[str, str]:
     """Name → Markdown of the tables of joint fits."""
 
-    def rows(measure: Callable[[Any], Any], cases: Iterable[series.Case]) -> list[Any]:
-        return run(measure, ((c, seed, i) for c, i in itertools.product(cases, range(repeats))))
+    def rows(measure: Callable[[Any], Any], cases: Iterable[series_cases.Case]) -> pd.DataFrame:
+        jobs = ((case, seed, i) for case, i in itertools.product(cases, range(repeats)))
+        return pd.DataFrame(itertools.chain.from_iterable(run(measure, jobs)))
 
-    joint = pd.DataFrame(itertools.chain.from_iterable(rows(series.measure_joint, series.TRUE)))
-    whole = pd.DataFrame(itertools.chain.from_iterable(rows(series.measure_pipeline, [series.HELD])))
-    cases = (*series.TRUE, *series.FAULTY)
-    chosen = pd.DataFrame(rows(series.measure_choice, cases))
+    true = series_cases.TRUE
+    both = (*true, *series_cases.FAULTY)
+    joint = rows(series.measure_joint, true)
+    pipeline = rows(series.measure_pipeline, [series_cases.HELD])
     return {
-        "series": series_tables.joint_table(series.TRUE, joint),
-        "series pipeline": series_tables.pipeline_table(whole, joint),
-        "series false alarms": series_tables.false_alarm_table(series.TRUE, joint),
-        "series choice": series_tables.choice_table(cases, chosen),
+        "series": series_tables.joint_table(true, joint),
+        "series pipeline": series_tables.pipeline_table(pipeline, joint),
+        "series false alarms": series_tables.false_alarm_table(true, joint),
+        "series choice": series_tables.choice_table(both, rows(series.measure_choice, both)),
     }
 
 
