@@ -1,7 +1,9 @@
 """A made-up run folder for the tests of the report: plausible numbers from formulas and a seed.
 
 `write_run_folder` makes three beads by default: a good one whose name is nasty, one without z, and
-one that is refused; more good beads on demand.
+one that is refused; more good beads on demand. The good one has a joint fit in which x and y share
+the force, but for y of plateau 2, which contradicts the others. The first of more beads has one in
+which they share none, and measured friction.
 """
 
 from __future__ import annotations
@@ -23,6 +25,10 @@ KT = 4.114
 STOKES = 6 * np.pi * 0.89e-9 * RADIUS_NM
 FORCES_PN = np.array([0.3, 0.9, 2.6, 7.5, 11.0, 0.15, 4.0, 1.5, 5.5, 0.5])
 PLATEAU_S = 60.0
+LEFT_OUT = (NASTY, 2, "y")
+SHARED = "series of spectra: x and y share the force, friction expected from the setup"
+APART = "series of spectra: x and y apart, friction measured on this bead"
+ALONE = "spectrum, friction expected from the setup"
 
 
 @dataclass(frozen=True)
@@ -30,8 +36,19 @@ class Trace:
     bead: str
     plateau: int
     axis: str
+    force_pN: float
     refused: bool
     measured: bool
+
+    @property
+    def method(self) -> str:
+        if self.axis == "z" or (self.bead, self.plateau, self.axis) == LEFT_OUT:
+            return ALONE
+        return series(self.bead) or ALONE
+
+
+def series(bead: str) -> str:
+    return {NO_Z: "", REFUSED: "", "more0": APART}.get(bead, SHARED)
 
 
 def estimate(quantity: str, unit: str, value: float, relative: float) -> dict[str, float]:
@@ -47,10 +64,11 @@ def missing(quantity: str, unit: str) -> dict[str, float]:
 def write_run_folder(folder: Path, *, good: int = 0, plateaus: int = 4) -> Path:
     rng = np.random.default_rng(7)
     beads = [NASTY, NO_Z, REFUSED, *(f"more{i}" for i in range(good))]
+    forces_pN = FORCES_PN[:plateaus] * rng.normal(1, 0.02, (len(beads), plateaus))
     traces = [
-        Trace(bead, p, axis, bead == REFUSED, not (bead == NO_Z and axis == "z"))
-        for bead in beads
-        for p in range(plateaus)
+        Trace(bead, p, axis, float(force), bead == REFUSED, not (bead == NO_Z and axis == "z"))
+        for bead, of_bead in zip(beads, forces_pN, strict=True)
+        for p, force in enumerate(of_bead)
         for axis in "xyz"
     ]
     (folder / "details").mkdir(parents=True)
@@ -86,9 +104,10 @@ def usable(forces: pd.DataFrame) -> list[dict[str, Any]]:
 
 
 def force_row(t: Trace, rng: np.random.Generator) -> dict[str, Any]:
-    force = float(FORCES_PN[t.plateau] * rng.normal(1, 0.02))
+    alone = t.force_pN * rng.normal(1, 0.02) * (1.15 if t.method == ALONE else 1.0)
+    force = alone if t.method in (ALONE, APART) else t.force_pN
     chain = Chain(CONTOUR_NM, PERSISTENCE_NM, 298.15)
-    length = float(mean_extension_nm(chain, force))
+    length = float(mean_extension_nm(chain, t.force_pN))
     arm = {"x": length, "y": length + RADIUS_NM, "z": CONTOUR_NM / 20}[t.axis]
     friction = STOKES * {"x": 1.3, "y": 1.35, "z": 1.9}[t.axis] * rng.normal(1, 0.02)
     stiffness, fits = force / arm, not t.refused and t.measured
@@ -96,6 +115,7 @@ def force_row(t: Trace, rng: np.random.Generator) -> dict[str, Any]:
     bound = fits and t.plateau == 0
     named = [
         ("force", "pN", force if t.axis != "z" else np.nan, 0.014),
+        ("force_alone", "pN", alone if t.axis != "z" else np.nan, 0.019),
         ("stiffness", "pN_per_nm", stiffness, 0.013),
         ("friction", "pN_s_per_nm", friction, 0.021),
         ("corner_frequency", "hz", corner, 0.024),
@@ -114,7 +134,8 @@ def force_row(t: Trace, rng: np.random.Generator) -> dict[str, Any]:
         "extension_nm": length if t.bead != NO_Z else np.nan,
         "extension_stderr_nm": 6.0 / force if t.bead != NO_Z else np.nan,
         "status": "ok" if fits else "refused",
-        "method": "spectrum, friction free" if fits else "",
+        "tied_to": "",
+        "method": t.method if fits else "none",
         "fit_deviance": float(rng.chisquare(60)) if fits else np.nan,
         "fit_dof": 60.0 if fits else np.nan,
         "fit_p_value": 0.42 if fits else np.nan,
@@ -128,7 +149,9 @@ def force_row(t: Trace, rng: np.random.Generator) -> dict[str, Any]:
     for quantity, unit, value, relative in named:
         row |= estimate(quantity, unit, value, relative) if fits else missing(quantity, unit)
     if t.bead == NO_Z:
-        row |= missing("force", "pN")
+        row |= missing("force", "pN") | missing("force_alone", "pN")
+    if (t.bead, t.plateau, t.axis) == LEFT_OUT:
+        row |= {"flags": "unlike_the_series"}
     if bound:
         row |= {"noise_nm": 0.2, "noise_stderr_nm": np.nan}
         row |= {"noise_low_nm": 0.0, "noise_high_nm": 1.4, "status": "at_bound"}
@@ -155,12 +178,14 @@ def bead_row(bead: str, forces: pd.DataFrame, plateaus: int) -> dict[str, Any]:
         "force_min_pN": mine.min(),
         "force_max_pN": mine.max(),
         "tether_model": "bouchiat" if verdict == "good" else "",
+        "series": series(bead),
         "friction_ratio": np.nan if bead == REFUSED else 1.012,
         "friction_ratio_stderr": np.nan if bead == REFUSED else 0.0137,
     }
     for quantity, unit, value, relative in (
         ("contour_length", "nm", 2703.4, 0.002),
         ("persistence_length", "nm", 49.26, 0.031),
+        ("radius", "nm", 1391.0, 0.012),
     ):
         known = verdict == "good"
         row |= estimate(quantity, unit, value, relative) if known else missing(quantity, unit)
@@ -267,6 +292,10 @@ def run(forces: pd.DataFrame) -> dict[str, Any]:
     ]
     for row in forces[forces["flags"] != ""].to_dict("records"):
         where = row["bead"], row["plateau"], row["axis"]
+        if (*where,) == LEFT_OUT:
+            text = "This trace contradicts the bead's others and was fitted by itself."
+            notices.append(notice("unlike_the_series", "caution", text, *where))
+            continue
         notices += [
             notice(
                 "near_nyquist", "caution", "The corner is 0.7 of the Nyquist frequency.", *where

@@ -17,11 +17,16 @@ from scipy.stats import gamma
 
 from mtpipe.errors import MtpipeError
 from mtpipe.report import write_report
+from mtpipe.report.figures_agreement import agreement_figure
 from mtpipe.report.figures_trace import spectrum_figure
+from mtpipe.report.folder import COLUMNS, read_run_folder
 from mtpipe.report.pages import page_names
+from mtpipe.report.plateau_forces import comparisons, drawn_forces
 from mtpipe.report.plotly_json import Arrays, outline, with_gaps
-from tests.report_folder import NASTY, NO_Z, REFUSED, write_run_folder
+from tests.report_folder import LEFT_OUT, NASTY, NO_Z, REFUSED, write_run_folder
 
+GOOD = "bead-b-id-x-b-1-2.html"
+DESCRIPTION = Path(__file__).parents[1] / "docs" / "run-folder.md"
 GOLDEN = Path(__file__).with_name("test_report_beads.txt")
 
 
@@ -236,6 +241,143 @@ def test_a_limit_is_shown_as_one(tmp_path: Path) -> None:
     page = Page(write_report(folder).with_name("bead-more0.html"))
     moduli = [row[3] for row in page.rows[1:4]]
     assert moduli == [*["—empty: this model is inextensible"] * 2, "> 880"]
+
+
+def test_the_fixture_writes_the_columns_the_report_reads(folder: Path) -> None:
+    for name, columns in COLUMNS.items():
+        assert set(pd.read_parquet(folder / name).columns) == set(columns), name
+
+
+def test_every_column_is_described() -> None:
+    text = DESCRIPTION.read_text(encoding="utf-8")
+    for name, columns in COLUMNS.items():
+        mark = f"| `{Path(name).name}`" if name.startswith("details/") else f"## `{name}`"
+        section = text.split(mark)[1].split("\n" if mark[0] == "|" else "\n## ")[0]
+        named = set(re.findall(r"\w+", " ".join(re.findall("`([^`]+)`", section))))
+        for column in columns:  # an estimate's first column stands for the four
+            first = re.sub("_(stderr|low|high)(?=_)", "", column)
+            assert {column, first} & named or f"(+ `_{column.rsplit('_')[-1]}`)" in section, column
+
+
+def lateral(page: Page, plateau: int) -> list[list[str]]:
+    """Rows x and y of a plateau in the table of forces, from the axis on."""
+    start = next(i for i, row in enumerate(page.rows) if row[:1] == ["Plateau"]) + 1
+    x, y = page.rows[start + 3 * plateau : start + 3 * plateau + 2]
+    return [x[3:], y]
+
+
+def test_a_shared_force_stands_once_with_x_and_y_beside_it(
+    folder: Path, pages: dict[str, Page]
+) -> None:
+    forces = pd.read_parquet(folder / "forces.parquet")
+    x, y = forces[(forces["bead"] == NASTY) & (forces["plateau"] == 1)].head(2).itertuples()
+    assert x.force_pN == y.force_pN
+    shown_x, shown_y = lateral(pages[GOOD], 1)
+    assert shown_x[:2] == ["x", f"{x.force_pN:.3f} ± {x.force_stderr_pN:.3f}x and y share it"]
+    assert shown_x[2].startswith(f"{x.force_alone_pN:.3f} ±")
+    apart = (x.force_alone_pN - y.force_alone_pN) / np.hypot(
+        x.force_alone_stderr_pN, y.force_alone_stderr_pN
+    )
+    assert shown_x[3] == f"{apart:+.1f}".replace("-", "−")
+    # y has neither cell, and goes on with its own force and its stiffness
+    assert shown_y[0] == "y"
+    assert shown_y[1].startswith(f"{y.force_alone_pN:.3f} ±")
+    assert shown_y[2].startswith(f"{1e3 * y.stiffness_pN_per_nm:.3f}"[:4])
+
+
+def test_a_force_that_is_not_shared_stands_in_each_row(pages: dict[str, Page]) -> None:
+    x, y = lateral(pages[GOOD], LEFT_OUT[1])
+    assert not any("share" in cell for cell in (*x, *y))
+    assert len(x) == len(y) + 1  # the difference alone is common to both
+
+
+def test_a_shared_force_is_drawn_once(folder: Path) -> None:
+    drawn = drawn_forces(read_run_folder(folder).forces)
+    mine = drawn[drawn["bead"] == NASTY]
+    assert list(mine["source"]) == ["x and y", "x and y", "x", "y", "x and y"]
+    assert list(mine["plateau"]) == [0, 1, 2, 2, 3]
+
+
+def column(forces: pd.DataFrame, bead: str, axis: str, name: str) -> np.ndarray:
+    """A column of `forces` over the plateaus of a bead."""
+    mine = forces[(forces["bead"] == bead) & (forces["axis"] == axis)]
+    return mine.sort_values("plateau")[name].to_numpy()
+
+
+def test_x_and_y_are_compared_with_the_force_given(tmp_path: Path) -> None:
+    forces = read_run_folder(write_run_folder(tmp_path / "run", good=1)).forces
+    shared = comparisons(forces[forces["bead"] == NASTY])
+    # in plateau 2 y is no part of the joint fit: the force given is that of x
+    given = column(forces, NASTY, "x", "force_pN")
+    np.testing.assert_allclose([one.given for one in shared], given)
+    apart = comparisons(forces[forces["bead"] == "more0"])
+    x, y = (column(forces, "more0", axis, "force_pN") for axis in "xy")
+    # the mean of both, weighted by errors that are in proportion to the forces
+    np.testing.assert_allclose([one.given for one in apart], (1 / x + 1 / y) / (x**-2 + y**-2))
+    arrays = Arrays()
+    figure = resolved(agreement_figure(arrays, shared)["data"], unpacked(arrays.packed()))
+    assert [trace["name"] for trace in figure] == ["x by itself", "y by itself"]
+    for trace, axis in zip(figure, "xy", strict=True):
+        alone = column(forces, NASTY, axis, "force_alone_pN")
+        np.testing.assert_allclose(trace["y"], alone / given, rtol=1e-5)
+    assert agreement_figure(arrays, [])["data"] == []
+
+
+def test_the_page_says_where_the_forces_come_from(pages: dict[str, Page]) -> None:
+    good = " ".join(pages[GOOD].text.split())
+    assert "One joint fit of 7 spectra gives the forces: x and y of a plateau share one" in good
+    assert "The friction is the one expected from radius" in good
+    assert "Plateau 2, y contradicts the others and was fitted by itself." in good
+    assert re.search(r"1391 ± 17 nm\s*setup: 1400 ± 30 nm", good)
+    no_z = " ".join(pages["bead-b2.html"].text.split())
+    assert "Each spectrum was fitted by itself (friction expected from the setup)." in no_z
+    assert "A joint fit needs the extension, which is not known." in no_z
+    assert "fitted by itself" not in pages["bead-b10.html"].text
+
+
+def test_captions_say_which_posterior_is_shown(pages: dict[str, Page]) -> None:
+    captions = pages[GOOD].charts["captions"]
+    joint = "Joint posterior of the bead's series, seen from this trace: its stiffness and friction"
+    assert captions["1/y"]["posterior"].startswith(f"{joint}, and the force that x and y share. C")
+    assert captions["2/x"]["posterior"].startswith(f"{joint}. ")
+    assert captions["2/y"]["posterior"].startswith("Posterior of this trace by itself. ")
+    assert "common to x and y; y by itself tells" in captions["1/y"]["spectrum"]
+    assert "common" not in captions["2/x"]["spectrum"]
+
+
+def test_what_is_not_identified_says_with_what(tmp_path: Path) -> None:
+    folder = write_run_folder(tmp_path / "run", plateaus=1)
+    forces = pd.read_parquet(folder / "forces.parquet")
+    row = (forces["bead"] == NASTY) & (forces["axis"] == "x")
+    forces.loc[row, ["force_pN", "force_low_pN", "force_high_pN"]] = np.nan
+    forces.loc[row, "status"] = "not_identified"
+    for tied, why in (
+        ("stiffness;friction;noise", "the data tell only stiffness, friction and noise together"),
+        ("stiffness", "the data do not determine it"),
+    ):
+        forces.loc[row, "tied_to"] = tied
+        forces.to_parquet(folder / "forces.parquet")
+        assert lateral(Page(write_report(folder).with_name(GOOD)), 0)[0][1] == f"—empty: {why}"
+
+
+def test_forces_by_other_methods_stand_beside_and_change_nothing(tmp_path: Path) -> None:
+    folder = write_run_folder(tmp_path / "run", plateaus=2)
+    before = Page(write_report(folder).with_name(GOOD))
+    forces = pd.read_parquet(folder / "forces.parquet")
+    mine = forces[(forces["bead"] == NASTY) & (forces["axis"] != "z")]
+    allan = mine.assign(method="allan", force_pN=5.0, force_stderr_pN=0.5)
+    failed = mine.assign(method="arctangent", force_pN=np.nan, refusal="frames are lost")
+    failed = failed.assign(force_low_pN=np.nan, force_high_pN=np.nan)
+    allan = allan.assign(force_low_pN=4.5, force_high_pN=5.5)
+    pd.concat([forces, allan, failed]).to_parquet(folder / "forces.parquet")
+    after = Page(write_report(folder).with_name(GOOD))
+    table = [row for row in after.rows if row not in before.rows]
+    assert table[0][-2:] == ["allanpN", "arctangentpN"]
+    assert [row[:2] for row in table[1:]] == [["0", "x"], ["0", "y"], ["1", "x"], ["1", "y"]]
+    assert {row[-2] for row in table[1:]} == {"5.0 ± 0.5"}
+    assert {row[-1] for row in table[1:]} == {"—empty: frames are lost"}
+    assert [row for row in after.rows if row not in table] == before.rows
+    assert after.charts == before.charts
 
 
 def test_beads_of_the_fixture_cover_the_verdicts(folder: Path) -> None:

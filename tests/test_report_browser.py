@@ -145,6 +145,19 @@ def test_printing_gives_charts_the_width_of_the_paper(opened: Open) -> None:
     assert page.locator("details[open]").count() == 0
 
 
+def test_the_table_of_forces_fits_the_window(opened: Open) -> None:
+    page = opened(GOOD)
+    page.set_viewport_size({"width": 1280, "height": 800})
+    table = page.locator(".scroll.wide")
+    assert table.evaluate("place => place.scrollWidth - place.clientWidth") == 0
+    # the columns stay in line where x and y have one cell between them
+    lefts = (
+        "cells => [...new Set(cells.map(cell => Math.round(cell.getBoundingClientRect().left)))]"
+    )
+    assert len(page.locator("table.forces tbody th[scope=row]").evaluate_all(lefts)) == 1
+    assert len(page.locator("table.forces tbody td.status").evaluate_all(lefts)) == 1
+
+
 def test_a_refused_trace_is_said_to_be(opened: Open) -> None:
     page = opened("bead-b2.html")
     assert page.locator("[data-choice=posterior] .main-svg").count() > 0

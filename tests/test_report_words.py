@@ -62,6 +62,22 @@ def test_number(value: float, shown: str) -> None:
     assert words.number(value) == shown
 
 
+@pytest.mark.parametrize(
+    ("value", "shown"), [(1.26, "+1.3"), (-2.0, "−2.0"), (-0.01, "+0.0"), (0.0, "+0.0")]
+)
+def test_signed(value: float, shown: str) -> None:
+    assert words.signed(value, 1) == shown
+
+
+def test_counts() -> None:
+    assert [words.count(n, "bead") for n in (0, 1, 2)] == ["0 beads", "1 bead", "2 beads"]
+    assert [words.count(n, "spectrum", "spectra") for n in (1, 3)] == ["1 spectrum", "3 spectra"]
+
+
+def test_listed() -> None:
+    assert [words.listed(list("abc"[:n])) for n in range(4)] == ["", "a", "a and b", "a, b and c"]
+
+
 def test_names_sort_by_the_numbers_in_them() -> None:
     assert sorted(["b10", "b9", "a", "B2"], key=words.natural) == ["a", "B2", "b9", "b10"]
 

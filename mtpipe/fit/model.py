@@ -113,37 +113,48 @@ class TraceModel:
         if allowed.any():
             inside = theta[allowed]
             value = self.log_likelihood(self.expected(inside))
-            if self.friction is None:
-                value = value + self.log_reference_prior(inside)
+            value = value + self.log_reference_prior(inside)
             out[allowed] = value - 0.5 * np.sum(self._pulls(inside) ** 2, axis=1)
         return out
 
     def log_reference_prior(self, theta: FloatArray) -> FloatArray:
-        """(n,) ln of Jeffreys's prior in (ln k, ln γ) for the trace without noise.
+        """(n,) ln of Jeffreys's prior in ln k, where the trace alone has to tell it.
 
-        The root of the information's determinant, a function of the relaxation time alone. It keeps
-        the posterior from running away where k and γ are known only together (far beyond Nyquist
-        with a short exposure, or with a relaxation time of the trace's length), and makes its
-        intervals cover (Jeffreys 1946; Welch & Peers 1963).
+        The root of the information's determinant, in two cases. Friction free: for a trace without
+        noise it is a function of the relaxation time alone. Friction known and noise of any size:
+        a function of the stiffness, at that friction and for the power that was measured. It keeps
+        the posterior from running away where k and γ, or k and noise, are known only together (far
+        beyond Nyquist, or with a relaxation time of the trace's length), and makes its intervals
+        cover (Jeffreys 1946; Welch & Peers 1963).
         """
-        ln_tau = theta[:, 1] - theta[:, 0]
         knots, values = self._reference_prior
-        return np.interp(ln_tau, knots, values)
+        return np.interp(theta[:, 1] - theta[:, 0], knots, values)
 
     @functools.cached_property
     def _reference_prior(self) -> tuple[FloatArray, FloatArray]:
+        """ln τ, and ln of the prior there."""
         window = self.spectrum.window
         ln_tau = np.arange(
             np.log(1e-3 * window.frame_s), np.log(20 * self.spectrum.duration_s), 0.2
         )
-        theta = np.zeros((len(ln_tau), 3))
-        theta[:, 1] = ln_tau
-        bare = replace(self, noise_variance_nm2=0.0)
-        slope = np.gradient(np.log(bare.expected(theta)), ln_tau, axis=0)
         n = self.ordinates
-        # in (ln variance, ln τ) the information is [[Σn, Σns], [Σns, Σns²]]
-        determinant = n.sum() * (slope**2 @ n) - (slope @ n) ** 2
-        return ln_tau, 0.5 * np.log(np.maximum(determinant, 1e-30))
+        bare = replace(self, noise_variance_nm2=0.0)
+        theta = np.zeros((len(ln_tau), 3))
+        if self.friction is None:
+            theta[:, 1] = ln_tau
+            one = np.gradient(np.log(bare.expected(theta)), ln_tau, axis=0)
+            other = np.ones_like(one)
+        elif self.noise_variance_nm2 is None and not self.noise_is_log:
+            theta[:, 1] = np.log(self.friction[0])
+            theta[:, 0] = theta[:, 1] - ln_tau
+            measured = self.expected(self.start[None])
+            one = np.gradient(bare.expected(theta), ln_tau, axis=0) / measured
+            other = np.tile(window.white / measured, (len(ln_tau), 1))
+        else:
+            return ln_tau, np.zeros_like(ln_tau)
+        determinant = (one**2 @ n) * (other**2 @ n) - ((one * other) @ n) ** 2
+        smallest = 1e-14 * np.max(determinant)
+        return ln_tau, 0.5 * np.log(np.maximum(determinant, smallest))
 
     def slopes(self, theta: FloatArray) -> FloatArray:
         """(free, n_bins) derivatives of ln expected power in the free coordinates at one θ (3,)."""

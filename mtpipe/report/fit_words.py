@@ -70,7 +70,7 @@ def force_source(
     members = [row for row in lateral if joint_fit(row["method"])]
     axes = sorted({row["axis"] for row in members})
     return ForceSource(
-        label="joint fit"
+        label="joint"
         + (", x and y apart" if len(axes) > 1 and not joint.force_shared else "")
         + ("" if joint.friction_expected else ", friction measured"),
         sentence=f"One joint fit of {words.count(len(members), 'spectrum', 'spectra')} gives the "
@@ -143,7 +143,7 @@ def _by_themselves(lateral: Sequence[Mapping[str, Any]]) -> ForceSource:
     )
     frictions = sorted({words.text(row["method"]).partition(", ")[2] for row in lateral} - {""})
     return ForceSource(
-        label="each spectrum by itself",
+        label="each by itself",
         sentence=f"Each spectrum was fitted by itself ({' or '.join(frictions)}).",
         reasons=(why,),
     )

@@ -11,6 +11,7 @@ from typing import Any
 import pandas as pd
 
 from mtpipe.errors import MtpipeError
+from mtpipe.methods import METHODS
 from mtpipe.notice import Notice
 from mtpipe.setup import Setup, parse_setup
 
@@ -34,7 +35,7 @@ COLUMNS: Mapping[str, tuple[str, ...]] = {
         *_four("corner_frequency", "hz"),
         *_four("effective_radius", "nm"),
         *_four("noise", "nm"),
-        *("status", "method", "fit_deviance", "fit_dof", "fit_p_value"),
+        *("status", "tied_to", "method", "fit_deviance", "fit_dof", "fit_p_value"),
         *("posterior_rhat", "posterior_ess", "posterior_converged", "nyquist_ratio"),
         *("flags", "refusal"),
     ),
@@ -76,12 +77,16 @@ COLUMNS: Mapping[str, tuple[str, ...]] = {
 
 @dataclass(frozen=True)
 class RunFolder:
-    """Everything a report is drawn from; tables with the columns of docs/run-folder.md."""
+    """Everything a report is drawn from; tables with the columns of docs/run-folder.md.
+
+    `forces` are mtpipe's own, a row per trace; `others` those by other methods of the field.
+    """
 
     run: Mapping[str, Any]
     setup: Setup
     notices: tuple[Notice, ...]
     forces: pd.DataFrame
+    others: pd.DataFrame
     beads: pd.DataFrame
     spectra: pd.DataFrame
     traces: pd.DataFrame
@@ -105,7 +110,11 @@ def read_run_folder(folder: Path) -> RunFolder:
     """
     run = _read_json(folder / "run.json")
     tables = {name: _read_table(folder / name, columns) for name, columns in COLUMNS.items()}
+    by_others = tables["forces.parquet"]["method"].isin(METHODS)
+    others = tables["forces.parquet"][by_others]
+    tables["forces.parquet"] = tables["forces.parquet"][~by_others]
     return RunFolder(
+        others=others,
         run=run,
         setup=parse_setup(_experiment(run["setup"]), where=str(folder / "run.json")),
         notices=tuple(Notice(**notice) for notice in run["notices"]),

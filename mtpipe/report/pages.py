@@ -15,7 +15,7 @@ from typing import Any
 from jinja2 import Environment, PackageLoader, StrictUndefined
 
 from mtpipe.files import folder_written_whole
-from mtpipe.report import rows, rows_drift, words
+from mtpipe.report import rows, rows_drift, rows_methods, words
 from mtpipe.report.captions import agreement_caption, trace_captions
 from mtpipe.report.figures_agreement import agreement_figure
 from mtpipe.report.figures_bead import (
@@ -145,6 +145,7 @@ def _index_page(run: RunFolder, beads: list[rows.BeadRow]) -> dict[str, Any]:
 def _bead_page(run: RunFolder, row: rows.BeadRow) -> dict[str, Any]:
     arrays, bead = Arrays(), row.bead
     plateaus = rows.plateau_rows(run, bead)
+    methods, by_method = rows_methods.method_rows(run, bead, plateaus)
     forces = {
         f"{int(force['plateau'])}/{force['axis']}": force
         for force in records(run.forces[run.forces["bead"] == bead])
@@ -173,6 +174,8 @@ def _bead_page(run: RunFolder, row: rows.BeadRow) -> dict[str, Any]:
     return {
         "row": row,
         "plateaus": plateaus,
+        "methods": methods,
+        "by_method": by_method,
         "agreement": agreement_caption(compared),
         "statuses": [
             f"“{words.STATUS[status]}”: {meaning}."

@@ -153,11 +153,13 @@ def model_rows(folder: RunFolder, bead: str) -> list[ModelRow]:
             recommended=bool(row["recommended"]),
             forces=words.span(row["force_low_pN"], row["force_high_pN"]),
             points=words.number(row["points"]),
-            contour_length=_estimate(row, "contour_length", "nm", "the fit does not determine it"),
-            persistence_length=_estimate(
+            contour_length=estimate_cell(
+                row, "contour_length", "nm", "the fit does not determine it"
+            ),
+            persistence_length=estimate_cell(
                 row, "persistence_length", "nm", "the fit does not determine it"
             ),
-            stretch_modulus=_estimate(
+            stretch_modulus=estimate_cell(
                 row,
                 "stretch_modulus",
                 "pN",
@@ -186,15 +188,22 @@ def _bead_row(row: Mapping[str, Any], folder: RunFolder) -> BeadRow:
             "" if words.is_number(high) else "no plateau gave a force; the reasons say why",
             high if words.is_number(high) else None,
         ),
-        contour_length=_estimate(row, "contour_length", "nm", no_curve),
-        persistence_length=_estimate(row, "persistence_length", "nm", no_curve),
-        stretch_modulus=_estimate(row, "stretch_modulus", "pN", "only the extensible model has it"),
+        contour_length=estimate_cell(row, "contour_length", "nm", no_curve),
+        persistence_length=estimate_cell(row, "persistence_length", "nm", no_curve),
+        stretch_modulus=estimate_cell(
+            row, "stretch_modulus", "pN", "only the extensible model has it"
+        ),
         friction_ratio=Cell(
             words.with_error(row["friction_ratio"], row["friction_ratio_stderr"]),
             "" if words.is_number(row["friction_ratio"]) else "no friction was determined",
             row["friction_ratio"] if words.is_number(row["friction_ratio"]) else None,
         ),
-        radius=_estimate(row, "radius", "nm", "no joint fit tells it"),
+        radius=estimate_cell(
+            row,
+            "radius",
+            "nm",
+            "taken as exact" if stated.known and not stated.stderr else "no joint fit tells it",
+        ),
         radius_stated=words.measured(stated, "nm"),
         source=force_source(row, records(forces), radius_known=stated.known),
         tether_model=words.MODEL.get(words.text(row["tether_model"]), ""),
@@ -203,9 +212,12 @@ def _bead_row(row: Mapping[str, Any], folder: RunFolder) -> BeadRow:
 
 def _force_row(row: Mapping[str, Any]) -> ForceRow:
     status, axis = words.text(row["status"]), row["axis"]
+    tied = [words.label(name) for name in words.flags(row["tied_to"])]
     why = {
         "refused": "the trace was refused",
-        "not_identified": "the data do not determine it",
+        "not_identified": f"the data tell only {words.listed(tied)} together"
+        if len(tied) > 1
+        else "the data do not determine it",
         "not_converged": "the fit did not converge",
     }.get(status, "not determined")
     codes = words.flags(row["flags"])
@@ -221,16 +233,16 @@ def _force_row(row: Mapping[str, Any]) -> ForceRow:
     return ForceRow(
         key=f"{int(row['plateau'])}/{axis}",
         axis=axis,
-        force=_estimate(row, "force", "pN", "no force is taken from z" if axis == "z" else why),
-        alone=_estimate(
+        force=estimate_cell(row, "force", "pN", "no force is taken from z" if axis == "z" else why),
+        alone=estimate_cell(
             row, "force_alone", "pN", "no force is taken from z" if axis == "z" else why
         ),
         difference=Cell(words.EMPTY, "not both x and y tell a force by themselves"),
-        stiffness=_estimate(row, "stiffness", "pN_per_nm", why, 1e3),
-        friction=_estimate(row, "friction", "pN_s_per_nm", why, 1e6),
-        corner=_estimate(row, "corner_frequency", "hz", why),
-        radius=_estimate(row, "effective_radius", "nm", why),
-        noise=_estimate(row, "noise", "nm", why),
+        stiffness=estimate_cell(row, "stiffness", "pN_per_nm", why, 1e3),
+        friction=estimate_cell(row, "friction", "pN_s_per_nm", why, 1e6),
+        corner=estimate_cell(row, "corner_frequency", "hz", why),
+        radius=estimate_cell(row, "effective_radius", "nm", why),
+        noise=estimate_cell(row, "noise", "nm", why),
         fit=Cell(
             words.number(row["fit_p_value"], 2),
             _quality(row["fit_deviance"], row["fit_dof"], row["fit_p_value"], "deviance"),
@@ -241,9 +253,10 @@ def _force_row(row: Mapping[str, Any]) -> ForceRow:
     )
 
 
-def _estimate(
+def estimate_cell(
     row: Mapping[str, Any], quantity: str, unit: str, why_empty: str, factor: float = 1.0
 ) -> Cell:
+    """An estimate from its four columns, times a factor."""
     value, stderr, low, high = (
         math.nan if cell is None else factor * cell
         for cell in (row[f"{quantity}{part}_{unit}"] for part in ("", "_stderr", "_low", "_high"))

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import math
 import re
+from collections.abc import Sequence
 from typing import Any
 
 from mtpipe.setup import Measured, Setup
@@ -172,6 +173,11 @@ def natural(name: str) -> list[tuple[int, int, str]]:
 def count(amount: int, noun: str, plural: str = "") -> str:
     """`1 bead`, `2 beads`; `2 spectra`."""
     return f"{amount} {noun if amount == 1 else plural or f'{noun}s'}"
+
+
+def listed(names: Sequence[str]) -> str:
+    """`a`, `a and b`, `a, b and c`."""
+    return " and ".join(filter(None, (", ".join(names[:-1]), *names[-1:])))
 
 
 def _decimals(error: float) -> int:
