@@ -24,8 +24,8 @@ from mtpipe.errors import FitError
 from mtpipe.estimate import Estimate
 from mtpipe.extension import mean_with_stderr
 from mtpipe.fit.posterior import sample_posterior
-from mtpipe.fit.series import SeriesPosterior, sample_series
 from mtpipe.fit.series_model import BeadPrior
+from mtpipe.fit.series_posterior import SeriesPosterior, sample_series
 from mtpipe.fit.trace import TraceFit, fit_model
 from mtpipe.free_fits import (
     LATERAL,

@@ -3,18 +3,20 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 
 from mtpipe.estimate import Estimate, Status
-from mtpipe.fit.sampling import Mixture, Student, sample
-from mtpipe.fit.trace import NOT_IDENTIFIED_LN, TraceFit, fit_model, tied
+from mtpipe.fit.ridge import NoiseCoordinate, RidgeProposal, follow_ridge
+from mtpipe.fit.sampling import sample
+from mtpipe.fit.trace import NOT_IDENTIFIED_LN, TraceFit, tied
 from mtpipe.physics.camera import FloatArray
 
 METHOD = "spectrum, posterior"
-TAIL_DEGREES = 5.0
-TAIL_WIDENING = 1.3
+# Degrees of freedom, widening, share: heavy tails cost little in two or three dimensions.
+DERIVATIVE_STEP = 1e-4
+PROPOSAL_LAWS = ((5.0, 1.3, 1.0),)
 
 
 @dataclass(frozen=True)
@@ -107,47 +109,28 @@ def sample_posterior(fit: TraceFit, *, seed: int | np.random.Generator = 0) -> P
     return Posterior(theta, chain.r_hat, chain.effective_samples, chain.converged, fit)
 
 
-def _proposal(fit: TraceFit) -> Mixture | _Folded:
-    """Where walkers are proposed to go.
-
-    A Student law about the maximum. Where noise has a prior, an equal share of a second one holds
-    what the prior alone says of it, with stiffness and friction as they are then: the posterior has
-    a shoulder there. A noise variance is folded to stay positive.
-    """
-    free = fit.model.free
-    log = fit.model.noise_is_log
+def _proposal(fit: TraceFit) -> RidgeProposal:
+    """A law about the maximum that covers the posterior."""
+    model, free = fit.model, list(fit.model.free)
     covariance = fit.covariance[np.ix_(free, free)]
     # where the data say nothing the Gaussian approximation is no guide: keep it within reason
-    size = np.sqrt(np.diag(covariance))
-    limit = np.array([3.0, 3.0, 3.0 if log else fit.model.spectrum.variance_nm2])[: len(size)]
-    shrink = np.minimum(1.0, limit / size)
-    main = _student(fit.theta[list(free)], covariance * np.outer(shrink, shrink))
-    if log and fit.model.noise_prior_nm is not None:
-        median, factor = fit.model.noise_prior_nm
-        usual = fit_model(replace(fit.model, noise_variance_nm2=median**2))
-        centre = np.append(usual.theta[:2], 2 * math.log(median))
-        covariance = np.zeros((3, 3))
-        covariance[:2, :2] = usual.covariance[:2, :2] * np.outer(shrink[:2], shrink[:2])
-        covariance[2, 2] = (2 * math.log(factor)) ** 2
-        return Mixture((main, _student(centre, covariance)), (0.5, 0.5))
-    return _Folded(main) if len(free) == 3 else Mixture((main,), (1.0,))
+    largest_noise = 3.0 if model.noise_is_log else model.spectrum.variance_nm2
+    limit = np.array([3.0, 3.0, largest_noise])[free]
+    shrink = np.minimum(1.0, limit / np.sqrt(np.diag(covariance)))
+    noise = [NoiseCoordinate(2, model.noise_prior_nm)] if 2 in free else []
 
+    def move(theta: FloatArray) -> FloatArray:
+        """Step of stiffness and friction towards their maximum."""
+        shift = DERIVATIVE_STEP * np.eye(3)[:2]
+        residuals = model.residuals(np.vstack([theta + shift, theta - shift, theta]))
+        jacobian = ((residuals[:2] - residuals[2:4]) / (2 * DERIVATIVE_STEP)).T
+        return np.asarray(-np.linalg.lstsq(jacobian, residuals[4], rcond=None)[0])
 
-def _student(centre: FloatArray, covariance: FloatArray) -> Student:
-    return Student.about(centre, covariance, degrees=TAIL_DEGREES, widening=TAIL_WIDENING)
-
-
-@dataclass(frozen=True)
-class _Folded:
-    """A Student law whose last coordinate, a noise variance, is folded to stay positive."""
-
-    law: Student
-
-    def draw(self, n: int, generator: np.random.Generator) -> FloatArray:
-        drawn = self.law.draw(n, generator)
-        drawn[:, 2] = np.abs(drawn[:, 2])
-        return drawn
-
-    def log_density(self, points: FloatArray) -> FloatArray:
-        mirrored = points * np.array([1.0, 1.0, -1.0])
-        return np.logaddexp(self.law.log_density(points), self.law.log_density(mirrored))
+    stderr = math.sqrt(covariance[-1, -1]) * shrink[-1]
+    return RidgeProposal.at(
+        fit.theta[free],
+        covariance * np.outer(shrink, shrink),
+        noise,
+        [follow_ridge(fit.theta, stderr, one, [0, 1], move) for one in noise],
+        PROPOSAL_LAWS,
+    )

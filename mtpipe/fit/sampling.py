@@ -20,7 +20,6 @@ from scipy import special
 from mtpipe.errors import FitError
 from mtpipe.physics.camera import FloatArray
 
-LEAST_WALKERS = 32
 STEPS_AT_ONCE = 100
 LONGEST_CHAIN = 2000
 AUTOCORRELATION_TIMES = 50
@@ -64,6 +63,8 @@ def sample(
     proposal: Proposal,
     centre: FloatArray,
     generator: np.random.Generator,
+    *,
+    walkers: int = 32,
 ) -> Chain:
     """Sample a posterior.
 
@@ -72,6 +73,7 @@ def sample(
     log_probability : from (n, dimensions) to (n,); −inf where not allowed.
     proposal : a law that covers the posterior.
     centre : (dimensions,) the maximum, where the posterior is not zero.
+    walkers : at least two more than twice the dimensions.
 
     Raises
     ------
@@ -84,7 +86,6 @@ def sample(
         return drawn, proposal.log_density(walkers) - proposal.log_density(drawn)
 
     dimensions = len(centre)
-    walkers = max(LEAST_WALKERS, 2 * dimensions + 2)
     sampler = emcee.EnsembleSampler(
         walkers,
         dimensions,

@@ -82,7 +82,7 @@ class SeriesModel:
         kind = "ln_force" if self.force_shared else "ln_stiffness"
         drives = ["_".join([kind, *map(str, drive)]) for drive in self._drives]
         radius = ["ln_radius"] if self.radius_free else []
-        return (*drives, *radius, "ln_friction_scale", *(f"noise_{a}" for a in self._axes))
+        return (*drives, *radius, "ln_friction_scale", *(f"noise_{a}" for a in self.axes))
 
     @property
     def radius_free(self) -> bool:
@@ -92,8 +92,14 @@ class SeriesModel:
         )
 
     @functools.cached_property
-    def _axes(self) -> tuple[int, ...]:
+    def axes(self) -> tuple[int, ...]:
+        """The axes that are part of the series."""
         return tuple(sorted({trace.axis for trace in self.traces}))
+
+    @property
+    def drives(self) -> list[int]:
+        """Indices of the forces or stiffnesses."""
+        return list(range(len(self._drives)))
 
     @functools.cached_property
     def _drives(self) -> tuple[tuple[int, ...], ...]:
@@ -124,11 +130,6 @@ class SeriesModel:
         """Whether a coordinate is a noise variance ε² ≥ 0; all others are logarithms."""
         is_noise = self.names[coordinate].startswith("noise")
         return is_noise and not self.noise_is_log(self.axis_of(coordinate))
-
-    @property
-    def logarithmic_noise(self) -> list[int]:
-        """Indices of the noise coordinates that are logarithms."""
-        return [self.noise(axis) for axis in self._axes if self.noise_is_log(axis)]
 
     def axis_of(self, coordinate: int) -> int:
         """Axis of a noise coordinate."""
@@ -178,47 +179,69 @@ class SeriesModel:
         parts = [t.model.deviance_roots(self.expected(theta, t)) for t in self.traces]
         return np.hstack([*parts, self._pulls(theta)])
 
-    def log_posterior(self, theta: FloatArray) -> FloatArray:
-        """(n,) up to a constant; −inf where not allowed. Flat priors: as in `TraceModel`."""
-        allowed = np.abs(theta - self.start)[:, : len(self._drives)].max(axis=1) < PRIOR_HALF_WIDTH
+    def log_likelihood(self, theta: FloatArray, trace: SeriesTrace) -> FloatArray:
+        """(n,) ln of one trace's likelihood, up to a constant."""
+        return trace.model.log_likelihood(self.expected(theta, trace))
+
+    @functools.cached_property
+    def common(self) -> list[int]:
+        """Indices of the coordinates that all traces share: all but forces and stiffnesses."""
+        return list(range(len(self._drives), len(self.names)))
+
+    def log_prior(self, theta: FloatArray) -> FloatArray:
+        """(n,) of the common coordinates, up to a constant; −inf where not allowed."""
         scale = self.friction_scale
-        allowed &= np.abs(theta[:, scale] - self.start[scale]) < PRIOR_HALF_WIDTH
+        allowed = np.abs(theta[:, scale] - self.start[scale]) < PRIOR_HALF_WIDTH
         if self.radius_free:
             ln_radius = theta[:, self.names.index("ln_radius")]
             allowed &= np.abs(ln_radius - math.log(self.bead.radius_nm[0])) < RADIUS_HALF_WIDTH
-        for axis in self._axes:
+        for axis in self.axes:
             noise = theta[:, self.noise(axis)]
             log = self.noise_is_log(axis)
             allowed &= np.abs(noise) < LARGEST_LN_NOISE if log else noise >= 0
         out = np.full(len(theta), -np.inf)
-        if allowed.any():
-            inside = theta[allowed]
-            value = -0.5 * np.sum(self._pulls(inside) ** 2, axis=1)
-            for trace in self.traces:
-                value = value + trace.model.log_likelihood(self.expected(inside, trace))
-            out[allowed] = value
+        out[allowed] = -0.5 * np.sum(self._pulls(theta[allowed]) ** 2, axis=1)
         return out
 
-    def slopes(self, theta: FloatArray) -> list[FloatArray]:
-        """Per trace (dimensions, n_bins): derivatives of ln expected power at one θ."""
-        low, high = self.around(theta)
-        width = np.sum(high - low, axis=1)[:, None]
+    def slopes(self, theta: FloatArray) -> list[tuple[list[int], FloatArray]]:
+        """Per trace, which coordinates move it, and (those, n_bins): how its ln power follows."""
         return [
-            (np.log(self.expected(high, t)) - np.log(self.expected(low, t))) / width
+            (mine, (np.log(self.expected(high, t)) - np.log(self.expected(low, t))) / width)
             for t in self.traces
+            for mine, low, high, width in [self._around_trace(theta, t)]
         ]
 
     def jacobian(self, theta: FloatArray) -> FloatArray:
         """(residuals, dimensions) derivatives of the residuals at one θ."""
+        blocks = []
+        for trace in self.traces:
+            mine, low, high, width = self._around_trace(theta, trace)
+            roots = trace.model.deviance_roots
+            block = np.zeros((len(trace.model.ordinates), len(theta)))
+            change = roots(self.expected(high, trace)) - roots(self.expected(low, trace))
+            block[:, mine] = (change / width).T
+            blocks.append(block)
+        return np.vstack([*blocks, self._pull_slopes(theta).T])
+
+    def _around_trace(
+        self, theta: FloatArray, trace: SeriesTrace
+    ) -> tuple[list[int], FloatArray, FloatArray, FloatArray]:
+        """Coordinates that move a trace, θ below and above in each, and how far apart."""
+        mine = [self.drive(trace), *self.common]
+        low, high = (rows[mine] for rows in self.around(theta))
+        return mine, low, high, np.sum(high - low, axis=1)[:, None]
+
+    def _pull_slopes(self, theta: FloatArray) -> FloatArray:
+        """(dimensions, number of priors) derivatives of the pulls."""
         low, high = self.around(theta)
         width = np.sum(high - low, axis=1)[:, None]
-        return np.asarray(((self.residuals(high) - self.residuals(low)) / width).T)
+        return np.asarray((self._pulls(high) - self._pulls(low)) / width)
 
     def around(self, theta: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Below and above one θ, (dimensions, dimensions) each: a row per coordinate moved."""
         shift = np.diag(DERIVATIVE_STEP * self.units)
         low, high = theta - shift, theta + shift
-        for axis in self._axes:
+        for axis in self.axes:
             if not self.noise_is_log(axis):
                 low[:, self.noise(axis)] = np.maximum(low[:, self.noise(axis)], 0.0)
         return low, high
@@ -227,7 +250,7 @@ class SeriesModel:
     def units(self) -> FloatArray:
         """Size of a natural step in each coordinate."""
         units = np.ones(len(self.names))
-        for axis in self._axes:
+        for axis in self.axes:
             if not self.noise_is_log(axis):
                 variances = [t.model.spectrum.variance_nm2 for t in self.traces if t.axis == axis]
                 units[self.noise(axis)] = min(variances)
@@ -235,13 +258,10 @@ class SeriesModel:
 
     def information(self, theta: FloatArray) -> FloatArray:
         """Expected Fisher information at one θ, priors included."""
-        slopes = self.slopes(theta)
         information = np.zeros((len(theta), len(theta)))
-        for slope, trace in zip(slopes, self.traces, strict=True):
-            information += (slope * trace.model.ordinates) @ slope.T
-        low, high = self.around(theta)
-        width = np.sum(high - low, axis=1)[:, None]
-        pulls = (self._pulls(high) - self._pulls(low)) / width
+        for (mine, slope), trace in zip(self.slopes(theta), self.traces, strict=True):
+            information[np.ix_(mine, mine)] += (slope * trace.model.ordinates) @ slope.T
+        pulls = self._pull_slopes(theta)
         return np.asarray(information + pulls @ pulls.T)
 
     def _pulls(self, theta: FloatArray) -> FloatArray:
@@ -252,7 +272,7 @@ class SeriesModel:
             pulls.append((self.radius_nm(theta) - radius) / stderr)
         if math.isfinite(self.bead.friction_ln_stderr):
             pulls.append(theta[:, self.friction_scale] / self.bead.friction_ln_stderr)
-        for axis in self._axes:
+        for axis in self.axes:
             prior = self.bead.noise_nm[axis]
             if prior is not None:
                 ratio = theta[:, self.noise(axis)] / 2 - math.log(prior[0])
@@ -265,7 +285,7 @@ class SeriesModel:
         theta = np.zeros(len(self.names))
         if self.radius_free:
             theta[self.names.index("ln_radius")] = math.log(self.bead.radius_nm[0])
-        for axis in self._axes:
+        for axis in self.axes:
             prior = self.bead.noise_nm[axis]
             theta[self.noise(axis)] = (
                 2 * math.log(prior[0]) if prior else 0.05 * self.units[self.noise(axis)]

@@ -18,8 +18,9 @@ from series_cases import EXTENSIONS_NM, FORCES_PN, NOISE_NM, RADIUS_NM, Case, Se
 import mtpipe
 from mtpipe.conditions import Conditions, conditions_of
 from mtpipe.estimate import Estimate
-from mtpipe.fit.series import SeriesFit, fit_series, sample_series
+from mtpipe.fit.series import SeriesFit, fit_series
 from mtpipe.fit.series_model import BeadPrior, SeriesModel
+from mtpipe.fit.series_posterior import sample_series
 from mtpipe.free_fits import LATERAL, free_fit, friction_ratio
 from mtpipe.friction_prior import FrictionPrior, MeasuredFriction
 from mtpipe.recording import AXES

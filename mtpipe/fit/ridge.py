@@ -1,0 +1,207 @@
+"""Where the walkers of a posterior with tracking noise are proposed to go.
+
+Noise and stiffness trade along a ridge that is no straight line: beyond the Nyquist frequency both
+only show as a level of the spectrum. So the noise is drawn first, as a variance, in which the
+likelihood is nearly Gaussian down to zero, or from its prior; all else follows from its Gaussian
+approximation about where it is likeliest given that noise.
+"""
+
+from __future__ import annotations
+
+import itertools
+import math
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.interpolate import CubicSpline
+
+from mtpipe.fit.model import LARGEST_LN_NOISE
+from mtpipe.fit.sampling import Mixture, Student
+from mtpipe.physics.camera import FloatArray
+
+NOISE_DEGREES = 5.0
+NOISE_WIDENING = 1.25
+PRIOR_SHARE = 0.15
+# The likeliest values given the noise are followed from zero noise to so many standard errors.
+RIDGE_SIGMAS = 4.0
+RIDGE_ITERATIONS = 2
+SMALLEST_RATIO = 0.01
+
+
+@dataclass(frozen=True)
+class NoiseCoordinate:
+    """A coordinate that is a tracking noise: ε² itself, or its logarithm with a prior.
+
+    `prior_nm`: median and the factor that holds 68 %, for the logarithm; None: ε² with a flat one.
+    """
+
+    index: int
+    prior_nm: tuple[float, float] | None
+
+    def variance(self, values: FloatArray) -> FloatArray:
+        """ε² in nm²."""
+        return values if self.prior_nm is None else np.exp(np.minimum(values, LARGEST_LN_NOISE))
+
+    def coordinate(self, variance: float) -> float:
+        """The coordinate of an ε²."""
+        return variance if self.prior_nm is None else math.log(variance)
+
+
+@dataclass(frozen=True)
+class RidgeProposal:
+    """A law of all coordinates: that of the noise, and of all else given the noise."""
+
+    noise: tuple[NoiseCoordinate, ...]
+    noise_law: _NoiseLaw | None
+    others: list[int]
+    rest: Mixture
+    ridges: tuple[CubicSpline, ...]
+
+    @classmethod
+    def at(
+        cls,
+        theta: FloatArray,
+        covariance: FloatArray,
+        noise: Sequence[NoiseCoordinate],
+        ridges: Sequence[CubicSpline],
+        laws: Sequence[tuple[float, float, float]],
+    ) -> RidgeProposal:
+        """About a maximum.
+
+        Parameters
+        ----------
+        theta, covariance : (d,), (d, d) maximum and Gaussian approximation.
+        ridges : for each noise, how far all else moves with its variance (`follow_ridge`).
+        laws : degrees of freedom, widening and share of each part of the law of all else.
+        """
+        chosen = [one.index for one in noise]
+        others = [i for i in range(len(theta)) if i not in chosen]
+        of_rest, noise_law = covariance[np.ix_(others, others)], None
+        if noise:
+            of_noise = covariance[np.ix_(chosen, chosen)]
+            across = covariance[np.ix_(others, chosen)]
+            of_rest = of_rest - across @ np.linalg.solve(of_noise, across.T)
+            noise_law = _NoiseLaw.at(theta[chosen], of_noise, noise)
+        rest = Mixture(
+            tuple(
+                Student.about(theta[others], of_rest, degrees=degrees, widening=widening)
+                for degrees, widening, _ in laws
+            ),
+            tuple(share for _, _, share in laws),
+        )
+        return cls(tuple(noise), noise_law, others, rest, tuple(ridges))
+
+    def draw(self, n: int, generator: np.random.Generator) -> FloatArray:
+        """(n, d) points."""
+        drawn = np.empty((n, len(self.noise) + len(self.others)))
+        if self.noise_law is not None:
+            drawn[:, [one.index for one in self.noise]] = self.noise_law.draw(n, generator)
+        drawn[:, self.others] = self.rest.draw(n, generator) + self._moved(drawn)
+        return drawn
+
+    def log_density(self, points: FloatArray) -> FloatArray:
+        """(n,) up to a constant."""
+        density = self.rest.log_density(points[:, self.others] - self._moved(points))
+        if self.noise_law is not None:
+            chosen = [one.index for one in self.noise]
+            density = density + self.noise_law.log_density(points[:, chosen])
+        return density
+
+    def _moved(self, points: FloatArray) -> FloatArray:
+        """How far the noise moves all else."""
+        moved = np.zeros((len(points), len(self.others)))
+        for one, ridge in zip(self.noise, self.ridges, strict=True):
+            moved += ridge(np.clip(one.variance(points[:, one.index]), 0.0, ridge.x[-1]))
+        return moved
+
+
+@dataclass(frozen=True)
+class _NoiseLaw:
+    """The variances are Student, folded to be positive; a share of those with a prior is of it."""
+
+    noise: tuple[NoiseCoordinate, ...]
+    variances: Student
+    prior: Student | None
+
+    @classmethod
+    def at(
+        cls, centre: FloatArray, covariance: FloatArray, noise: Sequence[NoiseCoordinate]
+    ) -> _NoiseLaw:
+        variance = np.array([
+            float(one.variance(np.array(c))) for one, c in zip(noise, centre, strict=True)
+        ])  # fmt: skip
+        unit = np.array([
+            1.0 if one.prior_nm is None else v for one, v in zip(noise, variance, strict=True)
+        ])  # fmt: skip
+        law = Student.about(
+            variance,
+            covariance * np.outer(unit, unit),
+            degrees=NOISE_DEGREES,
+            widening=NOISE_WIDENING,
+        )
+        priors = [one.prior_nm for one in noise if one.prior_nm is not None]
+        prior = None
+        if len(priors) == len(noise):
+            median = np.array([2 * math.log(nm) for nm, _ in priors])
+            width = np.array([2 * math.log(factor) for _, factor in priors])
+            prior = Student.about(median, np.diag(width**2), degrees=NOISE_DEGREES, widening=1.0)
+        return cls(tuple(noise), law, prior)
+
+    def draw(self, n: int, generator: np.random.Generator) -> FloatArray:
+        """(n, noises) coordinates."""
+        drawn = np.abs(self.variances.draw(n, generator))
+        for column, one in enumerate(self.noise):
+            if one.prior_nm is not None:
+                drawn[:, column] = np.log(drawn[:, column])
+        if self.prior is None:
+            return drawn
+        chosen = generator.random(n) < PRIOR_SHARE
+        return np.where(chosen[:, None], self.prior.draw(n, generator), drawn)
+
+    def log_density(self, points: FloatArray) -> FloatArray:
+        """(n,) up to a constant."""
+        variance = np.column_stack([
+            one.variance(points[:, column]) for column, one in enumerate(self.noise)
+        ])  # fmt: skip
+        signs = itertools.product((1.0, -1.0), repeat=variance.shape[1])
+        folded = [self.variances.log_density(variance * np.array(sign)) for sign in signs]
+        density = np.logaddexp.reduce(folded)
+        for column, one in enumerate(self.noise):
+            if one.prior_nm is not None:
+                density = density + points[:, column]
+        if self.prior is None:
+            return np.asarray(density)
+        of_prior = math.log(PRIOR_SHARE) + self.prior.log_density(points)
+        return np.asarray(np.logaddexp(math.log(1 - PRIOR_SHARE) + density, of_prior))
+
+
+def follow_ridge(
+    theta: FloatArray,
+    stderr: float,
+    noise: NoiseCoordinate,
+    others: list[int],
+    move: Callable[[FloatArray], FloatArray],
+) -> CubicSpline:
+    """How far the likeliest values of all else move with a noise variance, from where they are.
+
+    Parameters
+    ----------
+    theta : (d,) the maximum. stderr : of the noise's coordinate.
+    others : indices of all else.
+    move : from θ (d,) the step of all else towards its maximum for that noise.
+    """
+    centre = float(noise.variance(theta[noise.index]))
+    width = stderr if noise.prior_nm is None else centre * min(stderr, 1.0)
+    highest = centre + RIDGE_SIGMAS * width
+    found = {centre: np.zeros(len(others))}
+    lower = () if centre < SMALLEST_RATIO * highest else (0.75, 0.5, 0.25, SMALLEST_RATIO)
+    for values in (centre * np.array(lower), np.linspace(centre, highest, 6)[1:]):
+        moved = theta.copy()
+        for value in values:
+            moved[noise.index] = noise.coordinate(float(value))
+            for _ in range(RIDGE_ITERATIONS):
+                moved[others] += np.clip(move(moved), -1.0, 1.0)
+            found[float(value)] = moved[others] - theta[others]
+    nodes = sorted(found)
+    return CubicSpline(nodes, np.array([found[node] for node in nodes]))

@@ -1,0 +1,224 @@
+"""Posterior of a bead's series.
+
+Given what the traces share (radius, friction scale, noise) the forces of the plateaus are
+independent. So only what is shared is sampled, with emcee, each force integrated out about where it
+is likeliest (Laplace; Tierney & Kadane 1986); then each force is drawn from its own exact law given
+the shared values. The number of plateaus does not make the sampling harder.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+from scipy.interpolate import CubicSpline
+
+from mtpipe.fit.posterior import Posterior
+from mtpipe.fit.ridge import NoiseCoordinate, RidgeProposal, follow_ridge
+from mtpipe.fit.sampling import Chain, sample
+from mtpipe.fit.series import SeriesFit
+from mtpipe.fit.series_model import SeriesTrace
+from mtpipe.physics.camera import FloatArray
+
+# Degrees of freedom, widening, share of the proposals.
+PROPOSAL_LAWS = ((5.0, 1.3, 1.0),)
+WALKERS = 16
+DRAWS = 600
+# A force's law is tabulated from −5 to 5 of its standard errors, and finely inverted.
+NODES = np.linspace(-5.0, 5.0, 13)
+FINE = np.linspace(-5.0, 5.0, 401)
+LARGEST_STEP = 3.0
+SMALLEST_CURVATURE = 0.05
+# Where the data say nothing the Gaussian approximation is no guide: keep it within reason.
+LARGEST_LN_STDERR = 1.0
+
+
+@dataclass(frozen=True)
+class SeriesPosterior:
+    """Posterior of a series: a chain in the model's coordinates."""
+
+    fit: SeriesFit
+    chain: Chain
+
+    def trace(self, trace: SeriesTrace) -> Posterior:
+        """What the chain says of one trace."""
+        return Posterior(
+            theta=self.fit.model.coordinates(self.chain.theta, trace),
+            r_hat=self.chain.r_hat,
+            effective_samples=self.chain.effective_samples,
+            converged=self.chain.converged,
+            fit=self.fit.trace_fit(trace),
+        )
+
+    def force_pN(self, trace: SeriesTrace) -> FloatArray:
+        """(n_samples,) force on a trace's bead in its plateau, the extension taken as exact."""
+        model, theta = self.fit.model, self.chain.theta
+        drive = np.exp(theta[:, model.drive(trace)])
+        return drive if model.force_shared else drive * model.lever_nm(theta, trace)
+
+    @property
+    def radius_nm(self) -> FloatArray:
+        """(n_samples,)"""
+        return self.fit.model.radius_nm(self.chain.theta)
+
+
+def sample_series(fit: SeriesFit, *, seed: int | np.random.Generator = 0) -> SeriesPosterior:
+    """Sample the posterior of a fitted series.
+
+    Raises
+    ------
+    FitError : the priors exclude the maximum.
+    """
+    generator = np.random.default_rng(seed)
+    forces = _Forces.at(fit)
+    common = fit.model.common
+    centre = fit.theta[common]
+    noise = [
+        NoiseCoordinate(common.index(fit.model.noise(axis)), fit.model.bead.noise_nm[axis])
+        for axis in fit.model.axes
+    ]
+    others = [i for i in range(len(common)) if i not in [one.index for one in noise]]
+    covariance = forces.covariance[np.ix_(common, common)]
+    proposal = RidgeProposal.at(
+        centre,
+        covariance,
+        noise,
+        [_part(ridge, others, fit, common) for ridge in forces.ridges],
+        PROPOSAL_LAWS,
+    )
+    chain = sample(forces.log_marginal, proposal, centre, generator, walkers=WALKERS)
+    kept = chain.theta[np.linspace(0, len(chain.theta) - 1, DRAWS).astype(int)]
+    return SeriesPosterior(fit, replace(chain, theta=forces.draw(kept, generator)))
+
+
+def _part(ridge: CubicSpline, others: list[int], fit: SeriesFit, common: list[int]) -> CubicSpline:
+    """A ridge's movement of some of the common coordinates."""
+    columns = _columns(fit)
+    chosen = [columns.index(common[i]) for i in others]
+    return CubicSpline(ridge.x, ridge(ridge.x)[:, chosen])
+
+
+def _columns(fit: SeriesFit) -> list[int]:
+    """The coordinates that ridges are about: all but noise."""
+    noises = [fit.model.noise(axis) for axis in fit.model.axes]
+    return [i for i in range(len(fit.theta)) if i not in noises]
+
+
+@dataclass(frozen=True)
+class _Forces:
+    """The law of every force (or stiffness) given the common coordinates.
+
+    Attributes
+    ----------
+    covariance : (d, d) Gaussian approximation of everything, kept within reason.
+    ridges : one per axis, how all but the noise moves with that noise's variance.
+    slope : (forces, common without noise) how forces follow the other common coordinates.
+    stderr : (forces,) of ln force, all common coordinates given.
+    """
+
+    fit: SeriesFit
+    covariance: FloatArray
+    ridges: tuple[CubicSpline, ...]
+    slope: FloatArray
+    stderr: FloatArray
+
+    @classmethod
+    def at(cls, fit: SeriesFit) -> _Forces:
+        """About the maximum of a series."""
+        model = fit.model
+        limit = np.array([
+            unit if model.is_variance(i) else LARGEST_LN_STDERR
+            for i, unit in enumerate(model.units)
+        ])  # fmt: skip
+        sigma = np.sqrt(np.diag(fit.covariance))
+        shrink = np.minimum(1.0, limit / sigma)
+        covariance = fit.covariance * np.outer(shrink, shrink)
+        columns = _columns(fit)
+        ridges = tuple(
+            follow_ridge(
+                fit.theta,
+                float(sigma[index] * shrink[index]),
+                NoiseCoordinate(index, model.bead.noise_nm[axis]),
+                columns,
+                lambda theta: _step(fit, theta, columns),
+            )
+            for axis in model.axes
+            for index in [model.noise(axis)]
+        )
+        information = model.information(fit.theta)
+        own = np.diag(information)[model.drives]
+        smooth = [i for i in columns if i in model.common]
+        slope = -information[np.ix_(model.drives, smooth)] / own[:, None]
+        stderr = np.minimum(1 / np.sqrt(np.maximum(own, 1e-12)), LARGEST_LN_STDERR)
+        return cls(fit, covariance, ridges, slope, stderr)
+
+    def likeliest(self, common: FloatArray) -> FloatArray:
+        """(n, forces) about where each ln force is likeliest, for (n, common)."""
+        model, centre = self.fit.model, self.fit.theta
+        columns = _columns(self.fit)
+        drives = [columns.index(i) for i in model.drives]
+        smooth = [i for i in columns if i in model.common]
+        moved = np.zeros((len(common), len(columns)))
+        for axis, ridge in zip(model.axes, self.ridges, strict=True):
+            index = model.noise(axis)
+            noise = NoiseCoordinate(index, model.bead.noise_nm[axis])
+            variance = noise.variance(common[:, model.common.index(index)])
+            moved += ridge(np.clip(variance, 0.0, ridge.x[-1]))
+        own = common[:, [model.common.index(i) for i in smooth]] - centre[smooth]
+        beyond = own - moved[:, [columns.index(i) for i in smooth]]
+        return np.asarray(centre[model.drives] + moved[:, drives] + beyond @ self.slope.T)
+
+    def log_marginal(self, common: FloatArray) -> FloatArray:
+        """(n,) ln posterior of the common coordinates (n, common), forces integrated out."""
+        model = self.fit.model
+        theta = np.zeros((len(common), len(self.fit.theta)))
+        theta[:, model.common] = common
+        out = model.log_prior(theta)
+        allowed = np.isfinite(out)
+        if allowed.any():
+            inside = theta[allowed]
+            inside[:, model.drives] = self.likeliest(common[allowed])
+            low, here, high = (self._per_force(inside, step) for step in (-1.0, 0.0, 1.0))
+            # in standard errors: slope, curvature, and the parabola's top
+            slope, curvature = (
+                (high - low) / 2,
+                np.maximum(2 * here - low - high, SMALLEST_CURVATURE),
+            )
+            step = np.clip(slope / curvature, -LARGEST_STEP, LARGEST_STEP)
+            top = here + slope * step - 0.5 * curvature * step**2 - 0.5 * np.log(curvature)
+            out[allowed] += top.sum(axis=1)
+        return out
+
+    def _per_force(self, theta: FloatArray, step: float) -> FloatArray:
+        """(n, forces) ln likelihood of the traces of each force, moved by standard errors."""
+        model = self.fit.model
+        moved = theta.copy()
+        moved[:, model.drives] += step * self.stderr
+        out = np.zeros((len(theta), len(model.drives)))
+        for trace in model.traces:
+            out[:, model.drive(trace)] += model.log_likelihood(moved, trace)
+        return out
+
+    def draw(self, common: FloatArray, generator: np.random.Generator) -> FloatArray:
+        """(n, d) all coordinates for (n, common): each force from its own law given these."""
+        model = self.fit.model
+        theta = np.zeros((len(common), len(self.fit.theta)))
+        theta[:, model.common] = common
+        theta[:, model.drives] = self.likeliest(common)
+        table = np.stack([self._per_force(theta, node) for node in NODES])
+        table -= table.max(axis=0)
+        for i in model.drives:
+            law = np.exp(CubicSpline(NODES, table[:, :, i])(FINE))
+            cumulative = np.cumsum(law, axis=0)
+            at = generator.random(len(common)) * cumulative[-1]
+            chosen = np.sum(cumulative < at, axis=0)
+            jitter = (generator.random(len(common)) - 0.5) * (FINE[1] - FINE[0])
+            theta[:, i] += self.stderr[i] * (FINE[chosen] + jitter)
+        return theta
+
+
+def _step(fit: SeriesFit, theta: FloatArray, columns: list[int]) -> FloatArray:
+    """Gauss–Newton step of some coordinates towards the maximum, the others as they are."""
+    jacobian = fit.model.jacobian(theta)[:, columns]
+    residuals = fit.model.residuals(theta[None])[0]
+    return np.asarray(-np.linalg.lstsq(jacobian, residuals, rcond=None)[0])
