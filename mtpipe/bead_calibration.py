@@ -91,7 +91,10 @@ def calibrate_bead(
     choice = _series(first, shared, friction_contradicted=contradicts)
     posterior = None
     if choice is not None:
-        posterior = sample_series(choice.fit, seed=_generator(shared.seed, bead))
+        try:
+            posterior = sample_series(choice.fit, seed=_generator(shared.seed, bead))
+        except FitError:
+            choice = None
     plateaus = []
     for i, (trace, extension) in enumerate(zip(traces, first.extensions, strict=True)):
         zero = (extension[0], math.hypot(extension[1], z_zero_stderr_nm))

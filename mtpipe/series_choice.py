@@ -1,16 +1,17 @@
 """The most informed joint fit that a bead's data support.
 
 What a series of traces shares is worth more than any refinement of a single fit, but only if they
-share it. So the joint fits are tried from the most informed down: x and y share the force, or not;
-friction as the setup expects it within its error, or of any size. A joint fit is taken when it
-describes the traces as well as free fits of each do, by their deviances (Wilks 1938); where none
-does, the trace that contradicts the others most is left out, up to a quarter of them.
+share it. The least informed joint fit, in which x and y have forces of their own and friction any
+size, has to describe the traces as well as free fits of each do; where it does not, the traces that
+contradict the others are left out, up to a quarter of them. Then what more is known is added as
+long as the data bear it: the friction the setup expects, and one force for x and y. Each step is a
+test of nested models by their deviances, priors included (Wilks 1938).
 """
 
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -22,7 +23,7 @@ from mtpipe.fit.series import SeriesFit, fit_series
 from mtpipe.fit.series_model import BeadPrior, SeriesModel, SeriesTrace
 from mtpipe.fit.trace import TraceFit
 
-# One bead in a thousand is denied a joint fit that is true.
+# At each step, one bead in a thousand is denied what is true.
 CONTRADICTION_P = 1e-3
 LEFT_OUT_SHARE = 0.25
 FREE_PARAMETERS = 3
@@ -63,43 +64,53 @@ def choose_series(
     """
     kept = list(traces)
     left_out: list[SeriesTrace] = []
-    for _ in range(1 + int(LEFT_OUT_SHARE * len(traces))):
-        if not kept:
-            return None
-        worst = None
-        for model, expected in _ladder(kept, bead, friction_contradicted):
-            try:
-                fit = fit_series(model)
-            except FitError:
-                continue
-            excess = fit.deviances - np.array([free.fit.deviance for free in kept])
-            if _supported(excess, len(model.names)):
-                return SeriesChoice(fit, expected, tuple(left_out))
-            worst = int(np.argmax(excess))
-        # the last is the least informed fit: what contradicts even that, contradicts the others
-        if worst is None:
-            return None
-        left_out.append(kept.pop(worst).trace)
+    most = int(LEFT_OUT_SHARE * len(traces))
+    try:
+        while kept:
+            members = tuple(free.trace for free in kept)
+            base = fit_series(SeriesModel(members, _of_any_size(bead), force_shared=False))
+            excess = base.deviances - np.array([free.fit.deviance for free in kept])
+            if _supported(float(excess.sum()), FREE_PARAMETERS * len(kept) - len(base.theta)):
+                informed = _add_what_is_known(base, bead, friction_contradicted)
+                return SeriesChoice(*informed, tuple(left_out))
+            # those that alone would contradict, or the worst
+            alone = stats.chi2.sf(excess, FREE_PARAMETERS) < CONTRADICTION_P / len(kept)
+            odd = {*np.flatnonzero(alone).tolist(), int(np.argmax(excess))}
+            ranked = sorted(odd, key=lambda i: -excess[i])[: max(most - len(left_out), 0)]
+            if not ranked:
+                return None
+            left_out += [kept[i].trace for i in ranked]
+            kept = [free for i, free in enumerate(kept) if i not in ranked]
+    except FitError:
+        return None
     return None
 
 
-def _ladder(
-    traces: Sequence[FreeTrace], bead: BeadPrior, friction_contradicted: bool
-) -> Iterator[tuple[SeriesModel, bool]]:
-    """Models from the most informed down, and whether their friction is the expected one."""
-    of_any_size = replace(bead, friction_ln_stderr=math.inf)
-    members = tuple(free.trace for free in traces)
-    both = len({trace.axis for trace in members}) > 1
-    for shared in (True, False) if both else (False,):
-        if not friction_contradicted:
-            yield SeriesModel(members, bead, shared), True
-        yield SeriesModel(members, of_any_size, shared), False
+def _add_what_is_known(
+    base: SeriesFit, bead: BeadPrior, friction_contradicted: bool
+) -> tuple[SeriesFit, bool]:
+    """The most informed fit above the least informed, and whether friction is the expected one."""
+    best, expected = base, False
+    members = base.model.traces
+    if not friction_contradicted and math.isfinite(bead.friction_ln_stderr):
+        known = fit_series(SeriesModel(members, bead, force_shared=False))
+        if _supported(known.total_deviance - base.total_deviance, 1):
+            best, expected = known, True
+    if len({trace.axis for trace in members}) > 1:
+        shared = fit_series(SeriesModel(members, best.model.bead, force_shared=True))
+        saved = len(best.theta) - len(shared.theta)
+        if _supported(shared.total_deviance - best.total_deviance, saved):
+            best = shared
+    return best, expected
 
 
-def _supported(excess: np.ndarray, fitted: int) -> bool:
-    """Whether deviances beyond those of the free fits are what sharing costs by chance."""
-    saved = FREE_PARAMETERS * len(excess) - fitted
-    return saved <= 0 or bool(stats.chi2.sf(float(np.sum(excess)), saved) > CONTRADICTION_P)
+def _of_any_size(bead: BeadPrior) -> BeadPrior:
+    return replace(bead, friction_ln_stderr=math.inf)
+
+
+def _supported(excess: float, saved: int) -> bool:
+    """Whether a deviance beyond that of a freer fit is what fewer parameters cost by chance."""
+    return saved <= 0 or bool(stats.chi2.sf(excess, saved) > CONTRADICTION_P)
 
 
 def as_series_trace(plateau: int, axis: int, extension_nm: float, free: TraceFit) -> FreeTrace:

@@ -8,7 +8,12 @@ from dataclasses import dataclass
 import numpy as np
 
 from mtpipe.estimate import Estimate, Status
-from mtpipe.fit.ridge import NoiseCoordinate, RidgeProposal, follow_ridge
+from mtpipe.fit.ridge import (
+    NoiseCoordinate,
+    RidgeProposal,
+    follow_ridge,
+    log_matching_prior,
+)
 from mtpipe.fit.sampling import sample
 from mtpipe.fit.trace import NOT_IDENTIFIED_LN, TraceFit, tied
 from mtpipe.physics.camera import FloatArray
@@ -101,7 +106,12 @@ def sample_posterior(fit: TraceFit, *, seed: int | np.random.Generator = 0) -> P
     def log_probability(free_theta: FloatArray) -> FloatArray:
         theta = np.tile(fit.theta, (len(free_theta), 1))
         theta[:, free] = free_theta
-        return fit.model.log_posterior(theta)
+        value = fit.model.log_posterior(theta)
+        if fit.model.noise_is_log and fit.model.noise_prior_nm is not None:
+            stderr = math.sqrt(fit.covariance[2, 2])
+            factor = fit.model.noise_prior_nm[1]
+            value = value + log_matching_prior(theta[:, 2], fit.theta[2], stderr, factor)
+        return value
 
     chain = sample(log_probability, _proposal(fit), fit.theta[free], generator)
     theta = np.tile(fit.theta, (len(chain.theta), 1))

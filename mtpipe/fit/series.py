@@ -43,6 +43,11 @@ class SeriesFit:
     converged: bool
 
     @property
+    def total_deviance(self) -> float:
+        """Deviance of all traces and priors, −2 ln of likelihood × prior up to a constant."""
+        return float(np.sum(self.model.residuals(self.theta[None]) ** 2))
+
+    @property
     def radius(self) -> Estimate:
         """The bead's radius in nm."""
         value, stderr = self.model.bead.radius_nm

@@ -8,13 +8,19 @@ the shared values. The number of plateaus does not make the sampling harder.
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass, replace
 
 import numpy as np
 from scipy.interpolate import CubicSpline
 
 from mtpipe.fit.posterior import Posterior
-from mtpipe.fit.ridge import NoiseCoordinate, RidgeProposal, follow_ridge
+from mtpipe.fit.ridge import (
+    NoiseCoordinate,
+    RidgeProposal,
+    follow_ridge,
+    log_matching_prior,
+)
 from mtpipe.fit.sampling import Chain, sample
 from mtpipe.fit.series import SeriesFit
 from mtpipe.fit.series_model import SeriesTrace
@@ -186,7 +192,16 @@ class _Forces:
             )
             step = np.clip(slope / curvature, -LARGEST_STEP, LARGEST_STEP)
             top = here + slope * step - 0.5 * curvature * step**2 - 0.5 * np.log(curvature)
-            out[allowed] += top.sum(axis=1)
+            out[allowed] += top.sum(axis=1) + self._matching_prior(inside)
+        return out
+
+    def _matching_prior(self, theta: FloatArray) -> FloatArray:
+        out = np.zeros(len(theta))
+        for axis in self.fit.model.axes:
+            prior, i = self.fit.model.bead.noise_nm[axis], self.fit.model.noise(axis)
+            if prior is not None:
+                stderr = math.sqrt(self.fit.covariance[i, i])
+                out += log_matching_prior(theta[:, i], self.fit.theta[i], stderr, prior[1])
         return out
 
     def _per_force(self, theta: FloatArray, step: float) -> FloatArray:

@@ -305,5 +305,6 @@ def _noise(model: TraceModel, coordinate: float, variance_of_it: float) -> Estim
         return Estimate(value, 0.0, (value, value), "nm", METHOD, "fixed")
     low, high = (math.sqrt(max(coordinate + s * sigma, 0.0)) for s in (-1, 1))
     # half the interval: the standard error of a square root is no derivative near zero
-    status: Status = "at_bound" if coordinate == 0 else "ok"
+    at_zero = coordinate <= AT_ZERO * model.spectrum.variance_nm2
+    status: Status = "at_bound" if at_zero else "ok"
     return Estimate(value, (high - low) / 2, (low, high), "nm", METHOD, status)
