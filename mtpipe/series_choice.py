@@ -26,6 +26,7 @@ from mtpipe.fit.trace import TraceFit
 # At each step, one bead in a thousand is denied what is true.
 CONTRADICTION_P = 1e-3
 LEFT_OUT_SHARE = 0.25
+AS_BAD = 0.25
 FREE_PARAMETERS = 3
 
 
@@ -71,11 +72,11 @@ def choose_series(
             base = fit_series(SeriesModel(members, _of_any_size(bead), force_shared=False))
             excess = base.deviances - np.array([free.fit.deviance for free in kept])
             if _supported(float(excess.sum()), FREE_PARAMETERS * len(kept) - len(base.theta)):
-                informed = _add_what_is_known(base, bead, friction_contradicted)
-                return SeriesChoice(*informed, tuple(left_out))
-            # those that alone would contradict, or the worst
-            alone = stats.chi2.sf(excess, FREE_PARAMETERS) < CONTRADICTION_P / len(kept)
-            odd = {*np.flatnonzero(alone).tolist(), int(np.argmax(excess))}
+                best, expected = _with_friction(base, bead, friction_contradicted)
+                shared, odd_ones = _with_one_force(best, most - len(left_out))
+                return SeriesChoice(shared, expected, (*left_out, *odd_ones))
+            # the worst, and what is nearly as bad; what is less so may owe it to the worst
+            odd = np.flatnonzero(excess >= AS_BAD * np.max(excess)).tolist()
             ranked = sorted(odd, key=lambda i: -excess[i])[: max(most - len(left_out), 0)]
             if not ranked:
                 return None
@@ -86,22 +87,40 @@ def choose_series(
     return None
 
 
-def _add_what_is_known(
+def _with_friction(
     base: SeriesFit, bead: BeadPrior, friction_contradicted: bool
 ) -> tuple[SeriesFit, bool]:
-    """The most informed fit above the least informed, and whether friction is the expected one."""
-    best, expected = base, False
-    members = base.model.traces
-    if not friction_contradicted and math.isfinite(bead.friction_ln_stderr):
-        known = fit_series(SeriesModel(members, bead, force_shared=False))
-        if _supported(known.total_deviance - base.total_deviance, 1):
-            best, expected = known, True
-    if len({trace.axis for trace in members}) > 1:
-        shared = fit_series(SeriesModel(members, best.model.bead, force_shared=True))
-        saved = len(best.theta) - len(shared.theta)
-        if _supported(shared.total_deviance - best.total_deviance, saved):
-            best = shared
-    return best, expected
+    """The fit with the friction that the setup expects, if data bear it, and whether they do."""
+    if friction_contradicted or not math.isfinite(bead.friction_ln_stderr):
+        return base, False
+    known = fit_series(replace(base.model, bead=bead))
+    bears = _supported(known.total_deviance - base.total_deviance, 1)
+    return (known, True) if bears else (base, False)
+
+
+def _with_one_force(best: SeriesFit, most: int) -> tuple[SeriesFit, list[SeriesTrace]]:
+    """The fit in which x and y share the force, and the few traces that had to be left out for it.
+
+    Where many contradict, x and y stay apart.
+    """
+    kept = list(range(len(best.model.traces)))
+    left_out: list[SeriesTrace] = []
+    for _ in range(most + 1):
+        members = tuple(best.model.traces[i] for i in kept)
+        model = SeriesModel(members, best.model.bead, force_shared=True)
+        apart = len({(t.plateau, t.axis) for t in members}) - len(model.drives)
+        if apart == 0:
+            break
+        shared = fit_series(model)
+        without = [i for i in range(len(best.model.traces)) if i not in kept]
+        freer = best.total_deviance - float(best.deviances[without].sum())
+        saved = apart - (model.radius_free - best.model.radius_free)
+        if _supported(shared.total_deviance - freer, saved):
+            return shared, left_out
+        worst = int(np.argmax(shared.deviances - best.deviances[kept]))
+        left_out.append(members[worst])
+        kept.pop(worst)
+    return best, []
 
 
 def _of_any_size(bead: BeadPrior) -> BeadPrior:

@@ -22,7 +22,9 @@ from mtpipe.physics.camera import FloatArray
 
 NOISE_DEGREES = 5.0
 NOISE_WIDENING = 1.25
-PRIOR_SHARE = 0.15
+TOGETHER_SHARE = 0.5
+# In ln ε², where neither data nor prior say more.
+WIDEST_LN = 8.0
 # The likeliest values given the noise are followed from zero noise to so many standard errors.
 RIDGE_SIGMAS = 4.0
 RIDGE_ITERATIONS = 2
@@ -138,11 +140,15 @@ class RidgeProposal:
 
 @dataclass(frozen=True)
 class _NoiseLaw:
-    """The variances are Student, folded to be positive; a share of those with a prior is of it."""
+    """The variances are Student, folded to be positive, all together or each axis by itself.
+
+    By itself the noise of an axis with a prior is in equal parts of that prior.
+    """
 
     noise: tuple[NoiseCoordinate, ...]
     variances: Student
-    prior: Student | None
+    alone: tuple[Student, ...]
+    priors: tuple[Student | None, ...]
 
     @classmethod
     def at(
@@ -152,32 +158,35 @@ class _NoiseLaw:
             float(one.variance(np.array(c))) for one, c in zip(noise, centre, strict=True)
         ])  # fmt: skip
         unit = np.array([
-            1.0 if one.prior_nm is None else v for one, v in zip(noise, variance, strict=True)
+            1.0 if one.prior_nm is None else v * _without_prior(stderr, one.prior_nm[1])
+            for one, v, stderr in zip(noise, variance, np.sqrt(np.diag(covariance)), strict=True)
         ])  # fmt: skip
-        law = Student.about(
-            variance,
-            covariance * np.outer(unit, unit),
-            degrees=NOISE_DEGREES,
-            widening=NOISE_WIDENING,
+        scaled = covariance * np.outer(unit, unit)
+        alone = tuple(
+            _student(variance[i : i + 1], scaled[i : i + 1, i : i + 1], NOISE_WIDENING)
+            for i in range(len(noise))
         )
-        priors = [one.prior_nm for one in noise if one.prior_nm is not None]
-        prior = None
-        if len(priors) == len(noise):
-            median = np.array([2 * math.log(nm) for nm, _ in priors])
-            width = np.array([2 * math.log(factor) for _, factor in priors])
-            prior = Student.about(median, np.diag(width**2), degrees=NOISE_DEGREES, widening=1.0)
-        return cls(tuple(noise), law, prior)
+        priors = tuple(
+            None
+            if one.prior_nm is None
+            else _student(
+                np.array([2 * math.log(one.prior_nm[0])]),
+                np.array([[(2 * math.log(one.prior_nm[1])) ** 2]]),
+                1.0,
+            )
+            for one in noise
+        )
+        return cls(tuple(noise), _student(variance, scaled, NOISE_WIDENING), alone, priors)
 
     def draw(self, n: int, generator: np.random.Generator) -> FloatArray:
         """(n, noises) coordinates."""
-        drawn = np.abs(self.variances.draw(n, generator))
+        together = np.abs(self.variances.draw(n, generator))
         for column, one in enumerate(self.noise):
             if one.prior_nm is not None:
-                drawn[:, column] = np.log(drawn[:, column])
-        if self.prior is None:
-            return drawn
-        chosen = generator.random(n) < PRIOR_SHARE
-        return np.where(chosen[:, None], self.prior.draw(n, generator), drawn)
+                together[:, column] = np.log(together[:, column])
+        apart = np.column_stack([self._draw_one(column, n, generator) for column in self._columns])
+        chosen = generator.random(n) < TOGETHER_SHARE
+        return np.where(chosen[:, None], together, apart)
 
     def log_density(self, points: FloatArray) -> FloatArray:
         """(n,) up to a constant."""
@@ -185,15 +194,48 @@ class _NoiseLaw:
             one.variance(points[:, column]) for column, one in enumerate(self.noise)
         ])  # fmt: skip
         signs = itertools.product((1.0, -1.0), repeat=variance.shape[1])
-        folded = [self.variances.log_density(variance * np.array(sign)) for sign in signs]
-        density = np.logaddexp.reduce(folded)
+        together = np.logaddexp.reduce(
+            [self.variances.log_density(variance * np.array(sign)) for sign in signs]
+        )
         for column, one in enumerate(self.noise):
             if one.prior_nm is not None:
-                density = density + points[:, column]
-        if self.prior is None:
+                together = together + points[:, column]
+        apart = np.sum([self._log_density_of_one(c, points[:, c]) for c in self._columns], axis=0)
+        return np.asarray(
+            np.logaddexp(math.log(TOGETHER_SHARE) + together, math.log(1 - TOGETHER_SHARE) + apart)
+        )
+
+    @property
+    def _columns(self) -> range:
+        return range(len(self.noise))
+
+    def _draw_one(self, column: int, n: int, generator: np.random.Generator) -> FloatArray:
+        variance = np.abs(self.alone[column].draw(n, generator)[:, 0])
+        prior = self.priors[column]
+        if prior is None:
+            return np.asarray(variance)
+        of_prior = prior.draw(n, generator)[:, 0]
+        return np.where(generator.random(n) < 0.5, of_prior, np.log(variance))
+
+    def _log_density_of_one(self, column: int, values: FloatArray) -> FloatArray:
+        law, prior = self.alone[column], self.priors[column]
+        variance = self.noise[column].variance(values)[:, None]
+        density = np.logaddexp(law.log_density(variance), law.log_density(-variance))
+        if prior is None:
             return np.asarray(density)
-        of_prior = math.log(PRIOR_SHARE) + self.prior.log_density(points)
-        return np.asarray(np.logaddexp(math.log(1 - PRIOR_SHARE) + density, of_prior))
+        return np.asarray(
+            np.logaddexp(density + values, prior.log_density(values[:, None])) - math.log(2)
+        )
+
+
+def _student(centre: FloatArray, covariance: FloatArray, widening: float) -> Student:
+    return Student.about(centre, covariance, degrees=NOISE_DEGREES, widening=widening)
+
+
+def _without_prior(stderr: float, factor: float) -> float:
+    """How much wider the data alone leave ln ε² than data and prior together do."""
+    of_data = max(stderr**-2 - (2 * math.log(factor)) ** -2, WIDEST_LN**-2)
+    return float(1 / math.sqrt(of_data) / stderr)
 
 
 def follow_ridge(

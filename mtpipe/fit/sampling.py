@@ -3,8 +3,9 @@
 Walkers start from a proposal law, the Gaussian approximation at the maximum with heavier tails, and
 mostly propose from it anew (independence proposals, nearly uncorrelated where the posterior is
 nearly Gaussian); about every fifth step is a stretch move (Goodman & Weare 2010), which does not
-need that to be so. The chain grows until it is 50 autocorrelation times long; whether it got there
-is part of the result.
+need that to be so. After the first steps, which are discarded, half of the proposals come from a
+Student law about the sample so far. The chain grows until it is 50 autocorrelation times long;
+whether it got there is part of the result.
 """
 
 from __future__ import annotations
@@ -21,7 +22,6 @@ from mtpipe.errors import FitError
 from mtpipe.physics.camera import FloatArray
 
 STEPS_AT_ONCE = 100
-LONGEST_CHAIN = 2000
 AUTOCORRELATION_TIMES = 50
 R_HAT_LIMIT = 1.05
 HALVINGS = 60
@@ -65,6 +65,7 @@ def sample(
     generator: np.random.Generator,
     *,
     walkers: int = 32,
+    longest: int = 2000,
 ) -> Chain:
     """Sample a posterior.
 
@@ -73,7 +74,7 @@ def sample(
     log_probability : from (n, dimensions) to (n,); −inf where not allowed.
     proposal : a law that covers the posterior.
     centre : (dimensions,) the maximum, where the posterior is not zero.
-    walkers : at least two more than twice the dimensions.
+    walkers : at least two more than twice the dimensions. longest : steps at most.
 
     Raises
     ------
@@ -81,9 +82,11 @@ def sample(
     """
     import emcee
 
+    law: list[Proposal] = [proposal]
+
     def propose(walkers: FloatArray, random: object) -> tuple[FloatArray, FloatArray]:
-        drawn = proposal.draw(len(walkers), generator)
-        return drawn, proposal.log_density(walkers) - proposal.log_density(drawn)
+        drawn = law[-1].draw(len(walkers), generator)
+        return drawn, law[-1].log_density(walkers) - law[-1].log_density(drawn)
 
     dimensions = len(centre)
     sampler = emcee.EnsembleSampler(
@@ -97,9 +100,12 @@ def sample(
     sampler.random_state = np.random.RandomState(generator.integers(2**31)).get_state()
     state = _inside(start, centre, log_probability)
     autocorrelation, enough = math.inf, False
-    while sampler.iteration < LONGEST_CHAIN and not enough:
+    while sampler.iteration < longest and not enough:
         state = sampler.run_mcmc(state, STEPS_AT_ONCE, skip_initial_state_check=True)
-        chain = sampler.get_chain(discard=sampler.iteration // 5)
+        if len(law) == 1:
+            law.append(_Refined.by(proposal, sampler.get_chain(discard=STEPS_AT_ONCE // 2)))
+            continue
+        chain = sampler.get_chain(discard=max(STEPS_AT_ONCE, sampler.iteration // 5))
         # a walker that never moved has no autocorrelation function
         with np.errstate(invalid="ignore", divide="ignore"):
             times = emcee.autocorr.integrated_time(chain, tol=0, quiet=True)
@@ -116,6 +122,30 @@ def sample(
         acceptance=float(np.mean(sampler.acceptance_fraction)),
         converged=enough,
     )
+
+
+@dataclass(frozen=True)
+class _Refined:
+    """In equal parts the proposal so far and a Student law about a sample."""
+
+    before: Proposal
+    sampled: Student
+
+    @classmethod
+    def by(cls, before: Proposal, chain: FloatArray) -> _Refined:
+        """For a chain (n_steps, n_walkers, dimensions)."""
+        flat = chain.reshape(-1, chain.shape[-1])
+        covariance = np.atleast_2d(np.cov(flat.T)) + 1e-12 * np.eye(flat.shape[1])
+        return cls(before, Student.about(flat.mean(axis=0), covariance, degrees=5.0, widening=1.2))
+
+    def draw(self, n: int, generator: np.random.Generator) -> FloatArray:
+        chosen = generator.random(n) < 0.5
+        return np.where(
+            chosen[:, None], self.sampled.draw(n, generator), self.before.draw(n, generator)
+        )
+
+    def log_density(self, points: FloatArray) -> FloatArray:
+        return np.logaddexp(self.before.log_density(points), self.sampled.log_density(points))
 
 
 def _inside(
@@ -141,7 +171,7 @@ def split_r_hat(chain: FloatArray) -> FloatArray:
 
 @dataclass(frozen=True)
 class Student:
-    """Multivariate Student law, up to a constant that all of the same dimension share."""
+    """Multivariate Student law."""
 
     centre: FloatArray
     root: FloatArray
@@ -167,11 +197,14 @@ class Student:
         return np.asarray(self.centre + (normal * tail) @ self.root.T)
 
     def log_density(self, points: FloatArray) -> FloatArray:
-        """(n,) up to a constant."""
+        """(n,)"""
         scaled = (points - self.centre) @ self.inverse.T
-        power = -0.5 * (self.degrees + len(self.centre))
+        dimensions = len(self.centre)
+        power = 0.5 * (self.degrees + dimensions)
         distance = np.sum(scaled**2, axis=1)
-        return np.asarray(power * np.log1p(distance / self.degrees) - self.log_volume)
+        norm = special.gammaln(power) - special.gammaln(0.5 * self.degrees)
+        norm -= 0.5 * dimensions * math.log(math.pi * self.degrees) + self.log_volume
+        return np.asarray(norm - power * np.log1p(distance / self.degrees))
 
 
 @dataclass(frozen=True)

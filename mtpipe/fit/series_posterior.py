@@ -29,6 +29,7 @@ from mtpipe.physics.camera import FloatArray
 # Degrees of freedom, widening, share of the proposals.
 PROPOSAL_LAWS = ((5.0, 1.3, 1.0),)
 WALKERS = 16
+LONGEST_CHAIN = 1000
 DRAWS = 600
 # A force's law is tabulated from −5 to 5 of its standard errors, and finely inverted.
 NODES = np.linspace(-5.0, 5.0, 13)
@@ -92,7 +93,9 @@ def sample_series(fit: SeriesFit, *, seed: int | np.random.Generator = 0) -> Ser
         [_part(ridge, others, fit, common) for ridge in forces.ridges],
         PROPOSAL_LAWS,
     )
-    chain = sample(forces.log_marginal, proposal, centre, generator, walkers=WALKERS)
+    chain = sample(
+        forces.log_marginal, proposal, centre, generator, walkers=WALKERS, longest=LONGEST_CHAIN
+    )
     kept = chain.theta[np.linspace(0, len(chain.theta) - 1, DRAWS).astype(int)]
     return SeriesPosterior(fit, replace(chain, theta=forces.draw(kept, generator)))
 
