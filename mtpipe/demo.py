@@ -100,7 +100,10 @@ def scores(result: Run, truth: dict[str, Any]) -> Iterator[BeadScore]:
 def _errors(bead: BeadResult, true_pN: tuple[float, ...]) -> tuple[list[float], int]:
     errors, inside = [], 0
     for plateau, true in zip(bead.plateaus, true_pN, strict=True):
-        for force in (one.force for one in plateau.axes):
+        # a force that x and y share counts once
+        lateral = [one for one in plateau.axes if one.force is not None]
+        for one in lateral[:1] if all(one.shares_force for one in lateral) else lateral:
+            force = one.force
             if force is None or not math.isfinite(force.value):
                 continue
             errors.append(force.value / true - 1)

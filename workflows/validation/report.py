@@ -26,10 +26,13 @@ RELAXATION_BANDS = (0.0, 20.0, 50.0, 200.0, math.inf)
 
 def free_table(cases: Sequence[Case], rows: pd.DataFrame) -> str:
     """Stiffness and friction free, no noise."""
-    lines = []
+    lines, averages = [], []
     for case in _of("free", cases):
         one = _rows(case, rows)
         told = one[one.identified]
+        averages.append(
+            {name: rms(told[f"{name}_error"] / told[f"{name}_bound"]) for name in ("k", "friction")}
+        )
         lines.append([
             f"{case.exposure:g}", f"{case.corner:g}", f"{one.k_bound.median():.2%}",
             bias(told.k_error), _over_bound(told, "k"), _holding(one, "k"),
@@ -38,11 +41,17 @@ def free_table(cases: Sequence[Case], rows: pd.DataFrame) -> str:
             percent(~one.identified),
             f"{1e3 * one.fit_s.median():.1f} / {1e3 * one.posterior_s.median():.0f}",
         ])  # fmt: skip
-    return table(
-        "exposure (frames) | corner / Nyquist | bound k | bias k (%) | rms k / bound"
-        " | 68 % k: fit, posterior | bias γ (%) | rms γ / bound | 68 % γ: fit, posterior | KS p"
-        " | k not identified (%) | ms: fit / posterior",
-        lines,
+    means = [
+        f"{name}: {np.mean([over[name] for over in averages]):.3f}" for name in ("k", "friction")
+    ]
+    return (
+        table(
+            "exposure (frames) | corner / Nyquist | bound k | bias k (%) | rms k / bound"
+            " | 68 % k: fit, posterior | bias γ (%) | rms γ / bound | 68 % γ: fit, posterior | KS p"
+            " | k not identified (%) | ms: fit / posterior",
+            lines,
+        )
+        + f"\n\nRoot-mean-square error over bound, averaged over the grid: {', '.join(means)}."
     )
 
 
