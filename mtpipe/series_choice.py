@@ -27,6 +27,7 @@ from mtpipe.fit.trace import TraceFit
 CONTRADICTION_P = 1e-3
 LEFT_OUT_SHARE = 0.25
 AS_BAD = 0.25
+ODD_PLATEAUS = 1 / 8
 FREE_PARAMETERS = 3
 
 
@@ -73,7 +74,7 @@ def choose_series(
             excess = base.deviances - np.array([free.fit.deviance for free in kept])
             if _supported(float(excess.sum()), FREE_PARAMETERS * len(kept) - len(base.theta)):
                 best, expected = _with_friction(base, bead, friction_contradicted)
-                shared, odd_ones = _with_one_force(best, most - len(left_out))
+                shared, odd_ones = _with_one_force(best)
                 return SeriesChoice(shared, expected, (*left_out, *odd_ones))
             # the worst, and what is nearly as bad; what is less so may owe it to the worst
             odd = np.flatnonzero(excess >= AS_BAD * np.max(excess)).tolist()
@@ -98,14 +99,15 @@ def _with_friction(
     return (known, True) if bears else (base, False)
 
 
-def _with_one_force(best: SeriesFit, most: int) -> tuple[SeriesFit, list[SeriesTrace]]:
+def _with_one_force(best: SeriesFit) -> tuple[SeriesFit, list[SeriesTrace]]:
     """The fit in which x and y share the force, and the few traces that had to be left out for it.
 
-    Where many contradict, x and y stay apart.
+    Where more contradict, it is no accident of a plateau, and x and y stay apart.
     """
+    plateaus = len({trace.plateau for trace in best.model.traces})
     kept = list(range(len(best.model.traces)))
     left_out: list[SeriesTrace] = []
-    for _ in range(most + 1):
+    for _ in range(1 + int(ODD_PLATEAUS * plateaus)):
         members = tuple(best.model.traces[i] for i in kept)
         model = SeriesModel(members, best.model.bead, force_shared=True)
         apart = len({(t.plateau, t.axis) for t in members}) - len(model.drives)
