@@ -4,6 +4,7 @@ import math
 
 import numpy as np
 import pytest
+from scipy import stats
 
 from mtpipe.errors import FitError
 from mtpipe.fit.model import TraceModel
@@ -168,15 +169,62 @@ def test_constant_trace_is_refused():
         fit(np.full(500, 3.0))
 
 
-def test_errors_hold_where_single_frames_are_lost_at_low_corner_frequency():
-    """Leakage fills all high frequencies with the same few strong ordinates; 40 pulls."""
+def test_errors_and_p_values_hold_where_frames_are_lost():
+    """40 pulls of k and γ; p-values pass Kolmogorov–Smirnov at 1e-3."""
     random = np.random.default_rng(31)
-    pulls = []
+    pulls, p_values = [], []
     for _ in range(40):
-        x = simulate(0.02, random, frames=8192)
+        x = simulate(0.02, random, frames=4096)
         x[random.random(len(x)) < 0.1] = np.nan
         result = fit(x)
         truth = np.log([stiffness_at(0.02), FRICTION])
         pulls.append((result.theta[:2] - truth) / np.sqrt(np.diag(result.covariance)[:2]))
-    # without taking leakage off, the stiffness scatters by three times its stated error
-    assert np.all(np.std(pulls, axis=0) < 1.4)
+        p_values.append(result.p_value)
+    # without prewhitening leakage fills all high frequencies with the same few strong ordinates,
+    # and the stiffness scatters by three times its stated error
+    assert np.all((np.std(pulls, axis=0) > 0.65) & (np.std(pulls, axis=0) < 1.4))
+    assert stats.kstest(p_values, "uniform").pvalue > 1e-3
+
+
+def test_short_traces_cover_and_are_unbiased():
+    """20 relaxation times, 100 traces: 68 % ± 14 % (3 sigma) cover, bias below σ/3 + 3 errors."""
+    random = np.random.default_rng(32)
+    ratio = 20 / (math.pi * 1024)
+    truth = np.array([stiffness_at(ratio), FRICTION])
+    inside, relative = [], []
+    for _ in range(100):
+        result = fit(simulate(ratio, random, frames=1024))
+        estimates = (result.stiffness, result.friction)
+        inside.append(
+            [one.interval[0] < t < one.interval[1] for one, t in zip(estimates, truth, strict=True)]
+        )
+        relative.append(result.stiffness.value / truth[0] - 1)
+    assert np.all(np.abs(np.mean(inside, axis=0) - 0.68) < 0.14)
+    relative = np.array(relative)[np.isfinite(relative)]
+    assert len(relative) > 80
+    assert abs(relative.mean()) < relative.std() * (1 / 3 + 3 / math.sqrt(len(relative)))
+
+
+def test_what_cannot_be_told_apart_is_named():
+    """Stiffness, friction and noise at twice the Nyquist frequency: one level, three unknowns."""
+    result = fit(simulate(2.0, np.random.default_rng(33), noise_nm=5.0), tracking_noise_nm="fit")
+    assert result.stiffness.status == "not_identified"
+    assert math.isnan(result.stiffness.value)
+    assert {"stiffness", "friction"} <= set(result.stiffness.tied_to)
+    # known friction and noise determine it
+    told = fit(
+        simulate(2.0, np.random.default_rng(33), noise_nm=5.0),
+        tracking_noise_nm=5.0,
+        friction=(FRICTION, 0.03 * FRICTION),
+    )
+    assert told.stiffness.status == "ok"
+    assert told.stiffness.tied_to == ()
+
+
+def test_shift_per_exposure_is_what_another_exposure_does():
+    random = np.random.default_rng(34)
+    x = simulate(0.7, random, frames=8192)
+    known = {"friction": (FRICTION, 0.03 * FRICTION)}
+    here, shorter = fit(x, **known), fit(x, share=0.998, **known)
+    difference = (here.theta - shorter.theta)[:2] / (0.002 / RATE)
+    assert here.shift_per_exposure()[:2] == pytest.approx(difference, rel=0.05)

@@ -99,6 +99,27 @@ def test_forces_are_true_and_z_has_none(finished):
     assert forces.loc["z"].stiffness_pN_per_nm.notna().any()
 
 
+def test_other_methods_are_rows_of_their_own(tmp_path):
+    path = write(tmp_path, recording((0.5, 2.0), 2048))
+    done = command(
+        "run", path, "--out", tmp_path / "out", "--workers", "1",
+        "--method", "equipartition", "--method", "allan",
+    )  # fmt: skip
+    assert done.returncode == 0, done.stderr
+    forces = pd.read_parquet(tmp_path / "out" / "forces.parquet")
+    for method in ("equipartition", "allan"):
+        rows = forces[forces.method == method]
+        assert list(rows.axis) == ["x", "y", "x", "y"]
+        true = rows.plateau.map({0: 0.5, 1: 2.0})
+        assert ((rows.force_pN - true).abs() < 4 * rows.force_stderr_pN).all()
+    own = forces[~forces.method.isin(["equipartition", "allan"])]
+    assert not own.duplicated(["bead", "plateau", "axis"]).any()
+    refused = command("run", path, "--out", tmp_path / "no", "--method", "wishful")
+    assert refused.returncode == 2
+    assert "wishful" in refused.stderr
+    assert "hadamard" in refused.stderr
+
+
 def test_run_json_has_inputs_seeds_and_times(finished):
     out, _ = finished
     content = json.loads((out / "run.json").read_text(encoding="utf-8"))

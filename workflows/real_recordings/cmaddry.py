@@ -8,12 +8,13 @@ from __future__ import annotations
 import dataclasses
 import math
 from collections import Counter
+from collections.abc import Collection
 
 import numpy as np
 from geometry import attachment_height_nm, circle, stiff_direction_degree
 from published import RANGES, ROTATION, THERMAL_ENERGY_PN_NM
 
-from mtpipe.bead_results import AxisResult, PlateauResult
+from mtpipe.bead_results import AxisResult, BeadResult, PlateauResult
 from mtpipe.calibration import Calibration, calibrate
 from mtpipe.conditions import Conditions
 from mtpipe.estimate import Estimate
@@ -71,6 +72,36 @@ def table_of_forces(recording: Recording, calibration: Calibration) -> list[str]
     return lines
 
 
+def joint_fits(calibration: Calibration) -> list[str]:
+    """Which joint fit each bead got, its radius, and the traces that were left out of it."""
+    lines = ["bead | joint fit | radius nm (68 %) | left out: plateaus of x; of y"]
+    for bead in calibration.beads:
+        left_out = "; ".join(
+            ", ".join(str(number) for number, axis in sorted(bead.left_out) if axis == name) or "-"
+            for name in "xy"
+        )
+        lines.append(
+            f"{bead.bead} | {bead.series or 'none'} | {_interval(bead.radius)} | {left_out}"
+        )
+    return lines
+
+
+def joint_forces(calibration: Calibration, plateaus: Collection[int]) -> list[str]:
+    """Forces of the joint fit in some plateaus beside those of each axis alone."""
+    lines = ["bead plateau | F_x, F_y of the joint fit (*: by itself) | each axis alone"]
+    for bead in calibration.beads:
+        for plateau in bead.plateaus:
+            if plateau.plateau.number not in plateaus:
+                continue
+            axes = [_axis(plateau, name) for name in "xy"]
+            joint = ", ".join(
+                _with_error(one.force) + ("" if one.method == bead.series else "*") for one in axes
+            )
+            alone = ", ".join(_with_error(one.force_alone) for one in axes)
+            lines.append(f"{bead.bead} {plateau.plateau.number:3} | {joint} | {alone}")
+    return lines
+
+
 def friction_table(calibration: Calibration) -> list[str]:
     """Friction over Stokes with the wall, x against y, and the force that friction implies."""
     conditions = calibration.conditions
@@ -84,24 +115,43 @@ def friction_table(calibration: Calibration) -> list[str]:
             if plateau.plateau.number not in STRONG:
                 continue
             x, y = (_axis(plateau, name) for name in "xy")
-            ratio = [friction_ratio(one, conditions) for one in (x, y)]
+            ratio = [friction_ratio(one, plateau, conditions) for one in (x, y)]
             force = [one.force_alone.value if one.force_alone else math.nan for one in (x, y)]
             lines.append(
                 f"{bead.bead} {plateau.plateau.number:3} | {ratio[0]:5.2f} {ratio[1]:5.2f} | "
                 f"{ratio[1] / ratio[0]:5.2f} {force[1] / force[0]:5.2f} | "
                 f"{force[0] / ratio[0]:5.2f} {force[1] / ratio[1]:5.2f}"
             )
-        over = bead.friction_ratio
+        over, viscosity = bead.friction_ratio, viscosity_taken(bead, conditions)
         if over is not None:
-            lines.append(f"{bead.bead} all | {over.value:.2f} ± {over.stderr:.2f}")
+            stated = over.scaled(viscosity, "")
+            lines.append(
+                f"{bead.bead} all | {stated.value:.2f} ± {stated.stderr:.2f}; viscosity by the "
+                f"other beads {viscosity * conditions.viscosity_mPa_s[0]:.3f} mPa s, over which "
+                f"the ratio is {over.value:.2f} ± {over.stderr:.2f}"
+            )
     return lines
 
 
-def friction_ratio(one: AxisResult, conditions: Conditions) -> float:
-    """Friction of a free fit over Stokes with the wall's factor."""
-    if one.effective_radius is None or conditions.radius_nm is None:
+def friction_ratio(one: AxisResult, plateau: PlateauResult, conditions: Conditions) -> float:
+    """Friction of a free fit over Stokes with the wall's factor, as the setup states it."""
+    stated = conditions.friction_pN_s_per_nm("xyz".index(one.axis), plateau.extension_nm)
+    if one.free is None or stated is None:
         return math.nan
-    return one.effective_radius.value / conditions.radius_nm[0]
+    return one.free.friction.value / stated
+
+
+def viscosity_taken(bead: BeadResult, conditions: Conditions) -> float:
+    """The viscosity that mtpipe took for a bead, from the other beads, over the setup's."""
+    assert conditions.radius_nm is not None
+    taken = [
+        friction_ratio(one, plateau, conditions)
+        / (one.effective_radius.value / conditions.radius_nm[0])
+        for plateau in bead.plateaus
+        for one in plateau.axes
+        if one.effective_radius is not None
+    ]
+    return float(np.median(taken)) if taken else math.nan
 
 
 def field_axis(calibration: Calibration) -> list[str]:
@@ -162,8 +212,8 @@ def tethers(run: Run) -> list[str]:
         fit = run.curves[bead.bead].recommended
         if fit is not None:
             lines.append(
-                f"{bead.bead} | mtpipe: {_length(fit.contour_length_nm)}, "
-                f"{_length(fit.persistence_length_nm)}, {fit.chi2:.0f}/{fit.dof}"
+                f"{bead.bead} | mtpipe: {_with_error(fit.contour_length_nm)}, "
+                f"{_with_error(fit.persistence_length_nm)}, {fit.chi2:.0f}/{fit.dof}"
             )
         position = run.recording.positions_nm[bead.bead]
         ring = circle(position[slice(*ROTATION)])
@@ -181,8 +231,8 @@ def tethers(run: Run) -> list[str]:
             other = fit_curve(bead.bead, points, Assay(run.calibration.conditions.temperature_K))
             if (chosen := other.recommended) is not None:
                 lines.append(
-                    f"   | {name}: {_length(chosen.contour_length_nm)}, "
-                    f"{_length(chosen.persistence_length_nm)}, {chosen.chi2:.0f}/{chosen.dof}"
+                    f"   | {name}: {_with_error(chosen.contour_length_nm)}, "
+                    f"{_with_error(chosen.persistence_length_nm)}, {chosen.chi2:.0f}/{chosen.dof}"
                 )
     return lines
 
@@ -269,5 +319,5 @@ def _interval(estimate: Estimate | None) -> str:
     return f"{estimate.value:.4g} ({low:.4g}-{high:.4g})"
 
 
-def _length(estimate: Estimate) -> str:
-    return f"{estimate.value:.4g} ± {estimate.stderr:.2g}"
+def _with_error(estimate: Estimate | None) -> str:
+    return "-" if estimate is None else f"{estimate.value:.4g} ± {estimate.stderr:.2g}"

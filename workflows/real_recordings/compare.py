@@ -9,6 +9,8 @@ are not ours, and neither they nor anything made of them but numbers belongs int
 from __future__ import annotations
 
 import argparse
+import os
+import resource
 import tempfile
 import time
 from pathlib import Path
@@ -38,19 +40,25 @@ def main() -> None:
 
 
 def _complete_case(folder: Path) -> None:
-    began = time.perf_counter()
+    began, spent = time.perf_counter(), _cpu_s()
+    workers = os.cpu_count() or 1
     with tempfile.TemporaryDirectory() as out:
-        run = pipeline.run(folder, Path(out), setup=SETUPS / "cmaddry-run2.toml")
+        run = pipeline.run(folder, Path(out), setup=SETUPS / "cmaddry-run2.toml", workers=workers)
+    wall, cpu = time.perf_counter() - began, _cpu_s() - spent
     conditions = run.calibration.conditions
     recording = cmaddry.with_exposure(run.recording, conditions.exposure_s)
     full_frame = cmaddry.with_exposure(run.recording, 1 / conditions.frame_rate_hz)
     radius = conditions.radius_nm
     assert radius is not None
-    print(f"cmaddry-run2: mtpipe run took {time.perf_counter() - began:.0f} s")
-    _say(
-        "Forces beside the owners'",
-        cmaddry.table_of_forces(recording, cmaddry.on_owners_ranges(recording)),
-    )
+    print(f"cmaddry-run2: mtpipe run took {wall:.0f} s, {cpu:.0f} s of CPU, {workers} workers")
+    owners_ranges = cmaddry.on_owners_ranges(recording)
+    _say("Forces beside the owners'", cmaddry.table_of_forces(recording, owners_ranges))
+    for title, calibration, plateaus in (
+        ("the owners' ranges", owners_ranges, range(2)),
+        ("the recording", run.calibration, cmaddry.STRONG),
+    ):
+        _say(f"Joint fits of {title}", cmaddry.joint_fits(calibration))
+        _say(f"Forces of joint fits of {title}", cmaddry.joint_forces(calibration, plateaus))
     _say("Friction as mtpipe runs", cmaddry.friction_table(run.calibration))
     _say("Friction for a full frame", cmaddry.friction_table(calibrate(full_frame, workers=2)))
     _say("Axis of the field", cmaddry.field_axis(run.calibration))
@@ -58,6 +66,12 @@ def _complete_case(folder: Path) -> None:
     _say("Tethers", cmaddry.tethers(run))
     _say("Force and extension", cmaddry.curve_table(run))
     _say("Quality checks", cmaddry.quality(run))
+
+
+def _cpu_s() -> float:
+    """CPU time of this process and of its workers that have ended; other jobs do not count."""
+    of_all = (resource.getrusage(who) for who in (resource.RUSAGE_SELF, resource.RUSAGE_CHILDREN))
+    return sum(usage.ru_utime + usage.ru_stime for usage in of_all)
 
 
 def _say(title: str, lines: list[str]) -> None:
