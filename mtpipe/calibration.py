@@ -85,7 +85,31 @@ def calibrate(
             future.add_done_callback(lambda _: say(next(done), len(jobs)))
             futures.append(future)
         results = tuple(future.result() for future in futures)
-    return Calibration(conditions, results, (*notices, *_estimated_radii(conditions, results)))
+    notices = (
+        *notices,
+        *_estimated_radii(conditions, results),
+        *_shared_viscosity(conditions, conditions_by_bead),
+    )
+    return Calibration(conditions, results, notices)
+
+
+def _shared_viscosity(conditions: Conditions, by_bead: Sequence[Conditions]) -> list[Notice]:
+    """What the beads together say of a viscosity that the setup states with an error."""
+    taken = [one.viscosity_mPa_s for one in by_bead]
+    if all(one == conditions.viscosity_mPa_s for one in taken):
+        return []
+    stated = conditions.viscosity_mPa_s
+    low, high = min(value for value, _ in taken), max(value for value, _ in taken)
+    return [
+        Notice(
+            "viscosity_shared",
+            "info",
+            f"The viscosity, {stated[0]:.3f} ± {stated[1]:.3f} mPa s by the setup, was taken for "
+            f"each bead as the friction of the others tells it: {low:.3f} to {high:.3f} ± "
+            f"{max(stderr for _, stderr in taken):.3f} mPa s. Frictions and effective radii are "
+            "relative to that.",
+        )
+    ]
 
 
 def _estimated_radii(conditions: Conditions, beads: Sequence[BeadResult]) -> list[Notice]:

@@ -22,12 +22,12 @@ from mtpipe.fit.model import TraceModel
 from mtpipe.fit.series import SeriesFit, fit_series
 from mtpipe.fit.series_model import BeadPrior, SeriesModel, SeriesTrace
 from mtpipe.fit.trace import TraceFit
+from mtpipe.physics.camera import FloatArray
 
 # At each step, one bead in a thousand is denied what is true.
 CONTRADICTION_P = 1e-3
 LEFT_OUT_SHARE = 0.25
 AS_BAD = 0.25
-ODD_PLATEAUS = 1 / 8
 FREE_PARAMETERS = 3
 
 
@@ -102,27 +102,71 @@ def _with_friction(
 def _with_one_force(best: SeriesFit) -> tuple[SeriesFit, list[SeriesTrace]]:
     """The fit in which x and y share the force, and the few traces that had to be left out for it.
 
-    Where more contradict, it is no accident of a plateau, and x and y stay apart.
+    Where those that contradict hold much of what is known about F_y/F_x, or the others agree on
+    another ratio than 1, it is no accident of a plateau, and x and y stay apart.
     """
-    plateaus = len({trace.plateau for trace in best.model.traces})
+    ratios = _force_ratios(best)
     kept = list(range(len(best.model.traces)))
     left_out: list[SeriesTrace] = []
-    for _ in range(1 + int(ODD_PLATEAUS * plateaus)):
+    while ratios.information(left_out) <= LEFT_OUT_SHARE:
         members = tuple(best.model.traces[i] for i in kept)
         model = SeriesModel(members, best.model.bead, force_shared=True)
-        apart = len({(t.plateau, t.axis) for t in members}) - len(model.drives)
-        if apart == 0:
+        if len(members) == len(model.drives):
             break
         shared = fit_series(model)
         without = [i for i in range(len(best.model.traces)) if i not in kept]
         freer = best.total_deviance - float(best.deviances[without].sum())
-        saved = apart - (model.radius_free - best.model.radius_free)
+        saved = len(members) - len(model.drives) - (model.radius_free - best.model.radius_free)
         if _supported(shared.total_deviance - freer, saved):
-            return shared, left_out
+            agree = _supported(ratios.excess_of_common_ratio(left_out), 1)
+            return (shared, left_out) if agree else (best, [])
         worst = int(np.argmax(shared.deviances - best.deviances[kept]))
         left_out.append(members[worst])
         kept.pop(worst)
     return best, []
+
+
+@dataclass(frozen=True)
+class _ForceRatios:
+    """ln F_y/F_x of each plateau that has both, from a fit of x and y apart."""
+
+    plateaus: tuple[int, ...]
+    ln_ratio: FloatArray
+    covariance: FloatArray
+
+    def information(self, left_out: Sequence[SeriesTrace]) -> float:
+        """Share of what all plateaus know that those of some traces hold; 0 where there is none."""
+        if not self.plateaus:
+            return 0.0
+        own = 1 / np.diag(self.covariance)
+        gone = [self.plateaus.index(t.plateau) for t in left_out if t.plateau in self.plateaus]
+        return float(own[gone].sum() / own.sum())
+
+    def excess_of_common_ratio(self, left_out: Sequence[SeriesTrace]) -> float:
+        """χ² (1 degree of freedom) by which one ratio for the other plateaus differs from 1."""
+        gone = {t.plateau for t in left_out}
+        kept = [i for i, plateau in enumerate(self.plateaus) if plateau not in gone]
+        if not kept:
+            return 0.0
+        weight = np.linalg.inv(self.covariance[np.ix_(kept, kept)])
+        return float((weight @ self.ln_ratio[kept]).sum() ** 2 / weight.sum())
+
+
+def _force_ratios(fit: SeriesFit) -> _ForceRatios:
+    model = fit.model
+    here: dict[int, dict[int, SeriesTrace]] = {}
+    for trace in model.traces:
+        here.setdefault(trace.plateau, {})[trace.axis] = trace
+    both = {plateau: pair for plateau, pair in here.items() if len(pair) == 2}
+    ln_ratio, slopes = np.zeros(len(both)), np.zeros((len(both), len(fit.theta)))
+    for i, pair in enumerate(both.values()):
+        for sign, trace in zip((-1.0, 1.0), (pair[0], pair[1]), strict=True):
+            lever = float(model.lever_nm(fit.theta[None], trace)[0])
+            ln_ratio[i] += sign * (fit.theta[model.drive(trace)] + math.log(lever))
+            slopes[i, model.drive(trace)] += sign
+            if model.radius_free:
+                slopes[i, model.names.index("ln_radius")] += sign * (1 - trace.extension_nm / lever)
+    return _ForceRatios(tuple(both), ln_ratio, slopes @ fit.covariance @ slopes.T)
 
 
 def _of_any_size(bead: BeadPrior) -> BeadPrior:

@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 
 import numpy as np
+from scipy import stats
 
 from mtpipe.bead_results import AxisResult, BeadResult, PlateauResult
 from mtpipe.calibration import Calibration, calibrate
@@ -12,8 +14,9 @@ from mtpipe.conditions import Conditions
 from mtpipe.extension_curve import ForceExtension, fit_curves
 from mtpipe.fit.tether import Assay, ExtensionPoints
 from mtpipe.recording import AXES, Recording
+from mtpipe.series_choice import CONTRADICTION_P
 
-CONSISTENT_SIGMAS = 3.0
+_Force = tuple[float, float]
 
 
 def tether_curves(calibration: Calibration) -> dict[str, ForceExtension]:
@@ -45,12 +48,17 @@ def force_extension(recording: Recording, *, seed: int = 0) -> dict[str, ForceEx
 def extension_points(bead: BeadResult, conditions: Conditions) -> ExtensionPoints:
     """Force and mean extension of every plateau, nan where there is none.
 
-    The force is the one that x and y share; where they do not, that along the field, averaged with
-    the one across (which needs the bead's radius and the modes of its rotation) if both agree
-    within three standard errors. Its error is without that of z = 0, which is common to all
-    plateaus.
+    The force is the one that x and y share. Where they have forces of their own, it is that along
+    the field, averaged with the one across (which needs the bead's radius and the modes of its
+    rotation) if both agree in all plateaus of the bead. Its error is without that of z = 0, which
+    is common to all plateaus.
     """
-    forces = [_force(plateau, conditions) for plateau in bead.plateaus]
+    pairs = [_along_and_across(plateau, conditions) for plateau in bead.plateaus]
+    agree = _agree([pair for pair in pairs if pair[0] is not None and pair[1] is not None])
+    forces = [
+        _force(plateau, *pair, average=agree and not bead.left_out)
+        for plateau, pair in zip(bead.plateaus, pairs, strict=True)
+    ]
     return ExtensionPoints(
         plateau=np.array([p.plateau.number for p in bead.plateaus], dtype=np.int64),
         force_pN=np.array([f[0] for f in forces]),
@@ -61,21 +69,41 @@ def extension_points(bead: BeadResult, conditions: Conditions) -> ExtensionPoint
     )
 
 
-def _force(plateau: PlateauResult, conditions: Conditions) -> tuple[float, float]:
+def _along_and_across(
+    plateau: PlateauResult, conditions: Conditions
+) -> tuple[_Force | None, _Force | None]:
     along, across = (
         next((_own(one, plateau, conditions) for one in plateau.axes if one.axis == name), None)
         for name in (AXES[conditions.along], AXES[1 - conditions.along])
     )
+    return along, across
+
+
+def _agree(pairs: Sequence[tuple[_Force | None, _Force | None]]) -> bool:
+    """Whether the forces along and across agree, in each plateau and on the whole."""
+    pulls = np.array([
+        math.log(across[0] / along[0]) / math.hypot(along[1] / along[0], across[1] / across[0])
+        for along, across in pairs
+        if along is not None and across is not None
+    ])  # fmt: skip
+    if not len(pulls):
+        return True
+    scattered = float(stats.chi2.sf(np.sum(pulls**2), len(pulls)))
+    common = float(stats.chi2.sf(np.sum(pulls) ** 2 / len(pulls), 1))
+    return min(scattered, common) > CONTRADICTION_P
+
+
+def _force(
+    plateau: PlateauResult, along: _Force | None, across: _Force | None, *, average: bool
+) -> _Force:
     if along is None:
         return math.nan, math.nan
-    if across is None or all(one.shares_force for one in plateau.axes if one.axis != "z"):
+    shared = all(one.shares_force for one in plateau.axes if one.axis != "z")
+    if across is None or shared or not average:
         return along
     # errors of forces are relative; absolute weights would favour whichever came out low
     logs = np.log([along[0], across[0]])
-    errors = np.array([along[1] / along[0], across[1] / across[0]])
-    if abs(logs[0] - logs[1]) > CONSISTENT_SIGMAS * math.hypot(*errors):
-        return along
-    weights = errors**-2.0
+    weights = np.array([along[1] / along[0], across[1] / across[0]]) ** -2.0
     value = math.exp(float(weights @ logs / weights.sum()))
     return value, value * float(weights.sum() ** -0.5)
 

@@ -84,6 +84,17 @@ def test_cmaddry_friction_of_good_tethers(cmaddry):
         assert 1.0 < bead.friction_ratio.value < 1.5
 
 
+def test_cmaddry_forces_that_differ_are_not_shared(cmaddry):
+    """b2 in 48 s: y shows 1.4 times the force of x and 1.3 times its friction."""
+    (bead,) = on_rows(cmaddry, ("b2",), 172_300, 191_400).beads
+    x, y = lateral(bead)
+    assert not x.shares_force
+    assert not y.shares_force
+    assert y.force_alone.value > 1.2 * x.force_alone.value
+    assert x.force.value == pytest.approx(x.force_alone.value, rel=0.05)
+    assert y.force.value == pytest.approx(y.force_alone.value, rel=0.05)
+
+
 def test_cmaddry_weak_force(cmaddry):
     result = on_rows(cmaddry, ("b1", "b2", "b4"), 145_000, 168_000, 11.7)
     forces = [one.force.value for bead in result.beads for one in lateral(bead)]

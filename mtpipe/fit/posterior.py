@@ -79,7 +79,7 @@ class Posterior:
         return self.summary(corner, "Hz")
 
     def summary(self, sample: FloatArray, unit: str, *, positive: bool = True) -> Estimate:
-        """Median, standard deviation and central 68 % interval of a derived quantity.
+        """Median, central 68 % interval and half of that as standard error.
 
         `positive`: a scale, called not identified where it is not known to a factor e.
         """
@@ -89,7 +89,7 @@ class Posterior:
             together = tied(np.cov(self.theta.T), self.fit.model.free)
             return Estimate.missing(unit, METHOD, interval=interval, tied_to=together)
         status: Status = "ok" if self.converged else "not_converged"
-        return Estimate(float(middle), float(np.std(sample)), interval, unit, METHOD, status)
+        return Estimate(float(middle), float(high - low) / 2, interval, unit, METHOD, status)
 
 
 def sample_posterior(fit: TraceFit, *, seed: int | np.random.Generator = 0) -> Posterior:

@@ -29,6 +29,9 @@ GOOD_BEADS = ("b1", "b2", "b4")
 # after 100 turns; the staircase itself.
 STRONG = (4, 36, 37)
 STAIRS = range(4, 36)
+AFTER_TURNS = 37
+# From 21.45 to 14.95 mm, where the force is well above its error.
+COMPARED = range(5, 23)
 FEWEST_STAIRS_PN = 0.3
 
 
@@ -99,6 +102,29 @@ def joint_forces(calibration: Calibration, plateaus: Collection[int]) -> list[st
             )
             alone = ", ".join(_with_error(one.force_alone) for one in axes)
             lines.append(f"{bead.bead} {plateau.plateau.number:3} | {joint} | {alone}")
+    return lines
+
+
+def force_ratios(calibration: Calibration) -> list[str]:
+    """Whether F_y/F_x, each axis alone, is one number before the turns, and whether that is 1."""
+    lines = ["bead | F_y/F_x of the plateaus before the turns | chi2/dof about it | about 1"]
+    for bead in calibration.beads:
+        logs, errors = [], []
+        for plateau in bead.plateaus:
+            x, y = (_axis(plateau, name).force_alone for name in "xy")
+            if x is None or y is None or plateau.plateau.number >= AFTER_TURNS:
+                continue
+            logs.append(math.log(y.value / x.value))
+            errors.append(math.hypot(x.stderr / x.value, y.stderr / y.value))
+        if not logs:
+            continue
+        ratio, weight = np.array(logs), np.array(errors) ** -2.0
+        mean, stderr = float(weight @ ratio / weight.sum()), float(weight.sum() ** -0.5)
+        lines.append(
+            f"{bead.bead} | {math.exp(mean):.2f} ± {math.exp(mean) * stderr:.2f} | "
+            f"{weight @ (ratio - mean) ** 2:.0f}/{len(logs) - 1} | "
+            f"{weight @ ratio**2:.0f}/{len(logs)}"
+        )
     return lines
 
 
@@ -212,7 +238,7 @@ def tethers(run: Run) -> list[str]:
         fit = run.curves[bead.bead].recommended
         if fit is not None:
             lines.append(
-                f"{bead.bead} | mtpipe: {_with_error(fit.contour_length_nm)}, "
+                f"{bead.bead} | mtpipe, {fit.model}: {_with_error(fit.contour_length_nm)}, "
                 f"{_with_error(fit.persistence_length_nm)}, {fit.chi2:.0f}/{fit.dof}"
             )
         position = run.recording.positions_nm[bead.bead]
@@ -227,7 +253,7 @@ def tethers(run: Run) -> list[str]:
             ("x, that and z x 0.8", "x", 0.8, missed),
             ("y, that and z x 0.8", "y", 0.8, missed),
         ):
-            points = _points(stairs, axis, scale, shift, radius[0])
+            points = _points(stairs, axis, scale, shift, run.calibration.conditions)
             other = fit_curve(bead.bead, points, Assay(run.calibration.conditions.temperature_K))
             if (chosen := other.recommended) is not None:
                 lines.append(
@@ -249,6 +275,19 @@ def curve_table(run: Run) -> list[str]:
                 f"{points.force_stderr_pN[i]:.3f}"
             )
         lines.append(f"{plateau.number:2} {plateau.magnet_mm:6.2f} | " + " | ".join(cells))
+    first = run.curves[GOOD_BEADS[0]].points
+    for bead in GOOD_BEADS[1:]:
+        points = run.curves[bead].points
+        errors = np.hypot(
+            points.force_stderr_pN / points.force_pN, first.force_stderr_pN / first.force_pN
+        )
+        told = [i for i, p in enumerate(run.recording.plateaus) if p.number in COMPARED]
+        logs, weight = np.log(points.force_pN / first.force_pN)[told], errors[told] ** -2.0
+        mean, stderr = weight @ logs / weight.sum(), weight.sum() ** -0.5
+        lines.append(
+            f"{bead} over {GOOD_BEADS[0]}, plateaus {COMPARED[0]} to {COMPARED[-1]}: "
+            f"{math.exp(mean):.2f} ± {math.exp(mean) * stderr:.2f}"
+        )
     return lines
 
 
@@ -282,26 +321,24 @@ def quality(run: Run) -> list[str]:
 
 
 def _points(
-    plateaus: list[PlateauResult], axis: str, scale: float, shift_nm: float, radius_nm: float
+    plateaus: list[PlateauResult], axis: str, scale: float, shift_nm: float, conditions: Conditions
 ) -> ExtensionPoints:
-    """Points from one axis, with z scaled and shifted by what the attachment hides.
+    """Points from one axis by itself, with z scaled and shifted by what the attachment hides.
 
-    The force across the field keeps its lever, from the anchor to the bead's centre.
+    The force across the field keeps its lever, from the anchor to the bead's centre. Errors hold
+    what all plateaus share too.
     """
-    results = [_axis(plateau, axis) for plateau in plateaus]
-    measured = scale * np.array([plateau.extension_nm for plateau in plateaus])
-    extension = measured + shift_nm
-    lever = extension if axis == "x" else measured + radius_nm
-    stiffness = np.array(
-        [one.estimates.stiffness.value if one.estimates else math.nan for one in results]
-    )
-    stderr = np.array(
-        [one.estimates.stiffness.stderr if one.estimates else math.nan for one in results]
-    )
+    assert conditions.radius_nm is not None
+    measured = np.array([plateau.extension_nm for plateau in plateaus])
+    extension = scale * measured + shift_nm
+    lever = extension if axis == "x" else scale * measured + conditions.radius_nm[0]
+    alone = [_axis(plateau, axis).force_alone for plateau in plateaus]
+    assumed = [conditions.lever_nm("xyz".index(axis), height) or math.nan for height in measured]
+    rescaled = lever / np.array(assumed)
     return ExtensionPoints(
         plateau=np.array([plateau.plateau.number for plateau in plateaus], dtype=np.int64),
-        force_pN=stiffness * lever,
-        force_stderr_pN=stderr * lever,
+        force_pN=rescaled * [one.value if one else math.nan for one in alone],
+        force_stderr_pN=rescaled * [one.stderr if one else math.nan for one in alone],
         extension_nm=extension,
         extension_stderr_nm=np.array([plateau.extension_stderr_nm for plateau in plateaus]),
         lever_nm=lever,

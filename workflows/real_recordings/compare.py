@@ -59,6 +59,7 @@ def _complete_case(folder: Path) -> None:
     ):
         _say(f"Joint fits of {title}", cmaddry.joint_fits(calibration))
         _say(f"Forces of joint fits of {title}", cmaddry.joint_forces(calibration, plateaus))
+    _say("Forces of y over x", cmaddry.force_ratios(run.calibration))
     _say("Friction as mtpipe runs", cmaddry.friction_table(run.calibration))
     _say("Friction for a full frame", cmaddry.friction_table(calibrate(full_frame, workers=2)))
     _say("Axis of the field", cmaddry.field_axis(run.calibration))
