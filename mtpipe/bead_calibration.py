@@ -308,6 +308,9 @@ def _joint(
     draws = np.maximum(1 + relative * generator.normal(size=len(posterior.theta)), 0.0)
     per_exposure = choice.fit.shift_per_exposure()[model.drive(here[axis])]
     common = _common(len(draws), per_exposure, conditions, generator)
+    if conditions.radius_nm is None and axis != conditions.along and not model.force_shared:
+        # the lever is extension plus a radius that nothing tells
+        return AxisResult(AXES[axis], choice.words, fit=posterior.fit, posterior=posterior)
     sample = series.force_pN(here[axis]) * draws * common
     return AxisResult(
         AXES[axis],

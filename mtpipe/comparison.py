@@ -75,4 +75,4 @@ def _by_method(
         error_of_lever = plateau.extension_stderr_nm / lever
         relative = math.hypot(error_of_lever, conditions.temperature_relative_stderr)
         force = fit.stiffness.scaled(lever, "pN").widened(relative)
-    return MethodResult(bead, plateau, one.axis, method, fit, force, " ".join(fit.notes))
+    return MethodResult(bead, plateau, one.axis, method, fit, force, "")

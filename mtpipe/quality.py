@@ -150,7 +150,8 @@ def _axis_flags(one: AxisResult, conditions: Conditions) -> list[tuple[str, Seve
     lateral = one.axis != "z"
     ratio = fit.nyquist_ratio
     if ratio > NYQUIST_RATIO:
-        informed = "rests on the friction it was given" if fit.model.friction else "is poorly known"
+        given = fit.model.friction is not None or one.method.startswith("series")
+        informed = "rests on the friction it was given" if given else "is poorly known"
         flags.append((
             "above_nyquist", "caution" if lateral else "info",
             f"The corner frequency is {ratio:.2g} times the Nyquist frequency: the stiffness "

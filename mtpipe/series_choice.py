@@ -72,10 +72,10 @@ def choose_series(
             members = tuple(free.trace for free in kept)
             base = fit_series(SeriesModel(members, _of_any_size(bead), force_shared=False))
             excess = base.deviances - np.array([free.fit.deviance for free in kept])
-            if _supported(float(excess.sum()), FREE_PARAMETERS * len(kept) - len(base.theta)):
-                best, expected = _with_friction(base, bead, friction_contradicted)
-                shared, odd_ones = _with_one_force(best)
-                return SeriesChoice(shared, expected, (*left_out, *odd_ones))
+            # a radius with a prior costs no freedom
+            fitted = len(base.theta) - base.model.radius_free
+            if _supported(float(excess.sum()), FREE_PARAMETERS * len(kept) - fitted):
+                return _most_informed(base, bead, friction_contradicted, left_out)
             # the worst, and what is nearly as bad; what is less so may owe it to the worst
             odd = np.flatnonzero(excess >= AS_BAD * np.max(excess)).tolist()
             ranked = sorted(odd, key=lambda i: -excess[i])[: max(most - len(left_out), 0)]
@@ -86,6 +86,26 @@ def choose_series(
     except FitError:
         return None
     return None
+
+
+def _most_informed(
+    base: SeriesFit,
+    bead: BeadPrior,
+    friction_contradicted: bool,
+    left_out: list[SeriesTrace],
+) -> SeriesChoice:
+    """What is known, added to the least informed fit as long as the data bear it."""
+    if math.isinf(bead.radius_nm[1]):
+        # of x and y apart only the product of radius and viscosity is known; shared, the lever
+        # tells the radius, with the friction expected
+        prior = _of_any_size(bead) if friction_contradicted else bead
+        shared, odd_ones = _with_one_force(base, prior)
+        together = shared.model.force_shared
+        expected = together and not friction_contradicted
+        return SeriesChoice(shared, expected, (*left_out, *odd_ones))
+    best, expected = _with_friction(base, bead, friction_contradicted)
+    shared, odd_ones = _with_one_force(best, best.model.bead)
+    return SeriesChoice(shared, expected, (*left_out, *odd_ones))
 
 
 def _with_friction(
@@ -99,7 +119,7 @@ def _with_friction(
     return (known, True) if bears else (base, False)
 
 
-def _with_one_force(best: SeriesFit) -> tuple[SeriesFit, list[SeriesTrace]]:
+def _with_one_force(best: SeriesFit, bead: BeadPrior) -> tuple[SeriesFit, list[SeriesTrace]]:
     """The fit in which x and y share the force, and the few traces that had to be left out for it.
 
     Where those that contradict hold much of what is known about F_y/F_x, or the others agree on
@@ -110,7 +130,7 @@ def _with_one_force(best: SeriesFit) -> tuple[SeriesFit, list[SeriesTrace]]:
     left_out: list[SeriesTrace] = []
     while ratios.information(left_out) <= LEFT_OUT_SHARE:
         members = tuple(best.model.traces[i] for i in kept)
-        model = SeriesModel(members, best.model.bead, force_shared=True)
+        model = SeriesModel(members, bead, force_shared=True)
         if len(members) == len(model.drives):
             break
         shared = fit_series(model)

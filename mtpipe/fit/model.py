@@ -180,11 +180,11 @@ class TraceModel:
             information[2, 2] += (2 * np.log(self.noise_prior_nm[1])) ** -2
         return np.asarray(information)
 
-    def exposure_slope(self, theta: FloatArray, modes: Modes | None = None) -> FloatArray:
+    def exposure_slope(self, theta: FloatArray) -> FloatArray:
         """(n_bins,) change of ln expected power per second of exposure, at one θ (3,)."""
         step = 1e-3 * self.exposure_s
         shorter = replace(self, exposure_s=self.exposure_s - step)
-        change = self.expected(theta[None], modes) / shorter.expected(theta[None], modes)
+        change = self.expected(theta[None]) / shorter.expected(theta[None])
         return np.asarray(np.log(change[0]) / step)
 
     def p_value(self, deviance: float, fitted: float) -> tuple[float, float]:

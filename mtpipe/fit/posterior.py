@@ -19,8 +19,8 @@ from mtpipe.fit.trace import NOT_IDENTIFIED_LN, TraceFit, tied
 from mtpipe.physics.camera import FloatArray
 
 METHOD = "spectrum, posterior"
-# Degrees of freedom, widening, share: heavy tails cost little in two or three dimensions.
 DERIVATIVE_STEP = 1e-4
+# Degrees of freedom, widening, share: heavy tails cost little in two or three dimensions.
 PROPOSAL_LAWS = ((5.0, 1.3, 1.0),)
 
 

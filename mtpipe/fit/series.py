@@ -19,9 +19,6 @@ from mtpipe.physics.camera import FloatArray
 from mtpipe.physics.modes import Modes
 
 METHOD = "series of spectra, maximum likelihood"
-# Degrees of freedom, widening, share. In ten and more dimensions a heavier or wider law would be
-# accepted rarely.
-PROPOSAL_LAWS = ((40.0, 1.08, 0.8), (40.0, 1.35, 0.2))
 
 
 @dataclass(frozen=True)

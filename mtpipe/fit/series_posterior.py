@@ -36,6 +36,8 @@ NODES = np.linspace(-5.0, 5.0, 13)
 FINE = np.linspace(-5.0, 5.0, 401)
 LARGEST_STEP = 3.0
 SMALLEST_CURVATURE = 0.05
+NEWTON_STEPS = 3
+FAR = 1.0
 # Where the data say nothing the Gaussian approximation is no guide: keep it within reason.
 LARGEST_LN_STDERR = 1.0
 
@@ -187,16 +189,32 @@ class _Forces:
         if allowed.any():
             inside = theta[allowed]
             inside[:, model.drives] = self.likeliest(common[allowed])
-            low, here, high = (self._per_force(inside, step) for step in (-1.0, 0.0, 1.0))
-            # in standard errors: slope, curvature, and the parabola's top
-            slope, curvature = (
-                (high - low) / 2,
-                np.maximum(2 * here - low - high, SMALLEST_CURVATURE),
-            )
-            step = np.clip(slope / curvature, -LARGEST_STEP, LARGEST_STEP)
-            top = here + slope * step - 0.5 * curvature * step**2 - 0.5 * np.log(curvature)
+            top = self._maxima(inside)
             out[allowed] += top.sum(axis=1) + self._matching_prior(inside)
         return out
+
+    def _maxima(self, theta: FloatArray) -> FloatArray:
+        """(n, forces) ln of each force's likelihood integrated out; moves θ to the maxima.
+
+        A force that turns out to be far from where it was taken to be is looked at again.
+        """
+        model = self.fit.model
+        top = np.zeros((len(theta), len(model.drives)))
+        again = model.drives
+        for _ in range(NEWTON_STEPS):
+            low, here, high = (self._per_force(theta, s, again) for s in (-1.0, 0.0, 1.0))
+            # in standard errors: slope, curvature, and the parabola's top
+            slope = (high - low) / 2
+            curvature = np.maximum(2 * here - low - high, SMALLEST_CURVATURE)
+            step = np.clip(slope / curvature, -LARGEST_STEP, LARGEST_STEP)
+            top[:, again] = here + slope * step - 0.5 * curvature * step**2
+            top[:, again] -= 0.5 * np.log(curvature)
+            theta[:, again] += step * self.stderr[again]
+            far = np.max(np.abs(step), axis=0) > FAR
+            again = [drive for drive, is_far in zip(again, far, strict=True) if is_far]
+            if not again:
+                break
+        return top
 
     def _matching_prior(self, theta: FloatArray) -> FloatArray:
         out = np.zeros(len(theta))
@@ -207,14 +225,15 @@ class _Forces:
                 out += log_matching_prior(theta[:, i], self.fit.theta[i], stderr, prior[1])
         return out
 
-    def _per_force(self, theta: FloatArray, step: float) -> FloatArray:
-        """(n, forces) ln likelihood of the traces of each force, moved by standard errors."""
+    def _per_force(self, theta: FloatArray, step: float, drives: list[int]) -> FloatArray:
+        """(n, drives) ln likelihood of the traces of each, moved by standard errors."""
         model = self.fit.model
         moved = theta.copy()
-        moved[:, model.drives] += step * self.stderr
-        out = np.zeros((len(theta), len(model.drives)))
+        moved[:, drives] += step * self.stderr[drives]
+        out = np.zeros((len(theta), len(drives)))
         for trace in model.traces:
-            out[:, model.drive(trace)] += model.log_likelihood(moved, trace)
+            if model.drive(trace) in drives:
+                out[:, drives.index(model.drive(trace))] += model.log_likelihood(moved, trace)
         return out
 
     def draw(self, common: FloatArray, generator: np.random.Generator) -> FloatArray:
@@ -223,7 +242,8 @@ class _Forces:
         theta = np.zeros((len(common), len(self.fit.theta)))
         theta[:, model.common] = common
         theta[:, model.drives] = self.likeliest(common)
-        table = np.stack([self._per_force(theta, node) for node in NODES])
+        self._maxima(theta)
+        table = np.stack([self._per_force(theta, node, model.drives) for node in NODES])
         table -= table.max(axis=0)
         for i in model.drives:
             law = np.exp(CubicSpline(NODES, table[:, :, i])(FINE))

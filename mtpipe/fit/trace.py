@@ -24,6 +24,7 @@ from mtpipe.spectrum import Spectrum, periodogram, prewhitening
 
 # A parameter known to a factor of no better than e is not called a measurement.
 NOT_IDENTIFIED_LN = 1.0
+NOT_TOLD_LN = 2.0
 QUANTITIES = ("stiffness", "friction", "tracking noise")
 TIED_CORRELATION = 0.8
 # A noise below this share of the trace's variance is indistinguishable from none.
@@ -31,9 +32,14 @@ AT_ZERO = 1e-7
 # All coordinates are of order one; a larger covariance is lmfit's way of saying undetermined.
 SENSIBLE_COVARIANCE = 1e6
 METHOD = "spectrum, maximum likelihood"
+# A valley of the deviance is followed in so many steps.
+VALLEY_STEPS = 4
+VALLEY_ITERATIONS = 2
 # Off the ends of a trace leaks a share τ/T of the power, the same at all frequencies; it may be so
 # much of what N frames tell, 1/√N.
 LEAKAGE = 0.1
+# Prewhitening needs pairs of successive frames: not where most frames have lost their neighbour.
+LEAST_PAIRS = 0.4
 
 
 @dataclass(frozen=True)
@@ -159,6 +165,11 @@ def fit_positions(
     FitError : fewer than 64 frames, or no motion.
     """
     present = np.isfinite(x_nm)
+    if present.any() and not present.all():
+        # frames lost at either end are no gaps
+        inside = np.flatnonzero(present)
+        x_nm = x_nm[inside[0] : inside[-1] + 1]
+        present = np.isfinite(x_nm)
     complete = x_nm
     if present.any() and not present.all():
         # a first look needs no more than the relaxation time
@@ -169,7 +180,8 @@ def fit_positions(
     leaks = tau_s / first.spectrum.duration_s * math.sqrt(len(x_nm)) > LEAKAGE
     if present.all() and not leaks:
         return first
-    phi = prewhitening(tau_s, frame_s)
+    pairs = int(np.sum(present[1:] & present[:-1]))
+    phi = prewhitening(tau_s, frame_s) if pairs > LEAST_PAIRS * present.sum() else 0.0
     return fit_model(model(periodogram(x_nm, frame_s, lowest_hz=lowest_hz, phi=phi)))
 
 
@@ -206,6 +218,8 @@ def fit_model(model: TraceModel) -> TraceFit:
         xtol=1e-8,
     )
     theta = coordinates(result.params)
+    if not _is_bounded(model, theta):
+        return describe(model, theta, inverse_information(model.information(theta)), told=False)
     if model.noise_variance_nm2 is None and not model.noise_is_log and theta[2] < AT_ZERO * scale:
         without = fit_model(replace(model, noise_variance_nm2=0.0))
         return describe(model, without.theta, inverse_information(model.information(without.theta)))
@@ -213,6 +227,32 @@ def fit_model(model: TraceModel) -> TraceFit:
         return describe(model, theta, inverse_information(model.information(theta)))
     to_nm2 = np.array([1.0, 1.0, unit])[: len(model.free)]
     return describe(model, theta, result.covar * np.outer(to_nm2, to_nm2))
+
+
+def _is_bounded(model: TraceModel, theta: FloatArray) -> bool:
+    """Whether the deviance rises where the stiffness is a factor e away, all else adapting.
+
+    With noise and friction both free the curvature at the maximum may look sharp while a long, flat
+    valley leads away from it (PHYSICS 3.A).
+    """
+    if model.friction is not None or model.noise_variance_nm2 is not None or model.noise_is_log:
+        return True
+    lowest = float(np.sum(model.residuals(theta[None]) ** 2))
+    unit = np.array([1.0, model.spectrum.variance_nm2])
+    for sign in (-1.0, 1.0):
+        moved = theta.copy()
+        for step in np.linspace(0, NOT_IDENTIFIED_LN, VALLEY_STEPS + 1)[1:]:
+            moved[0] = theta[0] + sign * step
+            for _ in range(VALLEY_ITERATIONS):
+                shift = 1e-4 * np.array([[0.0, unit[0], 0.0], [0.0, 0.0, unit[1]]])
+                rows = model.residuals(np.vstack([moved + shift, moved]))
+                jacobian = ((rows[:2] - rows[2]) / 1e-4).T
+                move = np.linalg.lstsq(jacobian, rows[2], rcond=None)[0]
+                moved[1] -= np.clip(move[0], -1.0, 1.0)
+                moved[2] = max(moved[2] - move[1] * unit[1], 0.0)
+        if float(np.sum(model.residuals(moved[None]) ** 2)) - lowest < 1.0:
+            return False
+    return True
 
 
 def inverse_information(information: FloatArray) -> FloatArray:
@@ -229,13 +269,20 @@ def describe(
     free_covariance: FloatArray,
     *,
     fitted: float | None = None,
+    told: bool = True,
 ) -> TraceFit:
     """A fit's estimates from its maximum θ (3,) and the covariance of what was free.
 
-    `fitted`: parameters taken from this trace's data, where it shares some with others.
+    Parameters
+    ----------
+    fitted : parameters taken from this trace's data, where it shares some with others.
+    told : False where the data do not tell the stiffness, whatever the covariance.
     """
     covariance = np.zeros((3, 3))
     covariance[np.ix_(model.free, model.free)] = free_covariance
+    if not told:
+        # along the valley k² ~ γ: the level of the spectrum, 4kTγ/k², is what the data tell
+        covariance[:2, :2] += NOT_TOLD_LN**2 * np.array([[1.0, 2.0], [2.0, 4.0]])
     signed = model.residuals(theta[None])[0][: len(model.spectrum.power)]
     deviance = float(np.sum(signed**2))
     dof, p_value = model.p_value(deviance, len(model.free) if fitted is None else fitted)
