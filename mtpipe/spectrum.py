@@ -225,7 +225,7 @@ def _window(
     phi: float,
 ) -> Window:
     masks = (
-        np.ones((1, length), dtype=bool)
+        np.ones((segments, length), dtype=bool)
         if present is None
         else np.frombuffer(present, dtype=bool).reshape(segments, length)
     )

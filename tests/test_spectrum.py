@@ -139,3 +139,14 @@ def test_high_pass_leaves_out_the_bins_it_emptied():
     spectrum = periodogram(x, 0.01, lowest_hz=2.0)
     assert spectrum.frequency_hz[0] >= 2.0
     assert periodogram(x, 0.01).frequency_hz[0] == pytest.approx(0.05)
+
+
+@pytest.mark.parametrize("lost", [0, 1])
+def test_all_segments_of_a_long_trace_count(lost):
+    """Cut in two, a trace of 2^17 frames has as many independent ordinates as half its frames."""
+    x = np.random.default_rng(4).normal(size=2**17)
+    x[:lost] = np.nan
+    spectrum = periodogram(x, 0.01)
+    assert spectrum.ordinates.sum() * spectrum.share == pytest.approx(2**16, rel=1e-3)
+    relative = spectrum.power / 0.02 - 1
+    assert np.sum(spectrum.ordinates * relative**2) / len(relative) == pytest.approx(1, abs=0.4)
