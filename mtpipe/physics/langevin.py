@@ -1,4 +1,4 @@
-"""Exact simulation of a relaxation mode seen by a camera: one step per frame, no small time steps.
+"""Exact simulation of relaxation modes seen by a camera: one step per frame, no small time steps.
 
 Over an exposure the position at its end and the integral over it are jointly Gaussian given the
 position at its start; the dead time until the next frame is one more Gaussian step (PHYSICS section
@@ -9,6 +9,7 @@ is a check on the other.
 from __future__ import annotations
 
 import math
+from dataclasses import dataclass
 
 import numpy as np
 from scipy import signal
@@ -17,43 +18,92 @@ from mtpipe.physics.camera import Camera, FloatArray
 from mtpipe.physics.modes import SINGLE_MODE, Modes
 
 
+@dataclass(frozen=True, eq=False)
+class ModePath:
+    """One mode in units of its standard deviation.
+
+    `averages` (parts, frames) are over equal parts of each exposure; `end` is the position at the
+    start of the frame that would follow.
+    """
+
+    averages: FloatArray
+    end: float
+
+
+def mode_path(
+    tau_s: float,
+    camera: Camera,
+    frames: int,
+    random: np.random.Generator,
+    *,
+    start: float | None = None,
+    parts: int = 1,
+) -> ModePath:
+    """Motion of one Ornstein–Uhlenbeck mode of unit variance.
+
+    Parameters
+    ----------
+    tau_s : relaxation time γ/k. camera : frame interval and exposure. frames : how many.
+    start : position at the start of the first exposure; None: drawn from equilibrium.
+    parts : each exposure is averaged in so many parts.
+    """
+    part_s, dead_s = camera.exposure_s / parts, camera.frame_s - camera.exposure_s
+    a = part_s / tau_s
+    decay = math.exp(-a)
+    end_variance = -math.expm1(-2 * a)
+    # of the mean over a part, given the start: on x_end it depends by `slope`, the rest is its own
+    slope = 0.5 * _tanhc(a / 2)
+    rest = math.sqrt(max(_mean_variance(a) - slope**2 * end_variance, 0.0))
+    kick = math.sqrt(end_variance) * random.normal(size=(parts, frames))
+    average = rest * random.normal(size=(parts, frames))
+    average += slope * kick
+    dead_decay = math.exp(-dead_s / tau_s)
+    carried = dead_decay * decay ** (parts - 1) * kick[0]
+    for part in range(1, parts):
+        carried += dead_decay * decay ** (parts - 1 - part) * kick[part]
+    if dead_s > 0:
+        carried += math.sqrt(-math.expm1(-2 * dead_s / tau_s)) * random.normal(size=frames)
+    whole = math.exp(-camera.frame_s / tau_s)
+    here = np.empty(frames)
+    here[0] = random.normal() if start is None else start
+    following, last = signal.lfilter([1.0], [1.0, -whole], carried, zi=[whole * here[0]])
+    here[1:] = following[:-1]
+    edge = _edge(a)
+    for part in range(parts):
+        average[part] += edge * here
+        if part + 1 < parts:
+            here = decay * here + kick[part]
+    return ModePath(average, float(following[-1]))
+
+
+def _edge(a: float) -> float:
+    """(1 − e^−a)/a."""
+    return -math.expm1(-a) / a if a > 0 else 1.0
+
+
+def _tanhc(a: float) -> float:
+    """tanh(a)/a."""
+    return math.tanh(a) / a if a > 1e-4 else 1 - a * a / 3
+
+
+def _mean_variance(a: float) -> float:
+    """Variance of the mean over a stretch of a relaxation times, its start given."""
+    if a < 1e-2:
+        return 2 * a / 3 - a**2 / 2 + 7 * a**3 / 30
+    decay = math.exp(-a)
+    return (2 * a - 3 + 4 * decay - decay**2) / a**2
+
+
 def simulate_mode(
     variance: float, tau_s: float, camera: Camera, frames: int, random: np.random.Generator
 ) -> FloatArray:
-    """Recorded positions of one Ornstein–Uhlenbeck mode in equilibrium.
+    """(frames,) positions of one mode in equilibrium, averaged over each exposure.
 
     Parameters
     ----------
     variance : s², e.g. kT/k in nm². tau_s : relaxation time γ/k.
-    camera : frame interval and exposure; the exposure may not be zero.
-    frames : how many.
-
-    Returns
-    -------
-    (frames,) positions averaged over each exposure.
     """
-    exposure, dead = camera.exposure_s, camera.frame_s - camera.exposure_s
-    a = exposure / tau_s
-    decay = math.exp(-a)
-    if a < 1e-2:
-        integral_variance = tau_s**2 * (2 * a**3 / 3 - a**4 / 2 + 7 * a**5 / 30)
-    else:
-        integral_variance = tau_s**2 * (2 * a - 3 + 4 * decay - decay**2)
-    end_variance = -math.expm1(-2 * a)
-    slope = tau_s * math.expm1(-a) ** 2 / end_variance
-    rest = math.sqrt(max(integral_variance - slope**2 * end_variance, 0.0))
-    end = math.sqrt(end_variance) * random.normal(size=frames)
-    integral = slope * end + rest * random.normal(size=frames)
-    dead_decay = math.exp(-dead / tau_s)
-    kicks = dead_decay * end
-    if dead > 0:
-        kicks += math.sqrt(-math.expm1(-2 * dead / tau_s)) * random.normal(size=frames)
-    start = np.empty(frames)
-    start[0] = random.normal()
-    carried = decay * dead_decay
-    start[1:] = signal.lfilter([1.0], [1.0, -carried], kicks[:-1], zi=[carried * start[0]])[0]
-    mean = -tau_s * math.expm1(-a) * start
-    return np.asarray(math.sqrt(variance) * (mean + integral) / exposure)
+    return math.sqrt(variance) * mode_path(tau_s, camera, frames, random).averages[0]
 
 
 def simulate_axis(

@@ -146,6 +146,31 @@ def mean_extension_nm(chain: Chain, force_pN: ArrayLike) -> FloatArray:
     ------
     ValueError : a force is negative.
     """
+    r, weight, pull = _distances(chain, force_pN)
+    height = np.sum(weight * r * _mean_cosine(pull), axis=-1)
+    return np.asarray(chain.contour_length_nm * height)
+
+
+def radial_moments(chain: Chain, force_pN: ArrayLike) -> tuple[FloatArray, FloatArray]:
+    """Variance in nm² and skewness of the tether's end-to-end distance r under a constant force.
+
+    Exact averages as in `mean_extension_nm`. The distance is what fluctuates with the chain's own
+    stiffness; the height is shorter by what the end swings sideways. The variance is above kT over
+    the slope of the formula, by 1.3 % for a contour of 2700 nm at 1 pN and 2.9 % for 1200 nm.
+
+    Raises
+    ------
+    ValueError : a force is negative.
+    """
+    r, weight, _ = _distances(chain, force_pN)
+    deviation = r - np.sum(weight * r, axis=-1, keepdims=True)
+    variance = np.sum(weight * deviation**2, axis=-1)
+    skewness = np.sum(weight * deviation**3, axis=-1) / variance**1.5
+    return np.asarray(chain.contour_length_nm**2 * variance), np.asarray(skewness)
+
+
+def _distances(chain: Chain, force_pN: ArrayLike) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Nodes of the distance over the contour length, their weights (sum 1), and F r/kT there."""
     force = np.asarray(force_pN, dtype=np.float64)
     if np.any(force < 0):
         raise ValueError(f"force_pN = {force.min():g}: must not be negative")
@@ -167,8 +192,7 @@ def mean_extension_nm(chain: Chain, force_pN: ArrayLike) -> FloatArray:
     # Over the half sphere e^(pull cos) integrates to e^pull (1 - e^-pull)/pull.
     density = r**2 * (1 + c * _reduced_slope(chain, y)) * exprel(-pull)
     weight = _NODE_WEIGHTS * density * np.exp(log_weight - log_weight.max(axis=-1, keepdims=True))
-    height = np.sum(weight * r * _mean_cosine(pull), axis=-1) / np.sum(weight, axis=-1)
-    return np.asarray(chain.contour_length_nm * height)
+    return r, weight / np.sum(weight, axis=-1, keepdims=True), pull
 
 
 def _mean_cosine(pull: FloatArray) -> FloatArray:

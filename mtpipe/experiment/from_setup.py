@@ -1,0 +1,187 @@
+"""From a setup and a list of forces to the experiment it describes.
+
+What a setup does not state (the stage's drift, the size of the tracking noise, where the magnets
+stand for a force) is filled in with values that are typical, and each is said in a notice.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+
+import numpy as np
+
+from mtpipe.conditions import conditions_of
+from mtpipe.errors import SetupError
+from mtpipe.experiment.description import (
+    Bead,
+    Experiment,
+    Fluid,
+    Rest,
+    Stage,
+    Tracker,
+    Triple,
+)
+from mtpipe.notice import Notice
+from mtpipe.physics.camera import Camera
+from mtpipe.physics.tether import Chain, Formula
+from mtpipe.setup import Measured, Setup
+
+TYPICAL_NOISE_NM: Triple = (2.0, 2.0, 3.0)
+TYPICAL_STAGE = Stage(random_nm_per_root_s=(1.0, 1.0, 1.5))
+# Magnets of Lipfert et al. 2009 (Biophys J 96:5040): force falls off by e within 1.6 mm or so.
+STRONGEST_PN, NEAREST_MM, DECAY_MM = 60.0, 0.1, 1.6
+# Effects that the description contains.
+DESCRIBED = ("wall_drag", "rotation_coupling", "tracking_noise")
+
+
+def experiment_of(
+    setup: Setup,
+    forces_pN: Sequence[float],
+    frames: int,
+    *,
+    noise_nm: Triple | None = None,
+    stage: Stage = TYPICAL_STAGE,
+    beads: int = 1,
+    formula: Formula = "bouchiat",
+) -> tuple[Experiment, tuple[Notice, ...]]:
+    """The experiment a setup describes, at these forces.
+
+    Parameters
+    ----------
+    forces_pN : one plateau each, in time order.
+    frames : per plateau.
+    noise_nm : tracking noise along x, y, z of every bead; None: `[model.tracking_noise] noise_nm`
+        of the setup, a typical one if the setup lists the effect without a size, else zero.
+    beads : number of tethered beads. References are those that the setup names.
+    formula : of the worm-like chain; the setup does not say.
+
+    Returns
+    -------
+    The experiment, and notices of what was assumed.
+
+    Raises
+    ------
+    SetupError : what a simulation needs is unknown, or a force, a length or a noise cannot be.
+    """
+    for force in forces_pN:
+        if not (force > 0 and math.isfinite(force)):
+            raise SetupError(
+                f"a force of {force:g} pN cannot be simulated", mend="Give it above 0."
+            )
+    if not len(forces_pN):
+        raise SetupError("no force is given", mend="Give at least one, in pN.")
+    if frames < 2 or beads < 1:
+        raise SetupError(f"{frames} frames of {beads} beads cannot be simulated")
+    conditions, notices = conditions_of(setup)
+    if conditions.radius_nm is None:
+        raise _unknown("[beads] radius_nm")
+    needed_s, rest_s = setup.plateaus.minimum_s, frames / conditions.frame_rate_hz
+    assumed = list(notices)
+    if rest_s < needed_s:
+        assumed.append(
+            Notice(
+                "short_plateaus",
+                "caution",
+                f"{frames} frames are {rest_s:.3g} s, less than the {needed_s:g} s from which on a "
+                "rest of the magnets counts as a plateau ([plateaus] minimum_s).",
+            )
+        )
+    left_out = sorted(set(setup.model.effects) - set(DESCRIBED))
+    if left_out:
+        assumed.append(
+            Notice(
+                "effects_not_simulated",
+                "caution",
+                f"The simulation does not contain {', '.join(left_out)}.",
+            )
+        )
+    chosen = _noise(setup, assumed) if noise_nm is None else noise_nm
+    if any(not (value >= 0 and math.isfinite(value)) for value in chosen):
+        raise SetupError(f"a tracking noise of {chosen} nm cannot be simulated")
+    rate = conditions.frame_rate_hz
+    experiment = Experiment(
+        chain=Chain(
+            _known(setup.tether.contour_length_nm, "[tether] contour_length_nm"),
+            _known(setup.tether.persistence_length_nm, "[tether] persistence_length_nm"),
+            conditions.temperature_K,
+            formula,
+        ),
+        bead=Bead(conditions.radius_nm[0], turns=conditions.rotation),
+        fluid=Fluid(conditions.temperature_K, conditions.viscosity_mPa_s[0], wall=conditions.wall),
+        along=conditions.along,
+        camera=Camera(1 / rate, conditions.exposure_s),
+        stage=stage,
+        tracker=Tracker(chosen, chosen),
+        rests=tuple(
+            Rest(float(force), frames, magnet)
+            for force, magnet in zip(forces_pN, magnets_mm(setup, forces_pN), strict=True)
+        ),
+        tethered=beads,
+        references=len(setup.beads.reference),
+    )
+    return experiment, tuple(assumed)
+
+
+def magnets_mm(setup: Setup, forces_pN: Sequence[float]) -> list[float]:
+    """Where the magnets stand for each force, one position per plateau, to 1 µm.
+
+    From the forces known beforehand (`[[magnet]]`), ln F linear between positions and on to both
+    sides; with fewer than two of them a typical magnet is taken. Neighbouring plateaus never share
+    a position, or they would be one plateau.
+    """
+    known = sorted(
+        (m.force_pN.value, m.position_mm.value)
+        for m in setup.magnet
+        if m.force_pN.value is not None and m.position_mm.value is not None
+    )
+    logs = np.log([force for force, _ in known])
+    if len(known) >= 2 and np.ptp(logs) > 0:
+        slope, offset = np.polyfit(logs, [position for _, position in known], 1)
+        inside = np.interp(np.log(forces_pN), logs, [position for _, position in known])
+        outside = offset + slope * np.log(forces_pN)
+        within = (np.log(forces_pN) >= logs[0]) & (np.log(forces_pN) <= logs[-1])
+        positions = np.where(within, inside, outside)
+    else:
+        positions = NEAREST_MM + DECAY_MM * np.log(STRONGEST_PN / np.asarray(forces_pN))
+    rounded: list[float] = []
+    for position in positions:
+        value = round(float(position), 3)
+        while rounded and value == rounded[-1]:
+            value = round(value + 0.001, 3)
+        rounded.append(value)
+    return rounded
+
+
+def _noise(setup: Setup, assumed: list[Notice]) -> Triple:
+    if "tracking_noise" not in setup.model.effects:
+        return (0.0, 0.0, 0.0)
+    pinned = (setup.model.model_extra or {}).get("tracking_noise", {}).get("noise_nm")
+    if pinned is None:
+        x, y, z = TYPICAL_NOISE_NM
+        assumed.append(
+            Notice(
+                "noise_assumed",
+                "info",
+                f"The setup lists tracking noise without its size: {x:g} nm in x and y and {z:g} "
+                "nm in z were taken.",
+            )
+        )
+        return TYPICAL_NOISE_NM
+    values = pinned if isinstance(pinned, list) else [pinned] * 3
+    if len(values) != 3 or not all(isinstance(v, (int, float)) for v in values):
+        raise SetupError(
+            f"[model.tracking_noise] noise_nm = {pinned!r}: a number, or one each for x, y and z, "
+            "is needed"
+        )
+    return (float(values[0]), float(values[1]), float(values[2]))
+
+
+def _known(measured: Measured, key: str) -> float:
+    if measured.value is None:
+        raise _unknown(key)
+    return measured.value
+
+
+def _unknown(key: str) -> SetupError:
+    return SetupError(f'{key} is "unknown", and a simulation needs it', mend="Write a value.")

@@ -1,0 +1,130 @@
+"""A tethered bead at one force: where it is on average, and the linear motion about it.
+
+Coordinates, in this order: along the field, across it, away from the surface and, where the bead
+turns, the angle about the field's axis. The bead hangs by its lowest point, so across the field it
+is a pendulum of the tether (L) and the bead (R) (Daldrop et al. 2015); along the field the bead's
+axis is held and the tether alone swings. L is the mean height of the tether's end: with it
+kT L/F is the variance along the field exactly, for any chain (PHYSICS section 0).
+
+The tether's end swings on a sphere, so lateral motion shortens z by a quadratic form of the lateral
+coordinates (PHYSICS E20); the chain is softer when shorter, which skews z, likewise a quadratic
+form. Both are part of the baseline; kurtosis and the surface as a wall are not.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from mtpipe.errors import FitError
+from mtpipe.experiment.description import Experiment
+from mtpipe.physics.camera import FloatArray
+from mtpipe.physics.friction import rotation_wall_factor, rotational_stokes_pN_nm_s
+from mtpipe.physics.linear import LinearMotion, NormalModes, normal_modes, pair_spectrum
+from mtpipe.physics.tether import mean_extension_nm, radial_moments
+from mtpipe.physics.tethered_bead import friction_pN_s_per_nm
+
+ALONG, ACROSS, UP, ANGLE = range(4)
+
+
+@dataclass(frozen=True, eq=False)
+class BeadState:
+    """A bead at one force.
+
+    Attributes
+    ----------
+    extension_nm : mean height of the bead's lowest point, the mean of z.
+    motion : the linear motion about the mean; its readout is (x, y, z) of the camera.
+    modes : its normal modes.
+    bending : (d, d); z is ½ Xᵀ bending X above the linear motion, apart from its mean.
+    """
+
+    force_pN: float
+    extension_nm: float
+    motion: LinearMotion
+    modes: NormalModes
+    bending: FloatArray
+
+
+def bead_state(experiment: Experiment, force_pN: float) -> BeadState:
+    """State of the experiment's bead at a force.
+
+    Raises
+    ------
+    FitError : the force is too small to keep the bead off the surface.
+    """
+    energy, radius = experiment.fluid.thermal_energy_pN_nm, experiment.bead.radius_nm
+    end = float(mean_extension_nm(experiment.chain, force_pN))
+    # a bead that turns tilts, and its centre sinks by R⟨φ²⟩/2
+    extension = end - energy / (2 * force_pN) if experiment.bead.turns else end
+    if not extension > 0:
+        raise FitError(
+            f"at {force_pN:g} pN the tether does not hold the bead off the surface "
+            f"(mean extension {extension:.0f} nm)"
+        )
+    variance, skewness = (float(m) for m in radial_moments(experiment.chain, force_pN))
+    # z − ⟨z⟩ = s (u + b (u² − 1)) with u Gaussian has this skewness, 6b to second order in b
+    b = skewness / 6
+    spread = np.sqrt(variance / (1 + 2 * b**2))
+    if experiment.bead.turns:
+        stiffness, bending = _turning(force_pN, end, radius)
+    else:
+        stiffness = np.diag([force_pN / end, force_pN / (end + radius), 0.0])
+        bending = np.diag([-1 / end, -1 / (end + radius), 0.0])
+    stiffness[UP, UP] = energy / spread**2
+    bending[UP, UP] = 2 * b / spread
+    readout = np.zeros((3, len(stiffness)))
+    readout[experiment.along, ALONG] = readout[1 - experiment.along, ACROSS] = readout[2, UP] = 1
+    motion = LinearMotion(stiffness, _friction(experiment, extension), readout)
+    return BeadState(force_pN, extension, motion, normal_modes(motion, energy), bending)
+
+
+def expected_spectrum(
+    frequency_hz: ArrayLike, state: BeadState, experiment: Experiment, axis: int
+) -> FloatArray:
+    """One-sided spectrum of a tethered bead's recorded motion along x, y or z, in nm²/Hz.
+
+    With exposure, aliases and tracking noise; without the stage and what removes it.
+    """
+    camera, noise = experiment.camera, experiment.tracker.noise_nm[axis]
+    power = state.modes.spectrum(frequency_hz, camera, axis)
+    power = power + 2 * camera.frame_s * noise**2
+    if axis == 2:
+        power = power + pair_spectrum(frequency_hz, state.bending, state.modes, camera)
+    return power
+
+
+def _turning(force_pN: float, end_nm: float, radius_nm: float) -> tuple[FloatArray, FloatArray]:
+    """Stiffness and bending of a bead that turns, PHYSICS section 2 and E20.
+
+    The tether's end is at y − Rφ; bead and end sink by Rφ²/2 + (x² + (y − Rφ)²)/2L.
+    """
+    length, lever = end_nm, radius_nm
+    swing = np.array([[1, -lever], [-lever, lever**2]]) / length
+    turn = np.array([[0, 0], [0, lever]])
+    across = np.ix_([ACROSS, ANGLE], [ACROSS, ANGLE])
+    form = np.zeros((4, 4))
+    form[ALONG, ALONG] = 1 / length
+    form[across] = swing + turn
+    return force_pN * form, -form
+
+
+def _friction(experiment: Experiment, extension_nm: float) -> FloatArray:
+    fluid, radius = experiment.fluid, experiment.bead.radius_nm
+    along, up = (
+        float(
+            friction_pN_s_per_nm(
+                extension_nm, radius, fluid.viscosity_mPa_s, wall=fluid.wall, upright=upright
+            )
+        )
+        for upright in (False, True)
+    )
+    diagonal = [along, along, up]
+    if experiment.bead.turns:
+        turning = float(rotational_stokes_pN_nm_s(radius, fluid.viscosity_mPa_s))
+        if fluid.wall:
+            turning *= float(rotation_wall_factor(extension_nm + radius, radius))
+        diagonal.append(turning)
+    return np.diag(diagonal)

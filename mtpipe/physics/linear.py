@@ -1,0 +1,98 @@
+"""Linear overdamped motion: coupled coordinates as a sum of independent relaxation modes.
+
+Γ dX = −K X dt + √(2 kT Γ) dB with K symmetric and Γ symmetric positive; what is recorded are
+linear combinations of X. With M = Γ^−½ K Γ^−½ = U diag(λ) Uᵀ every readout is a sum of independent
+Ornstein–Uhlenbeck modes with relaxation times 1/λ (PHYSICS section 2; e.g. Risken 1989, section
+6.5). Spectra and simulations both start from these modes.
+
+Quadratic forms of the coordinates, such as the shortening of a tether that swings, are sums over
+pairs of modes: the product of two modes relaxes at the sum of their rates (Isserlis 1918).
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from mtpipe.physics.camera import Camera, FloatArray, power_spectrum
+
+
+@dataclass(frozen=True, eq=False)
+class LinearMotion:
+    """Stiffness K (d, d), friction Γ (d, d) and readout (m, d): recorded = readout · X."""
+
+    stiffness: FloatArray
+    friction: FloatArray
+    readout: FloatArray
+
+
+@dataclass(frozen=True, eq=False)
+class NormalModes:
+    """Independent modes of a linear motion in thermal equilibrium.
+
+    Attributes
+    ----------
+    tau_s : (d,) relaxation times, slowest first.
+    amplitude_nm : (m, d) what one standard deviation of each mode moves each readout.
+    shape : (d, d) what it moves each coordinate.
+    """
+
+    tau_s: FloatArray
+    amplitude_nm: FloatArray
+    shape: FloatArray
+
+    def covariance_nm2(self) -> FloatArray:
+        """(m, m) covariance of the readouts, kT · readout K⁻¹ readoutᵀ (equipartition)."""
+        return np.asarray(self.amplitude_nm @ self.amplitude_nm.T)
+
+    def spectrum(
+        self, frequency_hz: ArrayLike, camera: Camera, first: int, second: int | None = None
+    ) -> FloatArray:
+        """One-sided (cross-)spectrum of recorded positions, in nm²/Hz; real in equilibrium."""
+        second = first if second is None else second
+        variance = self.amplitude_nm[first] * self.amplitude_nm[second]
+        frequency = np.asarray(frequency_hz, dtype=float)[..., None]
+        return np.asarray(np.sum(power_spectrum(frequency, variance, self.tau_s, camera), axis=-1))
+
+    def quadratic(self, form: FloatArray) -> FloatArray:
+        """(d, d) matrix q of ½ Xᵀ form X = ½ Σ q_ij u_i u_j in units of the modes u."""
+        return np.asarray(self.shape.T @ form @ self.shape)
+
+
+def normal_modes(motion: LinearMotion, thermal_energy_pN_nm: float) -> NormalModes:
+    """Modes of a linear motion.
+
+    Raises
+    ------
+    ValueError : stiffness or friction is not positive definite; nothing would hold the bead.
+    """
+    values, vectors = np.linalg.eigh(motion.friction)
+    if not values[0] > 0:
+        raise ValueError("the friction matrix is not positive definite")
+    root = vectors @ np.diag(values**-0.5) @ vectors.T
+    rates, modes = np.linalg.eigh(root @ motion.stiffness @ root)
+    if not rates[0] > 0:
+        raise ValueError("the stiffness matrix is not positive definite")
+    shape = root @ modes * np.sqrt(thermal_energy_pN_nm / rates)
+    # an eigenvector's sign is the library's choice: fixed here, so that a seed means one motion
+    largest = np.take_along_axis(shape, np.argmax(np.abs(shape), axis=0)[None], axis=0)
+    shape = shape * np.sign(largest)
+    return NormalModes(1 / rates, motion.readout @ shape, shape)
+
+
+def pair_spectrum(
+    frequency_hz: ArrayLike, form: FloatArray, modes: NormalModes, camera: Camera
+) -> FloatArray:
+    """One-sided spectrum of ½ Xᵀ form X as recorded, in units of the form's result squared per Hz.
+
+    Each pair of modes is an exponential covariance with the sum of both rates, so the camera acts
+    as on one mode; exact to second order in statistics.
+    """
+    q = modes.quadratic(form)
+    rate = 1 / modes.tau_s
+    tau = 1 / (rate[:, None] + rate[None, :])
+    frequency = np.asarray(frequency_hz, dtype=float)[..., None]
+    each = power_spectrum(frequency, (q**2 / 2).ravel(), tau.ravel(), camera)
+    return np.asarray(np.sum(each, axis=-1))

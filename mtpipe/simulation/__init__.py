@@ -1,0 +1,1 @@
+"""Simulators of the experiment: exact for linear systems, step by step for everything else."""

@@ -1,0 +1,188 @@
+"""A simulated recording: the same type as a laboratory's, and the truth it was made from.
+
+Beads move about their anchors, the stage carries all of them, the tracker adds noise and loses
+frames, the magnets rest and move. The same experiment and seed give the same recording.
+"""
+
+from __future__ import annotations
+
+import functools
+import math
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from mtpipe.experiment.description import Experiment
+from mtpipe.experiment.from_setup import TYPICAL_STAGE, experiment_of
+from mtpipe.experiment.state import BeadState, bead_state
+from mtpipe.notice import Notice
+from mtpipe.physics.camera import FloatArray
+from mtpipe.plateaus import find_plateaus
+from mtpipe.recording import Recording
+from mtpipe.setup import Setup
+from mtpipe.simulation.linear import simulate_motion
+
+Progress = Callable[[int, int], None]
+# Beads stand well apart; where they stand has no influence.
+SPACING_NM = 8000.0
+# A move is cut into stretches of constant force no further apart than this in ln F.
+MOVE_STEP_LN = 0.1
+
+
+@dataclass(frozen=True, eq=False)
+class Timetable:
+    """What the magnets do, frame by frame.
+
+    Attributes
+    ----------
+    magnet_mm : (frames,). edges : of the stretches of constant force, from 0 to all frames.
+    force_pN : of each stretch. rest : of each stretch, number of its plateau, or -1 in a move.
+    """
+
+    magnet_mm: FloatArray
+    edges: tuple[int, ...]
+    force_pN: tuple[float, ...]
+    rest: tuple[int, ...]
+
+
+def simulate(
+    setup: Setup,
+    forces_pN: Sequence[float],
+    frames: int = 16_384,
+    seed: int | np.random.Generator = 0,
+    *,
+    beads: int = 1,
+    noise_nm: tuple[float, float, float] | None = None,
+    progress: Progress | None = None,
+) -> Recording:
+    """Simulate a recording of the experiment that a setup describes.
+
+    Parameters
+    ----------
+    forces_pN : force of each plateau, in time order.
+    frames : per plateau.
+    seed : the same seed gives the same recording.
+    beads : tethered beads b1, b2, …; the reference beads are those the setup names.
+    noise_nm : tracking noise along x, y, z; default: as `experiment_of` says.
+    progress : called with (beads done, of how many).
+
+    Returns
+    -------
+    Recording, raw: stage and reference beads are in it. What was assumed is in its notices.
+
+    Raises
+    ------
+    SetupError : the setup does not state what a simulation needs, or an argument cannot be.
+    FitError : a force does not hold the bead off the surface.
+    """
+    experiment, notices = experiment_of(
+        setup, forces_pN, frames, noise_nm=noise_nm, stage=TYPICAL_STAGE, beads=beads
+    )
+    return simulate_experiment(experiment, setup, seed, notices=notices, progress=progress)
+
+
+def simulate_experiment(
+    experiment: Experiment,
+    setup: Setup,
+    seed: int | np.random.Generator,
+    *,
+    notices: tuple[Notice, ...] = (),
+    progress: Progress | None = None,
+) -> Recording:
+    """Simulate a described experiment; the setup says what its analyst believes.
+
+    Raises
+    ------
+    FitError : a force does not hold the bead off the surface.
+    """
+    random = np.random.default_rng(seed)
+    table = timetable(experiment)
+    frames = table.edges[-1]
+    stage = stage_motion(experiment, frames, random)
+    state = functools.cache(functools.partial(bead_state, experiment))
+    lengths = np.diff(table.edges)
+    stretches: list[tuple[BeadState, int]] = [
+        (state(force), int(n)) for force, n in zip(table.force_pN, lengths, strict=True)
+    ]
+    positions: dict[str, FloatArray] = {}
+    names = free_names(experiment.tethered, setup.beads.reference)
+    for i, name in enumerate(names):
+        motion = simulate_motion(stretches, experiment.camera, random)
+        positions[name] = _tracked(
+            motion + stage, _place(i), experiment.tracker.noise_nm, experiment, random
+        )
+        if progress is not None:
+            progress(i + 1, len(names))
+    for i, name in enumerate(setup.beads.reference[: experiment.references]):
+        noise = experiment.tracker.reference_noise_nm
+        positions[name] = _tracked(stage, _place(-1 - i), noise, experiment, random)
+    time_s = experiment.camera.frame_s * np.arange(frames)
+    return Recording(
+        name="simulated",
+        setup=setup,
+        time_s=time_s,
+        frame=np.arange(frames, dtype=np.int64),
+        positions_nm=positions,
+        magnet_mm=table.magnet_mm,
+        plateaus=find_plateaus(time_s, table.magnet_mm, setup.plateaus),
+        notices=notices,
+    )
+
+
+def free_names(count: int, taken: Sequence[str]) -> list[str]:
+    """The first names b1, b2, … that no reference bead has."""
+    candidates = (f"b{i}" for i in range(1, count + len(taken) + 1))
+    return [name for name in candidates if name not in taken][:count]
+
+
+def timetable(experiment: Experiment) -> Timetable:
+    """Rests and moves of the magnets; in a move ln F and position change steadily."""
+    rests = experiment.rests
+    move = round(experiment.move_s / experiment.camera.frame_s)
+    magnet: list[FloatArray] = []
+    edges, forces, numbers = [0], [], []
+    for i, rest in enumerate(rests):
+        if i and move:
+            before = rests[i - 1]
+            magnet.append(np.linspace(before.magnet_mm, rest.magnet_mm, move + 2)[1:-1])
+            ratio = math.log(rest.force_pN / before.force_pN)
+            pieces = min(max(math.ceil(abs(ratio) / MOVE_STEP_LN), 1), move)
+            for k, part in enumerate(np.array_split(np.arange(move), pieces)):
+                edges.append(edges[-1] + len(part))
+                forces.append(before.force_pN * math.exp(ratio * (k + 0.5) / pieces))
+                numbers.append(-1)
+        magnet.append(np.full(rest.frames, rest.magnet_mm))
+        edges.append(edges[-1] + rest.frames)
+        forces.append(rest.force_pN)
+        numbers.append(i)
+    return Timetable(np.concatenate(magnet), tuple(edges), tuple(forces), tuple(numbers))
+
+
+def stage_motion(experiment: Experiment, frames: int, random: np.random.Generator) -> FloatArray:
+    """(frames, 3) motion of the stage in nm, from 0 at the first frame."""
+    frame_s, stage = experiment.camera.frame_s, experiment.stage
+    steps = math.sqrt(frame_s) * np.asarray(stage.random_nm_per_root_s) * random.normal(
+        size=(frames, 3)
+    ) + frame_s * np.asarray(stage.steady_nm_per_s)
+    steps[0] = 0
+    return np.asarray(np.cumsum(steps, axis=0))
+
+
+def _place(number: int) -> FloatArray:
+    return np.array([SPACING_NM * (number + 3), SPACING_NM * 2, 0.0])
+
+
+def _tracked(
+    motion_nm: FloatArray,
+    place_nm: FloatArray,
+    noise_nm: tuple[float, float, float],
+    experiment: Experiment,
+    random: np.random.Generator,
+) -> FloatArray:
+    seen = motion_nm + place_nm
+    if any(noise_nm):
+        seen = seen + np.asarray(noise_nm) * random.normal(size=motion_nm.shape)
+    if experiment.tracker.lost_share:
+        seen[random.random(len(seen)) < experiment.tracker.lost_share] = np.nan
+    return seen
