@@ -158,12 +158,12 @@ def _noise(setup: Setup, assumed: list[Notice]) -> Triple:
         return (0.0, 0.0, 0.0)
     pinned = (setup.model.model_extra or {}).get("tracking_noise", {}).get("noise_nm")
     if pinned is None:
-        x, y, z = TYPICAL_NOISE_NM
+        lateral, _, up = TYPICAL_NOISE_NM
         assumed.append(
             Notice(
                 "noise_assumed",
                 "info",
-                f"The setup lists tracking noise without its size: {x:g} nm in x and y and {z:g} "
+                f"The setup lists tracking noise without its size: {lateral:g} nm in x and y and {up:g} "
                 "nm in z were taken.",
             )
         )

@@ -66,7 +66,7 @@ def mode_path(
     whole = math.exp(-camera.frame_s / tau_s)
     here = np.empty(frames)
     here[0] = random.normal() if start is None else start
-    following, last = signal.lfilter([1.0], [1.0, -whole], carried, zi=[whole * here[0]])
+    following, _ = signal.lfilter([1.0], [1.0, -whole], carried, zi=[whole * here[0]])
     here[1:] = following[:-1]
     edge = _edge(a)
     for part in range(parts):
@@ -103,7 +103,8 @@ def simulate_mode(
     ----------
     variance : s², e.g. kT/k in nm². tau_s : relaxation time γ/k.
     """
-    return math.sqrt(variance) * mode_path(tau_s, camera, frames, random).averages[0]
+    path = mode_path(tau_s, camera, frames, random)
+    return np.asarray(math.sqrt(variance) * path.averages[0])
 
 
 def simulate_axis(

@@ -2,8 +2,8 @@
 
 A frame costs the same whatever the stiffness. Second-order statistics (spectra, variances,
 correlations between axes) are those of the closed forms exactly; z has the skewness of the chain
-and of the swinging tether. What is not in it (kurtosis, the surface as a wall, friction that follows
-the momentary height) is in `mtpipe.simulation.brownian`.
+and of the swinging tether. What is not in it (kurtosis, the surface as a wall, friction that
+follows the momentary height) is in `mtpipe.simulation.brownian`.
 """
 
 from __future__ import annotations
@@ -12,6 +12,7 @@ import math
 from collections.abc import Sequence
 
 import numpy as np
+from scipy.sparse.csgraph import connected_components
 
 from mtpipe.experiment.state import UP, BeadState
 from mtpipe.physics.camera import Camera, FloatArray, blur_factor
@@ -48,7 +49,7 @@ def simulate_motion(
             start = np.linalg.solve(state.modes.shape, position)
         motion, end = _stretch(state, camera, frames, random, start)
         pieces.append(motion)
-        position = state.modes.shape @ end
+        position = np.asarray(state.modes.shape @ end)
         position[UP] += state.extension_nm
     return np.vstack(pieces)
 
@@ -104,12 +105,5 @@ def _parts(relaxations: float) -> int:
 
 def _blocks(q: FloatArray) -> list[list[int]]:
     """Modes that bend z together; modes that do not bend it stand alone."""
-    left, blocks = list(range(len(q))), []
-    while left:
-        block, grown = {left[0]}, True
-        while grown:
-            more = {j for i in block for j in np.flatnonzero(np.abs(q[i]) > 0)} | block
-            grown, block = more != block, more
-        blocks.append(sorted(int(i) for i in block))
-        left = [i for i in left if i not in block]
-    return blocks
+    _, block_of = connected_components(np.abs(q) > 0, directed=False)
+    return [np.flatnonzero(block_of == block).tolist() for block in range(block_of.max() + 1)]

@@ -117,7 +117,7 @@ def simulate_experiment(
     for i, name in enumerate(setup.beads.reference[: experiment.references]):
         noise = experiment.tracker.reference_noise_nm
         positions[name] = _tracked(stage, _place(-1 - i), noise, experiment, random)
-    time_s = experiment.camera.frame_s * np.arange(frames)
+    time_s = np.asarray(experiment.camera.frame_s * np.arange(frames))
     return Recording(
         name="simulated",
         setup=setup,
