@@ -163,8 +163,8 @@ def _noise(setup: Setup, assumed: list[Notice]) -> Triple:
             Notice(
                 "noise_assumed",
                 "info",
-                f"The setup lists tracking noise without its size: {lateral:g} nm in x and y and {up:g} "
-                "nm in z were taken.",
+                "The setup lists tracking noise without its size: "
+                f"{lateral:g} nm in x and y and {up:g} nm in z were taken.",
             )
         )
         return TYPICAL_NOISE_NM

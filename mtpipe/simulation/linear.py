@@ -23,6 +23,8 @@ from mtpipe.physics.langevin import mode_path
 # of the square's variance, is left out. Faster modes average out over the exposure.
 PART_RELAXATIONS = 0.5
 MOST_PARTS = 6
+# Below this share of the largest, an element of the bending is rounding error.
+BENDS = 1e-10
 
 
 def simulate_motion(
@@ -45,13 +47,18 @@ def simulate_motion(
     for state, frames in stretches:
         start: FloatArray | None = None
         if position is not None:
-            position[UP] -= state.extension_nm
-            start = np.linalg.solve(state.modes.shape, position)
+            start = np.linalg.solve(state.modes.shape, position - _mean(state))
         motion, end = _stretch(state, camera, frames, random, start)
         pieces.append(motion)
-        position = np.asarray(state.modes.shape @ end)
-        position[UP] += state.extension_nm
+        position = np.asarray(state.modes.shape @ end) + _mean(state)
     return np.vstack(pieces)
+
+
+def _mean(state: BeadState) -> FloatArray:
+    """(d,) mean of the coordinates, measured from the anchor."""
+    mean = np.zeros(len(state.modes.tau_s))
+    mean[UP] = state.extension_nm
+    return mean
 
 
 def _stretch(
@@ -88,7 +95,7 @@ def _stretch(
             for axis in np.flatnonzero(modes.amplitude_nm[:, i]):
                 recorded[axis] += modes.amplitude_nm[axis, i] * mean
             for j in block:
-                if q[i, j] == 0 or j < i:
+                if j < i:
                     continue
                 product = np.mean(paths[i].averages * paths[j].averages, axis=0)
                 if i == j:
@@ -105,5 +112,5 @@ def _parts(relaxations: float) -> int:
 
 def _blocks(q: FloatArray) -> list[list[int]]:
     """Modes that bend z together; modes that do not bend it stand alone."""
-    _, block_of = connected_components(np.abs(q) > 0, directed=False)
+    _, block_of = connected_components(np.abs(q) > BENDS * np.abs(q).max(), directed=False)
     return [np.flatnonzero(block_of == block).tolist() for block in range(block_of.max() + 1)]
