@@ -69,7 +69,6 @@ class Spectrum:
     window: Window
     variance_nm2: float
     frames: int
-    lost_frames: int
 
     @property
     def duration_s(self) -> float:
@@ -79,8 +78,25 @@ class Spectrum:
     @property
     def gain(self) -> FloatArray:
         """(n_bins,) what prewhitening made of the power: |1 − φ e^{−iθ}|²."""
-        phi, theta = self.window.phi, 2 * np.pi * self.frequency_hz * self.window.frame_s
-        return np.asarray((1 - phi) ** 2 + 4 * phi * np.sin(theta / 2) ** 2)
+        return self.window.gain(self.frequency_hz)
+
+
+def frames_present(x_nm: FloatArray) -> NDArray[np.bool_]:
+    """(n_frames,) which frames are there, of a trace that can be fitted; NaN: lost.
+
+    Raises
+    ------
+    FitError : fewer than 64 frames are present, or the trace does not move at all.
+    """
+    present = np.isfinite(x_nm)
+    n = int(present.sum())
+    if n < MINIMUM_FRAMES:
+        raise FitError(
+            f"only {n} frames of this trace are there; at least {MINIMUM_FRAMES} are needed"
+        )
+    if not np.ptp(x_nm[present]) > 0:
+        raise FitError("the position never changes in this trace")
+    return present
 
 
 def prewhitening(tau_s: float, frame_s: float) -> float:
@@ -109,14 +125,9 @@ def periodogram(
     FitError : fewer than 64 frames are present, or the trace does not move at all.
     """
     x = np.asarray(x_nm, dtype=float)
-    present = np.isfinite(x)
-    n, frames = int(present.sum()), len(x)
-    if n < MINIMUM_FRAMES:
-        raise FitError(f"only {n} frames of this trace are there; at least 64 are needed")
+    present = frames_present(x)
     centred = x - x[present].mean()
     variance = float(np.mean(centred[present] ** 2))
-    if not variance > 0:
-        raise FitError("the position never changes in this trace")
     whitened = centred[1:] - phi * centred[:-1] if phi > 0 else centred
     segments = -(-len(whitened) // LONGEST_SEGMENT)
     length = len(whitened) // segments
@@ -124,10 +135,12 @@ def periodogram(
     used = np.isfinite(pieces)
     seen = int(used.sum())
     if seen < MINIMUM_FRAMES:
-        raise FitError(f"only {seen} pairs of successive frames are there; at least 64 are needed")
-    edges = _bin_edges(length, max(1, int(np.ceil(lowest_hz * frame_s * length))))
-    key = used.tobytes() if seen < used.size else None
-    window = _window(segments, length, key, tuple(edges.tolist()), frame_s, phi)
+        raise FitError(
+            f"only {seen} pairs of successive frames are there; "
+            f"at least {MINIMUM_FRAMES} are needed"
+        )
+    edges = bin_edges(length, max(1, int(np.ceil(lowest_hz * frame_s * length))))
+    window = window_of(used, edges, frame_s, phi)
     ordinates = np.zeros(length // 2 + 1)
     for piece, mask in zip(pieces, used, strict=True):
         mean = piece[mask].mean() if mask.any() else 0.0
@@ -143,8 +156,7 @@ def periodogram(
         share=window.share,
         window=window,
         variance_nm2=variance,
-        frames=frames,
-        lost_frames=frames - n,
+        frames=len(x),
     )
 
 
@@ -168,6 +180,11 @@ class Window:
     white: FloatArray
     short: FloatArray
     slow: interpolate.CubicSpline
+
+    def gain(self, frequency_hz: FloatArray) -> FloatArray:
+        """What prewhitening made of the power at a frequency: |1 − φ e^{−iθ}|²."""
+        half = np.pi * frequency_hz * self.frame_s
+        return np.asarray((1 - self.phi) ** 2 + 4 * self.phi * np.sin(half) ** 2)
 
     def expected(self, variance: FloatArray, tau_s: FloatArray, exposure_s: float) -> FloatArray:
         """Expected power of one mode seen by the camera.
@@ -203,7 +220,7 @@ class Window:
         return 2 * self.frame_s * out
 
 
-def _bin_edges(frames: int, first: int) -> NDArray[np.int64]:
+def bin_edges(frames: int, first: int) -> NDArray[np.int64]:
     """Ordinates 1 … N/2−1 (0 and Nyquist have another law), in bins of growing width."""
     last = (frames - 1) // 2
     if last - first < 8:
@@ -213,6 +230,14 @@ def _bin_edges(frames: int, first: int) -> NDArray[np.int64]:
         edges.append(max(edges[-1] + 1, round(edges[-1] * BIN_GROWTH)))
     edges[-1] = last + 1
     return np.array(edges)
+
+
+def window_of(
+    used: NDArray[np.bool_], edges: NDArray[np.int64], frame_s: float, phi: float
+) -> Window:
+    """Expectations for segments (segments, length) of which the `used` frames are there."""
+    key = None if used.all() else used.tobytes()
+    return _window(*used.shape, key, tuple(edges.tolist()), frame_s, phi)
 
 
 @functools.lru_cache(maxsize=64)

@@ -8,7 +8,7 @@ import pytest
 from mtpipe.errors import FitError
 from mtpipe.physics.camera import Camera, frame_variance, lag_one_covariance, power_spectrum
 from mtpipe.physics.langevin import simulate_mode
-from mtpipe.spectrum import _bin_edges, periodogram, prewhitening
+from mtpipe.spectrum import bin_edges, periodogram, prewhitening
 
 CAMERA = Camera(1 / 100, 0.6 / 100)
 
@@ -53,7 +53,7 @@ def test_window_is_the_exact_expectation(phi, gaps, tau_s):
         mask = mask[1:] & mask[:-1]
         before = covariance[np.abs(lag - 1)][:-1]
         covariance = (1 + phi**2) * covariance[:-1] - phi * (before + covariance[1:])
-    edges = _bin_edges(len(mask), 1)
+    edges = bin_edges(len(mask), 1)
     direct = 2 * CAMERA.frame_s * direct_expectation(mask.astype(float), covariance, edges)
     ours = spectrum.window.expected(np.array([4.0]), np.array([tau_s]), CAMERA.exposure_s)[0]
     assert ours == pytest.approx(direct, rel=1e-4 if phi > 0 else 3e-5)

@@ -1,9 +1,10 @@
 """The description of an experiment: plain immutable numbers, in the order of things in a recording.
 
-Dynamics (tether, bead, fluid, field) → exposure of a frame → stage and reference beads → tracker →
-clock. Expected spectra, simulators and the design of experiments all read an `Experiment`, so they
-cannot be given different physics; an effect is a change of it (`dataclasses.replace`). What is only
-estimated, with its standard error, lives in `mtpipe.conditions`; here every value is exact.
+Dynamics (tether, bead, fluid, field) → exposure of a frame → stage and reference beads → optics →
+tracker → clock. Expected spectra, simulators and the design of experiments all read an
+`Experiment`, so they cannot be given different physics; an effect is a change of it
+(`dataclasses.replace`). What is only estimated, with its standard error, lives in
+`mtpipe.conditions`; here every value is exact.
 """
 
 from __future__ import annotations
@@ -45,6 +46,13 @@ class Stage:
 
     steady_nm_per_s: Triple = (0.0, 0.0, 0.0)
     random_nm_per_root_s: Triple = (0.0, 0.0, 0.0)
+
+
+@dataclass(frozen=True)
+class Optics:
+    """What turns positions into recorded ones; `z_zero_nm` is added to every height."""
+
+    z_zero_nm: float = 0.0
 
 
 @dataclass(frozen=True)
@@ -91,3 +99,4 @@ class Experiment:
     move_s: float = 1.0
     tethered: int = 1
     references: int = 1
+    optics: Optics = Optics()

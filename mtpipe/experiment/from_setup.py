@@ -41,8 +41,9 @@ def experiment_of(
     frames: int,
     *,
     noise_nm: Triple | None = None,
-    stage: Stage = TYPICAL_STAGE,
+    stage: Stage | None = None,
     beads: int = 1,
+    lost_share: float = 0.0,
     formula: Formula = "bouchiat",
 ) -> tuple[Experiment, tuple[Notice, ...]]:
     """The experiment a setup describes, at these forces.
@@ -53,7 +54,9 @@ def experiment_of(
     frames : per plateau.
     noise_nm : tracking noise along x, y, z of every bead; None: `[model.tracking_noise] noise_nm`
         of the setup, a typical one if the setup lists the effect without a size, else zero.
+    stage : its motion; None: a typical one.
     beads : number of tethered beads. References are those that the setup names.
+    lost_share : of each bead's frames, at least 0 and below 1.
     formula : of the worm-like chain; the setup does not say.
 
     Returns
@@ -76,8 +79,22 @@ def experiment_of(
     conditions, notices = conditions_of(setup)
     if conditions.radius_nm is None:
         raise _unknown("[beads] radius_nm")
+    # what is said of pinned parameters there is about fits
+    assumed = [notice for notice in notices if notice.code != "pinned_not_used"]
+    if stage is None:
+        stage = TYPICAL_STAGE
+        steps = ", ".join(f"{step:g}" for step in stage.random_nm_per_root_s)
+        said = f"The stage moves at random by {steps} nm along x, y, z in a second, as is typical."
+        assumed.append(Notice("stage_assumed", "info", said))
+    if len(_known_forces(setup)) < 2:
+        said = (
+            "Magnet positions are those of a typical magnet: [[magnet]] does not tell two forces."
+        )
+        assumed.append(Notice("magnet_assumed", "info", said))
+    if not setup.camera.exposure_s.known:
+        said = "The exposure is unknown; that of a whole frame was taken."
+        assumed.append(Notice("exposure_assumed", "caution", said))
     needed_s, rest_s = setup.plateaus.minimum_s, frames / conditions.frame_rate_hz
-    assumed = list(notices)
     if rest_s < needed_s:
         assumed.append(
             Notice(
@@ -87,7 +104,8 @@ def experiment_of(
                 "rest of the magnets counts as a plateau ([plateaus] minimum_s).",
             )
         )
-    left_out = sorted(set(setup.model.effects) - set(DESCRIBED))
+    pinned = set(setup.model.model_extra or {}) - {"tracking_noise"}
+    left_out = sorted((set(setup.model.effects) | pinned) - set(DESCRIBED))
     if left_out:
         assumed.append(
             Notice(
@@ -99,6 +117,8 @@ def experiment_of(
     chosen = _noise(setup, assumed) if noise_nm is None else noise_nm
     if any(not (value >= 0 and math.isfinite(value)) for value in chosen):
         raise SetupError(f"a tracking noise of {chosen} nm cannot be simulated")
+    if not 0 <= lost_share < 1:
+        raise SetupError(f"a share of {lost_share:g} of the frames cannot be lost")
     rate = conditions.frame_rate_hz
     experiment = Experiment(
         chain=Chain(
@@ -112,7 +132,7 @@ def experiment_of(
         along=conditions.along,
         camera=Camera(1 / rate, conditions.exposure_s),
         stage=stage,
-        tracker=Tracker(chosen, chosen),
+        tracker=Tracker(chosen, chosen, lost_share),
         rests=tuple(
             Rest(float(force), frames, magnet)
             for force, magnet in zip(forces_pN, magnets_mm(setup, forces_pN), strict=True)
@@ -130,27 +150,34 @@ def magnets_mm(setup: Setup, forces_pN: Sequence[float]) -> list[float]:
     sides; with fewer than two of them a typical magnet is taken. Neighbouring plateaus never share
     a position, or they would be one plateau.
     """
-    known = sorted(
-        (m.force_pN.value, m.position_mm.value)
-        for m in setup.magnet
-        if m.force_pN.value is not None and m.position_mm.value is not None
-    )
-    logs = np.log([force for force, _ in known])
-    if len(known) >= 2 and np.ptp(logs) > 0:
-        slope, offset = np.polyfit(logs, [position for _, position in known], 1)
-        inside = np.interp(np.log(forces_pN), logs, [position for _, position in known])
-        outside = offset + slope * np.log(forces_pN)
-        within = (np.log(forces_pN) >= logs[0]) & (np.log(forces_pN) <= logs[-1])
-        positions = np.where(within, inside, outside)
+    known = _known_forces(setup)
+    if len(known) >= 2:
+        logs = np.log([force for force, _ in known])
+        stand = [position for _, position in known]
+        slope = np.polyfit(logs, stand, 1)[0]
+        asked = np.log(forces_pN)
+        beyond = asked - np.clip(asked, logs[0], logs[-1])
+        positions = np.interp(asked, logs, stand) + slope * beyond
     else:
         positions = NEAREST_MM + DECAY_MM * np.log(STRONGEST_PN / np.asarray(forces_pN))
+    apart = round(max(0.001, 2 * setup.plateaus.tolerance_mm), 3)
     rounded: list[float] = []
     for position in positions:
         value = round(float(position), 3)
-        while rounded and value == rounded[-1]:
-            value = round(value + 0.001, 3)
+        if rounded and abs(value - rounded[-1]) < apart:
+            value = round(rounded[-1] + apart, 3)
         rounded.append(value)
     return rounded
+
+
+def _known_forces(setup: Setup) -> list[tuple[float, float]]:
+    """Forces known beforehand and the magnets' positions, by force; of equal ones the last."""
+    known = {
+        m.force_pN.value: m.position_mm.value
+        for m in setup.magnet
+        if m.force_pN.value is not None and m.position_mm.value is not None
+    }
+    return sorted(known.items())
 
 
 def _noise(setup: Setup, assumed: list[Notice]) -> Triple:

@@ -20,13 +20,17 @@ from numpy.typing import ArrayLike
 
 from mtpipe.errors import FitError
 from mtpipe.experiment.description import Experiment
-from mtpipe.physics.camera import FloatArray
+from mtpipe.physics.camera import FloatArray, power_spectrum
 from mtpipe.physics.friction import rotation_wall_factor, rotational_stokes_pN_nm_s
-from mtpipe.physics.linear import LinearMotion, NormalModes, normal_modes, pair_spectrum
+from mtpipe.physics.linear import LinearMotion, NormalModes, normal_modes, pair_modes
 from mtpipe.physics.tether import mean_extension_nm, radial_moments
 from mtpipe.physics.tethered_bead import friction_pN_s_per_nm
 
 ALONG, ACROSS, UP, ANGLE = range(4)
+# Nodes and weights of the mean over a Gaussian distribution of heights.
+_HEIGHTS, _HEIGHT_WEIGHTS = np.polynomial.hermite_e.hermegauss(7)
+_HEIGHT_WEIGHTS = _HEIGHT_WEIGHTS / _HEIGHT_WEIGHTS.sum()
+LEAST_SHARE = 0.05
 
 
 @dataclass(frozen=True, eq=False)
@@ -77,8 +81,28 @@ def bead_state(experiment: Experiment, force_pN: float) -> BeadState:
     bending[UP, UP] = 2 * b / spread
     readout = np.zeros((3, len(stiffness)))
     readout[experiment.along, ALONG] = readout[1 - experiment.along, ACROSS] = readout[2, UP] = 1
-    motion = LinearMotion(stiffness, _friction(experiment, extension), readout)
+    # heights where the bead spends its time; the outermost are not below the surface
+    heights = np.maximum(extension + np.sqrt(variance) * _HEIGHTS, LEAST_SHARE * extension)
+    motion = LinearMotion(stiffness, _friction(experiment, heights), readout)
     return BeadState(force_pN, extension, motion, normal_modes(motion, energy), bending)
+
+
+@dataclass(frozen=True, eq=False)
+class RecordedModes:
+    """Exponential covariances that sum up to the motion: τ (m,), covariance (m, 3, 3)."""
+
+    tau_s: FloatArray
+    covariance_nm2: FloatArray
+
+
+def recorded_modes(state: BeadState) -> RecordedModes:
+    """Modes of the linear motion, and the pairs of modes that bend z."""
+    amplitude = state.modes.amplitude_nm
+    linear = np.einsum("am,bm->mab", amplitude, amplitude)
+    tau_s, variance = pair_modes(state.bending, state.modes)
+    bent = np.zeros((len(tau_s), 3, 3))
+    bent[:, 2, 2] = variance
+    return RecordedModes(np.concatenate([state.modes.tau_s, tau_s]), np.concatenate([linear, bent]))
 
 
 def expected_spectrum(
@@ -89,11 +113,10 @@ def expected_spectrum(
     With exposure, aliases and tracking noise; without the stage and what removes it.
     """
     camera, noise = experiment.camera, experiment.tracker.noise_nm[axis]
-    power = state.modes.spectrum(frequency_hz, camera, axis)
-    power = power + 2 * camera.frame_s * noise**2
-    if axis == 2:
-        power = power + pair_spectrum(frequency_hz, state.bending, state.modes, camera)
-    return power
+    parts = recorded_modes(state)
+    frequency = np.asarray(frequency_hz, dtype=float)[..., None]
+    power = power_spectrum(frequency, parts.covariance_nm2[:, axis, axis], parts.tau_s, camera)
+    return np.asarray(power.sum(axis=-1) + 2 * camera.frame_s * noise**2)
 
 
 def _turning(force_pN: float, end_nm: float, radius_nm: float) -> tuple[FloatArray, FloatArray]:
@@ -111,20 +134,22 @@ def _turning(force_pN: float, end_nm: float, radius_nm: float) -> tuple[FloatArr
     return force_pN * form, -form
 
 
-def _friction(experiment: Experiment, extension_nm: float) -> FloatArray:
+def _friction(experiment: Experiment, heights_nm: FloatArray) -> FloatArray:
+    """Friction matrix: the inverse of the mean mobility over the heights the bead visits.
+
+    It is the mean mobility that sets how a correlation begins to fall (the first cumulant).
+    """
     fluid, radius = experiment.fluid, experiment.bead.radius_nm
     along, up = (
-        float(
-            friction_pN_s_per_nm(
-                extension_nm, radius, fluid.viscosity_mPa_s, wall=fluid.wall, upright=upright
-            )
+        friction_pN_s_per_nm(
+            heights_nm, radius, fluid.viscosity_mPa_s, wall=fluid.wall, upright=upright
         )
         for upright in (False, True)
     )
-    diagonal = [along, along, up]
+    coordinates = [along, along, up]
     if experiment.bead.turns:
-        turning = float(rotational_stokes_pN_nm_s(radius, fluid.viscosity_mPa_s))
-        if fluid.wall:
-            turning *= float(rotation_wall_factor(extension_nm + radius, radius))
-        diagonal.append(turning)
-    return np.diag(diagonal)
+        turning = rotational_stokes_pN_nm_s(radius, fluid.viscosity_mPa_s)
+        factor = rotation_wall_factor(heights_nm + radius, radius) if fluid.wall else 1.0
+        coordinates.append(np.asarray(turning * factor))
+    each = [np.broadcast_to(friction, heights_nm.shape) for friction in coordinates]
+    return np.diag([1 / float(_HEIGHT_WEIGHTS @ (1 / friction)) for friction in each])

@@ -82,17 +82,28 @@ def normal_modes(motion: LinearMotion, thermal_energy_pN_nm: float) -> NormalMod
     return NormalModes(1 / rates, motion.readout @ shape, shape)
 
 
+def pair_modes(form: FloatArray, modes: NormalModes) -> tuple[FloatArray, FloatArray]:
+    """Relaxation times and variances (pairs,) of the parts of ½ Xᵀ form X.
+
+    Each pair of modes is an exponential covariance with the sum of both rates, so the camera acts
+    as on one mode; exact to second order in statistics. Pairs without a part are left out.
+    """
+    q = modes.quadratic(form)
+    first, second = np.triu_indices(len(q))
+    rate = 1 / modes.tau_s
+    variance = np.where(first == second, 0.5, 1.0) * q[first, second] ** 2
+    there = variance > 1e-12 * np.max(variance, initial=0.0)
+    tau = 1 / (rate[first] + rate[second])
+    return np.asarray(tau[there]), np.asarray(variance[there])
+
+
 def pair_spectrum(
     frequency_hz: ArrayLike, form: FloatArray, modes: NormalModes, camera: Camera
 ) -> FloatArray:
     """One-sided spectrum of ½ Xᵀ form X as recorded, in units of the form's result squared per Hz.
 
-    Each pair of modes is an exponential covariance with the sum of both rates, so the camera acts
-    as on one mode; exact to second order in statistics.
+    Source: `pair_modes`.
     """
-    q = modes.quadratic(form)
-    rate = 1 / modes.tau_s
-    tau = 1 / (rate[:, None] + rate[None, :])
+    tau_s, variance = pair_modes(form, modes)
     frequency = np.asarray(frequency_hz, dtype=float)[..., None]
-    each = power_spectrum(frequency, (q**2 / 2).ravel(), tau.ravel(), camera)
-    return np.asarray(np.sum(each, axis=-1))
+    return np.asarray(np.sum(power_spectrum(frequency, variance, tau_s, camera), axis=-1))

@@ -47,6 +47,17 @@ def friction_pN_s_per_nm(
     return np.asarray(bulk * factor(np.asarray(extension_nm) + radius, radius))
 
 
+def lever_nm(extension_nm: ArrayLike, radius_nm: ArrayLike, *, along: bool) -> FloatArray:
+    """Force over lateral stiffness, nm: L along the field, L + R across.
+
+    Along the field the bead keeps its orientation and tilts the tether alone; across, tether and
+    radius swing as one pendulum (te Velthuis et al. 2010, Eqs 5 and 6). Shapes broadcast; along the
+    field the radius may be nan.
+    """
+    length, radius = np.asarray(extension_nm, dtype=float), np.asarray(radius_nm, dtype=float)
+    return np.where(along, length, length + radius)
+
+
 def turning_modes(extension_nm: ArrayLike, radius_nm: ArrayLike, *, wall: bool) -> Modes:
     """Modes across the field of a bead that turns freely about the field's axis.
 

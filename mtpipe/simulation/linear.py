@@ -8,6 +8,7 @@ follows the momentary height) is in `mtpipe.simulation.brownian`.
 
 from __future__ import annotations
 
+import itertools
 import math
 from collections.abc import Sequence
 
@@ -15,16 +16,23 @@ import numpy as np
 from scipy.sparse.csgraph import connected_components
 
 from mtpipe.experiment.state import UP, BeadState
-from mtpipe.physics.camera import Camera, FloatArray, blur_factor
+from mtpipe.physics.camera import (
+    Camera,
+    FloatArray,
+    blur_factor,
+    edge_factor,
+    frame_variance,
+    lag_one_covariance,
+)
 from mtpipe.physics.langevin import mode_path
 
-# Squares of a coordinate are averaged over parts of the exposure, each at most this many relaxation
-# times long: the part's own spread is then put in by its mean, and only its fluctuation, below 3 %
-# of the square's variance, is left out. Faster modes average out over the exposure.
-PART_RELAXATIONS = 0.5
-MOST_PARTS = 6
-# Below this share of the largest, an element of the bending is rounding error.
-BENDS = 1e-10
+# Products of modes are averaged over parts of the exposure, each at most this many relaxation times
+# long, as far as so many parts reach. What a product fluctuates within a part is nearly independent
+# from frame to frame; it is added by its exact variance and lag-one covariance.
+PART_RELAXATIONS = 1.0
+MOST_PARTS = 3
+# Below this share of the largest, an amplitude or an element of the bending is rounding error.
+ROUNDING = 1e-10
 
 
 def simulate_motion(
@@ -47,10 +55,10 @@ def simulate_motion(
     for state, frames in stretches:
         start: FloatArray | None = None
         if position is not None:
-            start = np.linalg.solve(state.modes.shape, position - _mean(state))
+            start = np.asarray(np.linalg.solve(state.modes.shape, position - _mean(state)))
         motion, end = _stretch(state, camera, frames, random, start)
         pieces.append(motion)
-        position = np.asarray(state.modes.shape @ end) + _mean(state)
+        position = state.modes.shape @ end + _mean(state)
     return np.vstack(pieces)
 
 
@@ -71,9 +79,13 @@ def _stretch(
     """(frames, 3) motion, and the modes at its end."""
     modes = state.modes
     q = modes.quadratic(state.bending)
+    q = np.where(np.abs(q) > ROUNDING * np.abs(q).max(), q, 0.0)
+    amplitude = modes.amplitude_nm
+    amplitude = np.where(np.abs(amplitude) > ROUNDING * np.abs(amplitude).max(), amplitude, 0.0)
     recorded = np.zeros((3, frames))
     recorded[2] = state.extension_nm
     end = np.empty(len(modes.tau_s))
+    within = np.zeros(2)
     for block in _blocks(q):
         # the mode that bends z most sets how finely its square is followed
         leading = max(block, key=lambda i: abs(q[i, i]))
@@ -92,17 +104,20 @@ def _stretch(
         for i in block:
             end[i] = paths[i].end
             mean = paths[i].averages.mean(axis=0)
-            for axis in np.flatnonzero(modes.amplitude_nm[:, i]):
-                recorded[axis] += modes.amplitude_nm[axis, i] * mean
-            for j in block:
-                if j < i:
-                    continue
-                product = np.mean(paths[i].averages * paths[j].averages, axis=0)
-                if i == j:
-                    # a part's mean square lacks the spread within the part
-                    part_s = camera.exposure_s / part_count
-                    product -= float(blur_factor(part_s / modes.tau_s[i]))
-                recorded[2] += q[i, j] * (0.5 if i == j else 1.0) * product
+            for axis in np.flatnonzero(amplitude[:, i]):
+                recorded[axis] += amplitude[axis, i] * mean
+        for i, j in itertools.combinations_with_replacement(block, 2):
+            if q[i, j] == 0:
+                continue
+            product = np.mean(paths[i].averages * paths[j].averages, axis=0)
+            if i == j:
+                # the mean of what the square has within a part is taken off here already
+                product -= float(blur_factor(camera.exposure_s / part_count / modes.tau_s[i]))
+            weight = q[i, j] * (0.5 if i == j else 1.0)
+            recorded[2] += weight * product
+            taus = float(modes.tau_s[i]), float(modes.tau_s[j])
+            within += (2 if i == j else 1) * weight**2 * _within_parts(taus, camera, part_count)
+    recorded[2] += _moving_average(float(within[0]), float(within[1]), frames, random)
     return recorded.T, end
 
 
@@ -112,5 +127,36 @@ def _parts(relaxations: float) -> int:
 
 def _blocks(q: FloatArray) -> list[list[int]]:
     """Modes that bend z together; modes that do not bend it stand alone."""
-    _, block_of = connected_components(np.abs(q) > BENDS * np.abs(q).max(), directed=False)
+    _, block_of = connected_components(q != 0, directed=False)
     return [np.flatnonzero(block_of == block).tolist() for block in range(block_of.max() + 1)]
+
+
+def _within_parts(taus_s: tuple[float, float], camera: Camera, parts: int) -> FloatArray:
+    """(2,) variance and lag-one covariance of two modes' product that its parts do not have.
+
+    The product itself is one mode that relaxes at the sum of both rates.
+    """
+    part_s = camera.exposure_s / parts
+    both_s = 1 / sum(1 / tau for tau in taus_s)
+    whole = frame_variance(1.0, both_s, camera), lag_one_covariance(1.0, both_s, camera)
+    number = np.arange(parts)
+    missing = []
+    for lag, exact in enumerate(whole):
+        apart = np.abs(lag * camera.frame_s + part_s * (number[:, None] - number))
+        of_parts = np.ones((parts, parts))
+        for tau in taus_s:
+            pause = np.maximum(apart - part_s, 0.0)
+            other = edge_factor(part_s / tau) ** 2 * np.exp(-pause / tau)
+            of_parts *= np.where(apart > 0, other, blur_factor(part_s / tau))
+        missing.append(float(exact) - float(of_parts.mean()))
+    return np.maximum(missing, 0.0)
+
+
+def _moving_average(
+    variance: float, lag_one: float, frames: int, random: np.random.Generator
+) -> FloatArray:
+    """(frames,) of e_n + θ e_(n-1): Gaussian, of this variance and (up to half of it) lag one."""
+    ratio = min(lag_one / variance, 0.5) if variance > 0 else 0.0
+    theta = 2 * ratio / (1 + math.sqrt(1 - 4 * ratio**2))
+    kicks = math.sqrt(variance / (1 + theta**2)) * random.normal(size=frames + 1)
+    return np.asarray(kicks[1:] + theta * kicks[:-1])

@@ -1,0 +1,80 @@
+"""Looks between axes, plateaus and the extension: does one bead on one tether explain them all?
+
+A trace by itself has a stiffness and a friction; how far they are from those of the fitted
+experiment follows to first order from the residual spectrum, projected on what a change of either
+would do to it.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from mtpipe.battery.look import Look, Values
+from mtpipe.battery.observed import AXES, Observed
+from mtpipe.physics.camera import FloatArray
+
+
+def projections(expected_changes: FloatArray, ordinates: FloatArray) -> FloatArray:
+    """(2, n_bins) what takes a residual P/S − 1 to the changes of ln stiffness and ln friction.
+
+    Parameters
+    ----------
+    expected_changes : (2, n_bins) ∂ ln S/∂ ln k and ∂ ln S/∂ ln γ.
+    """
+    weighted = expected_changes * ordinates
+    return np.asarray(np.linalg.pinv(weighted @ expected_changes.T) @ weighted)
+
+
+def per_trace(seen: Sequence[Observed], projection: Sequence[Sequence[FloatArray]]) -> Values:
+    """Changes of ln stiffness and ln friction of each trace against the fitted experiment.
+
+    Parameters
+    ----------
+    projection : per plateau and axis, from `projections`.
+    """
+    values: Values = []
+    changes = np.array(
+        [
+            [projection[i][axis] @ (one.ratio[:, axis] - 1) for axis in range(3)]
+            for i, one in enumerate(seen)
+        ]
+    )
+    everywhere = tuple(range(len(seen)))
+    precision = np.array(
+        [
+            [
+                1 / np.sum(projection[i][axis] ** 2 / one.data.spectrum.ordinates, axis=1)
+                for axis in range(3)
+            ]
+            for i, one in enumerate(seen)
+        ]
+    )
+    trend = np.linspace(-1, 1, len(seen)) if len(seen) > 1 else np.zeros(1)
+    for kind, statistic in enumerate(("stiffness", "friction")):
+        for axis, name in enumerate(AXES):
+            for i in everywhere:
+                values.append((Look(statistic, name, (i,)), float(changes[i, axis, kind])))
+            if len(seen) > 1:
+                weight = precision[:, axis, kind]
+                mean = float(weight @ changes[:, axis, kind] / weight.sum())
+                values.append((Look(statistic, name, everywhere, pooled=True), mean))
+                tilt = weight * (trend - weight @ trend / weight.sum())
+                slope = float(tilt @ changes[:, axis, kind] / np.sqrt(np.sum(tilt**2)))
+                look = Look(f"{statistic}_along_series", name, everywhere, pooled=True)
+                values.append((look, slope))
+    return values
+
+
+def extensions(seen: Sequence[Observed]) -> Values:
+    """Mean heights against the chain, in standard errors; and all of them together."""
+    pulls = [
+        float((one.data.mean_nm[2] - one.expected.extension_nm) / one.expected.extension_stderr_nm)
+        for one in seen
+    ]
+    values: Values = [(Look("extension", "z", (i,)), pull) for i, pull in enumerate(pulls)]
+    if len(seen) > 1:
+        look = Look("extension", "z", tuple(range(len(seen))), pooled=True)
+        values.append((look, float(np.log1p(np.sum(np.square(pulls))))))
+    return values

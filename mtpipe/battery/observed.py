@@ -1,0 +1,89 @@
+"""What the battery looks at: a bead's traces, and what the fitted experiment expects of them."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from scipy import fft
+
+from mtpipe.configured.data import PlateauData
+from mtpipe.configured.model import Expectation
+from mtpipe.physics.camera import FloatArray
+
+AXES = ("x", "y", "z")
+
+
+@dataclass(frozen=True, eq=False)
+class Observed:
+    """One plateau of one bead.
+
+    Attributes
+    ----------
+    position_nm : (n, 3) on the camera's grid, NaN where lost; drift subtracted.
+    reference_nm : (n, 3) reference beads' mean without the drift that was subtracted, or None.
+    data, expected : spectra and mean height, and what they should be.
+    frame_s : frame interval.
+    """
+
+    position_nm: FloatArray
+    reference_nm: FloatArray | None
+    data: PlateauData
+    expected: Expectation
+    frame_s: float
+
+    @property
+    def ratio(self) -> FloatArray:
+        """(n_bins, 3) power over its expectation, per axis."""
+        power = np.diagonal(self.data.spectrum.power, axis1=1, axis2=2)
+        return np.asarray(power / np.diagonal(self.expected.power, axis1=1, axis2=2))
+
+    @property
+    def duration_s(self) -> float:
+        """Length, lost frames included."""
+        return len(self.position_nm) * self.frame_s
+
+
+@dataclass(frozen=True, eq=False)
+class Whitened:
+    """Single ordinates of a plateau over their expected size: amplitudes of about unit variance.
+
+    `frequency_hz` (n,), `bead` (n, 3) and `reference` (n, 3) or None, complex.
+    """
+
+    frequency_hz: FloatArray
+    bead: np.ndarray[tuple[int, ...], np.dtype[np.complex128]]
+    reference: np.ndarray[tuple[int, ...], np.dtype[np.complex128]] | None
+
+
+def bridged(series: FloatArray) -> FloatArray:
+    """(n, 3) series without its mean, lost frames bridged by straight lines."""
+    filled = series - np.nanmean(series, axis=0)
+    for column in filled.T:
+        lost = np.isnan(column)
+        if lost.any():
+            rows = np.arange(len(column))
+            column[lost] = np.interp(rows[lost], rows[~lost], column[~lost])
+    return np.asarray(filled)
+
+
+def whitened(seen: Observed) -> Whitened:
+    """Single ordinates without 0 and Nyquist, tapered against leakage (Hann)."""
+    n = len(seen.position_nm)
+    taper = np.hanning(n)[:, None] * np.sqrt(8 / 3)
+    frequency = np.arange(1, (n - 1) // 2 + 1) / (n * seen.frame_s)
+    scale = np.sqrt(2 * seen.frame_s / n)
+    transform = fft.rfft(bridged(seen.position_nm) * taper, axis=0)[1 : len(frequency) + 1]
+    spectrum = seen.data.spectrum
+    level = np.empty((len(frequency), 3))
+    for axis in range(3):
+        expected = seen.expected.power[:, axis, axis] / spectrum.gain(axis)
+        level[:, axis] = np.exp(
+            np.interp(np.log(frequency), np.log(spectrum.frequency_hz), np.log(expected))
+        )
+    reference: np.ndarray[tuple[int, ...], np.dtype[np.complex128]] | None = None
+    if seen.reference_nm is not None:
+        other = fft.rfft(bridged(seen.reference_nm) * taper, axis=0)[1 : len(frequency) + 1]
+        size = np.sqrt(np.mean(np.abs(other) ** 2, axis=0))
+        reference = np.asarray(other / np.where(size > 0, size, 1.0), dtype=np.complex128)
+    return Whitened(frequency, transform * scale / np.sqrt(level), reference)

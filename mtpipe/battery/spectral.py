@@ -1,0 +1,131 @@
+"""Looks at spectra: bands, narrow lines, what two axes or bead and reference have in common."""
+
+from __future__ import annotations
+
+import itertools
+from collections.abc import Sequence
+
+import numpy as np
+
+from mtpipe.battery.look import Look, Values
+from mtpipe.battery.observed import AXES, Observed, Whitened
+from mtpipe.physics.camera import FloatArray
+
+BANDS = 6
+FEWEST_ORDINATES = 2.0
+# Lines are looked for in cells of so many ordinates of the shortest plateau; tapered ordinates
+# spread a line over three.
+PAIRS = ((0, 1), (0, 2), (1, 2))
+
+
+def band_edges_hz(seen: Sequence[Observed]) -> FloatArray:
+    """Edges of the bands, logarithmic from the lowest frequency of the longest plateau."""
+    low = min(float(s.data.spectrum.frequency_hz[0]) for s in seen)
+    high = max(float(s.data.spectrum.frequency_hz[-1]) for s in seen)
+    return np.geomspace(low * 0.99, high * 1.01, BANDS + 1)
+
+
+def bands(seen: Sequence[Observed], edges_hz: FloatArray) -> Values:
+    """Excess of power in bands: Σ n (P/S − 1)/√Σn, single plateaus and all together."""
+    values: Values = []
+    for axis, name in enumerate(AXES):
+        for low, high in itertools.pairwise(edges_hz):
+            each, there = [], []
+            for i, one in enumerate(seen):
+                spectrum = one.data.spectrum
+                inside = (spectrum.frequency_hz >= low) & (spectrum.frequency_hz < high)
+                n = spectrum.ordinates[inside]
+                if n.sum() < FEWEST_ORDINATES:
+                    continue
+                excess = float(n @ (one.ratio[inside, axis] - 1) / np.sqrt(n.sum()))
+                each.append(excess)
+                there.append(i)
+                values.append((Look("psd_band", name, (i,), (float(low), float(high))), excess))
+            if len(each) > 1:
+                band = (float(low), float(high))
+                total = float(np.sum(each) / np.sqrt(len(each)))
+                values.append((Look("psd_band", name, tuple(there), band, pooled=True), total))
+    return values
+
+
+def lines(seen: Sequence[Observed], spectra: Sequence[Whitened]) -> Values:
+    """Strongest single ordinate per axis and plateau, and of the mean over plateaus."""
+    values: Values = []
+    coarsest = max(float(s.frequency_hz[0]) for s in spectra)
+    for axis, name in enumerate(AXES):
+        cells: list[FloatArray] = []
+        for i, spectrum in enumerate(spectra):
+            power = np.abs(spectrum.bead[:, axis]) ** 2
+            at = int(np.argmax(power[3:])) + 3
+            frequency, width = spectrum.frequency_hz[at], 2 * spectrum.frequency_hz[0]
+            band = (float(frequency - width), float(frequency + width))
+            values.append((Look("line", name, (i,), band), float(np.log(power[at]))))
+            cell = np.floor(spectrum.frequency_hz / (2 * coarsest)).astype(int)
+            cells.append(np.bincount(cell, power) / np.maximum(np.bincount(cell), 1))
+        if len(seen) > 1:
+            shortest = min(len(c) for c in cells)
+            mean = np.mean([c[:shortest] for c in cells], axis=0)
+            at = int(np.argmax(mean[2:])) + 2
+            band = (2 * coarsest * at, 2 * coarsest * (at + 1))
+            everywhere = tuple(range(len(seen)))
+            look = Look("line", name, everywhere, band, pooled=True)
+            values.append((look, float(np.log(mean[at]))))
+    return values
+
+
+def between_axes(seen: Sequence[Observed]) -> Values:
+    """In-phase correlation of two axes, slow and fast half of the information."""
+    values: Values = []
+    for a, b in PAIRS:
+        pooled: list[float] = []
+        for i, one in enumerate(seen):
+            spectrum, model = one.data.spectrum, one.expected.power
+            size = np.sqrt(model[:, a, a] * model[:, b, b])
+            both = (spectrum.power[:, a, b] - model[:, a, b]) / size
+            n = spectrum.ordinates
+            weight = n * np.sqrt(_signal(one, a) * _signal(one, b))
+            value = float(weight @ both / np.sqrt(np.sum(weight**2 / n) / 2))
+            band = (float(spectrum.frequency_hz[0]), float(spectrum.frequency_hz[-1]))
+            values.append((Look("correlation", AXES[a] + AXES[b], (i,), band), value))
+            pooled.append(value)
+        if len(pooled) > 1:
+            look = Look("correlation", AXES[a] + AXES[b], tuple(range(len(seen))), pooled=True)
+            values.append((look, float(np.sum(pooled) / np.sqrt(len(pooled)))))
+    return values
+
+
+def _signal(one: Observed, axis: int) -> FloatArray:
+    """Level of the spectrum over its highest level: emphasis on where the motion is."""
+    level = one.expected.power[:, axis, axis] / one.data.spectrum.gain(axis)
+    return np.asarray(level / level.max())
+
+
+def with_reference(seen: Sequence[Observed], spectra: Sequence[Whitened]) -> Values:
+    """In-phase coherence of bead and reference, below and above the geometric mean frequency."""
+    values: Values = []
+    for axis, name in enumerate(AXES):
+        pooled: dict[int, list[float]] = {0: [], 1: []}
+        for i, spectrum in enumerate(spectra):
+            if spectrum.reference is None:
+                continue
+            common = np.real(spectrum.bead[:, axis] * np.conj(spectrum.reference[:, axis]))
+            middle = np.sqrt(spectrum.frequency_hz[0] * spectrum.frequency_hz[-1])
+            for part, inside in enumerate(
+                (spectrum.frequency_hz < middle, spectrum.frequency_hz >= middle)
+            ):
+                value = float(common[inside].sum() / np.sqrt(inside.sum() / 2))
+                ends = spectrum.frequency_hz[inside][[0, -1]]
+                band = (float(ends[0]), float(ends[1]))
+                values.append((Look("reference_coherence", name, (i,), band), value))
+                pooled[part].append(value)
+        for part, each in pooled.items():
+            if len(each) > 1:
+                everywhere = tuple(range(len(seen)))
+                look = Look(
+                    f"reference_coherence_{'fast' if part else 'slow'}",
+                    name,
+                    everywhere,
+                    pooled=True,
+                )
+                values.append((look, float(np.sum(each) / np.sqrt(len(each)))))
+    return values

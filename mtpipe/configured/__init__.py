@@ -1,0 +1,1 @@
+"""The configured experiment fitted to a bead's whole recording: few parameters, all traces."""

@@ -1,0 +1,257 @@
+"""Maximum likelihood of the configured experiment, by Fisher scoring.
+
+A force moves its own plateau alone, so the information is an arrow: one row per force and a few for
+what all plateaus share. Steps are damped (Levenberg and Marquardt) until the likelihood rises, and
+coordinates at a bound that the step would leave are held there.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mtpipe.configured.data import PlateauData
+from mtpipe.configured.model import DIFFERENCE, ConfiguredModel, Expectation
+from mtpipe.errors import FitError
+from mtpipe.physics.camera import FloatArray
+
+MOST_ROUNDS = 40
+# Where the predicted rise of ln likelihood is below this, the fit has arrived.
+ARRIVED = 1e-3
+FORCE_GRID_PN = np.geomspace(0.01, 150.0, 45)
+
+
+@dataclass(frozen=True, eq=False)
+class ConfiguredFit:
+    """The configured experiment at its most likely.
+
+    Attributes
+    ----------
+    theta : coordinates. information : expected, about θ, priors included.
+    expected, slopes : of each plateau, at θ.
+    """
+
+    model: ConfiguredModel
+    theta: FloatArray
+    information: FloatArray
+    expected: list[Expectation]
+    slopes: list[Slopes]
+    log_likelihood: float
+    converged: bool
+
+    @property
+    def covariance(self) -> FloatArray:
+        """Of θ."""
+        return _inverse(self.information)
+
+    @property
+    def force_pN(self) -> FloatArray:
+        """(plateaus,) forces."""
+        return np.exp(self.theta[: self.model.plateaus])
+
+    @property
+    def force_stderr_pN(self) -> FloatArray:
+        """(plateaus,) their standard errors."""
+        relative = np.sqrt(np.diag(self.covariance)[: self.model.plateaus])
+        return np.asarray(self.force_pN * relative)
+
+
+def fit_configured(model: ConfiguredModel, start: FloatArray | None = None) -> ConfiguredFit:
+    """Fit.
+
+    Parameters
+    ----------
+    start : θ to begin from; None: the forces that suit each plateau best by themselves.
+
+    Raises
+    ------
+    FitError : no force makes any sense of the data.
+    """
+    theta = first_guess(model) if start is None else np.clip(start, model.lower, model.upper)
+    expected = model.all_expected(theta)
+    value = model.log_likelihood(expected, theta)
+    damping, converged = 1e-3, False
+    for _ in range(MOST_ROUNDS):
+        derivatives = slopes(model, theta, expected)
+        gradient = gradient_of(model, model.data, theta, expected, derivatives)
+        information = information_of(model, expected, derivatives)
+        free = ~(
+            ((theta <= model.lower) & (gradient < 0)) | ((theta >= model.upper) & (gradient > 0))
+        )
+        moved = False
+        for _ in range(12):
+            step = _step(gradient, information, free, damping)
+            trial = np.clip(theta + step, model.lower, model.upper)
+            rise = float(gradient @ (trial - theta))
+            try:
+                following = model.all_expected(trial)
+                there = model.log_likelihood(following, trial)
+            except (FitError, ValueError, np.linalg.LinAlgError):
+                there = -np.inf
+            if there > value - 1e-9:
+                moved = True
+                break
+            damping = max(damping, 1e-4) * 8
+        if not moved:
+            converged = rise < 0.1
+            break
+        gained = there - value
+        theta, expected, value = trial, following, there
+        damping = damping / 6 if damping > 1e-9 else 0.0
+        if gained < ARRIVED and rise < 2 * ARRIVED + 1e-2:
+            converged = True
+            break
+    derivatives = slopes(model, theta, expected)
+    information = information_of(model, expected, derivatives)
+    return ConfiguredFit(model, theta, information, expected, derivatives, value, converged)
+
+
+def first_guess(model: ConfiguredModel) -> FloatArray:
+    """θ with each plateau's best force of a coarse grid, the parameters at their starts."""
+    shared = np.array([p.start for p in model.parameters])
+    theta = np.concatenate([np.zeros(model.plateaus), shared])
+    experiment = model.described(theta)
+    best = np.full(model.plateaus, -np.inf)
+    for force in FORCE_GRID_PN:
+        for i, data in enumerate(model.data):
+            try:
+                expected = model.expected(experiment, i, float(force))
+            except (FitError, ValueError):
+                continue
+            single = ConfiguredModel((data,), experiment, (), model.subtraction)
+            value = single.log_likelihood([expected], np.zeros(1))
+            if value > best[i]:
+                best[i], theta[i] = value, np.log(force)
+    if not np.all(np.isfinite(best)):
+        raise FitError("no force makes the configured experiment agree with this recording at all")
+    return theta
+
+
+@dataclass(frozen=True, eq=False)
+class Slopes:
+    """How one plateau's expectation follows θ.
+
+    Attributes
+    ----------
+    rows : (k,) which coordinates move it. power : (k, n_bins, 3, 3) and extension_nm : (k,) per
+        unit of each.
+    inverse : (n_bins, 3, 3) inverse of the expected power. whitened : inverse · power slopes.
+    """
+
+    rows: list[int]
+    power: FloatArray
+    extension_nm: FloatArray
+    inverse: FloatArray
+    whitened: FloatArray
+
+
+def slopes(model: ConfiguredModel, theta: FloatArray, expected: list[Expectation]) -> list[Slopes]:
+    """Derivatives of all plateaus' expectations at θ, by one-sided differences."""
+    n, plateaus = len(theta), model.plateaus
+    experiment = model.described(theta)
+    shifted = []
+    for k, parameter in enumerate(model.parameters):
+        up = theta[plateaus + k] + parameter.step <= parameter.upper
+        step = parameter.step if up else -parameter.step
+        moved = theta.copy()
+        moved[plateaus + k] += step
+        shifted.append((step, model.described(moved)))
+    found = []
+    for i, here in enumerate(expected):
+        force = float(np.exp(theta[i]))
+        others = [(DIFFERENCE, model.expected(experiment, i, force * float(np.exp(DIFFERENCE))))]
+        others += [(step, model.expected(other, i, force)) for step, other in shifted]
+        inverse = np.asarray(np.linalg.inv(here.power))
+        power = np.array([(other.power - here.power) / step for step, other in others])
+        height = np.array([(o.extension_nm - here.extension_nm) / step for step, o in others])
+        whitened = np.asarray(np.einsum("fab,kfbc->kfac", inverse, power))
+        found.append(Slopes([i, *range(plateaus, n)], power, height, inverse, whitened))
+    return found
+
+
+def gradient_of(
+    model: ConfiguredModel,
+    data: Sequence[PlateauData],
+    theta: FloatArray,
+    expected: list[Expectation],
+    derivatives: list[Slopes],
+) -> FloatArray:
+    """Gradient of ln likelihood × prior at θ, for any data of the same shape."""
+    gradient = np.zeros(len(theta))
+    for one, here, slope in zip(data, expected, derivatives, strict=True):
+        excess = np.einsum("fab,fbc->fac", slope.inverse, one.spectrum.power) - np.eye(3)
+        weighted = excess * one.spectrum.ordinates[:, None, None]
+        gradient[slope.rows] += np.einsum("kfab,fba->k", slope.whitened, weighted)
+        pull = (one.mean_nm[2] - here.extension_nm) / here.extension_stderr_nm**2
+        gradient[slope.rows] += slope.extension_nm * pull
+    pulls = model.pulls(theta)
+    for k, parameter in enumerate(model.parameters):
+        if parameter.prior is not None:
+            gradient[model.plateaus + k] -= pulls[k] / parameter.prior[1]
+    return gradient
+
+
+def information_of(
+    model: ConfiguredModel, expected: list[Expectation], derivatives: list[Slopes]
+) -> FloatArray:
+    """Expected information about θ, priors included."""
+    n = model.plateaus + len(model.parameters)
+    information = np.zeros((n, n))
+    for data, here, slope in zip(model.data, expected, derivatives, strict=True):
+        flat = slope.whitened.reshape(len(slope.rows), -1)
+        turned = np.swapaxes(slope.whitened, 2, 3)
+        weighted = (turned * data.spectrum.ordinates[:, None, None]).reshape(len(slope.rows), -1)
+        height = slope.extension_nm / here.extension_stderr_nm
+        information[np.ix_(slope.rows, slope.rows)] += flat @ weighted.T + np.outer(height, height)
+    for k, parameter in enumerate(model.parameters):
+        if parameter.prior is not None:
+            information[model.plateaus + k, model.plateaus + k] += parameter.prior[1] ** -2.0
+    return information
+
+
+def nearby_fit(fit: ConfiguredFit, data: Sequence[PlateauData]) -> list[Expectation]:
+    """What data drawn from a fitted experiment are expected to be once θ is fitted to them again.
+
+    One step of Fisher scoring from the θ the data were drawn at, which is what a fit changes to
+    first order; bounds are kept.
+    """
+    model, theta = fit.model, fit.theta
+    gradient = gradient_of(model, data, theta, fit.expected, fit.slopes)
+    free = np.ones(len(theta), dtype=bool)
+    for _ in range(len(theta)):
+        change = _step(gradient, fit.information, free, 0.0)
+        outside = free & (
+            (theta + change < model.lower - 1e-12) | (theta + change > model.upper + 1e-12)
+        )
+        if not outside.any():
+            break
+        free &= ~outside
+    return [
+        replace(
+            here,
+            power=here.power + np.tensordot(change[s.rows], s.power, 1),
+            extension_nm=here.extension_nm + float(change[s.rows] @ s.extension_nm),
+        )
+        for here, s in zip(fit.expected, fit.slopes, strict=True)
+    ]
+
+
+def _step(
+    gradient: FloatArray, information: FloatArray, free: NDArray[np.bool_], damping: float
+) -> FloatArray:
+    step = np.zeros_like(gradient)
+    index = np.flatnonzero(free)
+    inner = information[np.ix_(index, index)]
+    scale = np.sqrt(np.maximum(np.diag(inner), 1e-300))
+    scaled = inner / np.outer(scale, scale) + damping * np.eye(len(index))
+    step[index] = np.linalg.lstsq(scaled, gradient[index] / scale, rcond=1e-12)[0] / scale
+    return step
+
+
+def _inverse(information: FloatArray) -> FloatArray:
+    scale = np.sqrt(np.maximum(np.diag(information), 1e-300))
+    return np.asarray(np.linalg.pinv(information / np.outer(scale, scale), hermitian=True)
+                      / np.outer(scale, scale))  # fmt: skip

@@ -1,0 +1,226 @@
+"""Likelihood of a bead's whole recording under one described experiment.
+
+Unknowns are a force per plateau, shared by x, y, z and the extension, and few `Parameter`s of the
+experiment: what the setup states with an error or not at all, the tracking noise, and whatever an
+effect brings along. A parameter is a change of the description, so that anything an experiment can
+be described with can be fitted.
+
+Per bin the power matrix of n ordinates is complex Wishart about its expectation S (Whittle 1953;
+Brillinger 1981, theorem 7.2.4), −n (ln det S + tr S⁻¹P); the mean height is Gaussian about the
+chain's with the variance that S has at zero frequency.
+"""
+
+from __future__ import annotations
+
+import functools
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from mtpipe.configured.data import PlateauData
+from mtpipe.drift.lowpass import response
+from mtpipe.experiment.description import Experiment, Rest
+from mtpipe.experiment.state import BeadState, bead_state, recorded_modes
+from mtpipe.physics.camera import FloatArray
+
+# Heights are not believed better than this: rounding, interpolated formulas, time steps.
+LEAST_HEIGHT_STDERR_NM = 0.1
+DIFFERENCE = 1e-3
+
+
+@dataclass(frozen=True)
+class Parameter:
+    """One unknown of the experiment.
+
+    Attributes
+    ----------
+    name, unit : of the coordinate.
+    start, lower, upper : of the coordinate, in its unit.
+    step : a change of the coordinate that matters little, for differences.
+    prior : mean and standard error of what is known beforehand, or None.
+    change : the experiment with the coordinate at a value.
+    """
+
+    name: str
+    unit: str
+    start: float
+    lower: float
+    upper: float
+    step: float
+    prior: tuple[float, float] | None
+    change: Callable[[Experiment, float], Experiment]
+
+
+@dataclass(frozen=True)
+class Subtraction:
+    """What drift subtraction adds to every trace: reference noise below a cutoff, per axis."""
+
+    cutoff_hz: tuple[float | None, float | None, float | None]
+    noise_nm: tuple[float, float, float]
+
+
+@dataclass(frozen=True, eq=False)
+class Expectation:
+    """Of one plateau: power matrix per bin (n_bins, 3, 3), mean height and its standard error."""
+
+    power: FloatArray
+    extension_nm: float
+    extension_stderr_nm: float
+
+
+@functools.lru_cache(maxsize=4096)
+def _state(core: Experiment, force_pN: float) -> BeadState:
+    return bead_state(core, force_pN)
+
+
+def _core(experiment: Experiment) -> Experiment:
+    """The part of the description that the bead's motion depends on."""
+    blank = type(experiment.tracker)()
+    return replace(
+        experiment,
+        rests=(),
+        tracker=blank,
+        stage=type(experiment.stage)(),
+        optics=type(experiment.optics)(),
+    )
+
+
+@dataclass(frozen=True, eq=False)
+class ConfiguredModel:
+    """One bead's data and the experiment that is to explain them.
+
+    The coordinates θ are ln force per plateau, then the parameters.
+    """
+
+    data: tuple[PlateauData, ...]
+    experiment: Experiment
+    parameters: tuple[Parameter, ...]
+    subtraction: Subtraction
+
+    @property
+    def plateaus(self) -> int:
+        """Number of plateaus, and of forces in θ."""
+        return len(self.data)
+
+    @property
+    def lower(self) -> FloatArray:
+        """Lowest allowed θ."""
+        return np.array([-12.0] * self.plateaus + [p.lower for p in self.parameters])
+
+    @property
+    def upper(self) -> FloatArray:
+        """Highest allowed θ."""
+        return np.array([6.0] * self.plateaus + [p.upper for p in self.parameters])
+
+    def described(self, theta: FloatArray) -> Experiment:
+        """The experiment at θ."""
+        experiment = self.experiment
+        for parameter, value in zip(self.parameters, theta[self.plateaus :], strict=True):
+            experiment = parameter.change(experiment, float(value))
+        rests = tuple(
+            Rest(float(np.exp(ln_force)), rest.frames, rest.magnet_mm)
+            for ln_force, rest in zip(theta[: self.plateaus], experiment.rests, strict=True)
+        )
+        return replace(experiment, rests=rests)
+
+    def expected(self, experiment: Experiment, plateau: int, force_pN: float) -> Expectation:
+        """What one plateau's data should be."""
+        data, camera = self.data[plateau], experiment.camera
+        state = _state(_core(experiment), force_pN)
+        parts = recorded_modes(state)
+        windows = data.spectrum.windows
+        kernels: list[FloatArray] = []
+        for axis in range(3):
+            moved = np.flatnonzero(parts.covariance_nm2[:, axis, axis])
+            kernel = np.zeros((len(parts.tau_s), len(data.spectrum.frequency_hz)))
+            kernel[moved] = windows[axis].expected(
+                np.ones(len(moved)), parts.tau_s[moved], camera.exposure_s
+            )
+            kernels.append(kernel)
+        power = np.zeros((len(data.spectrum.frequency_hz), 3, 3))
+        for a in range(3):
+            for b in range(a, 3):
+                variance = parts.covariance_nm2[:, a, b]
+                if not variance.any():
+                    continue
+                kernel = kernels[a] if a == b else np.sqrt(kernels[a] * kernels[b])
+                power[:, a, b] = power[:, b, a] = variance @ kernel
+            power[:, a, a] += (
+                2 * camera.frame_s * windows[a].white * self._white(experiment, a, data)
+            )
+        height_variance = 2 * float(parts.covariance_nm2[:, 2, 2] @ parts.tau_s) / data.duration_s
+        return Expectation(
+            power,
+            state.extension_nm + experiment.optics.z_zero_nm,
+            float(np.hypot(np.sqrt(height_variance), LEAST_HEIGHT_STDERR_NM)),
+        )
+
+    def _white(self, experiment: Experiment, axis: int, data: PlateauData) -> FloatArray:
+        """Variance of the noise per frame, as seen at each frequency."""
+        passed = response(data.spectrum.frequency_hz, self.subtraction.cutoff_hz[axis])
+        return np.asarray(
+            experiment.tracker.noise_nm[axis] ** 2 + (self.subtraction.noise_nm[axis] * passed) ** 2
+        )
+
+    def all_expected(self, theta: FloatArray) -> list[Expectation]:
+        """What all plateaus' data should be at θ."""
+        experiment = self.described(theta)
+        return [
+            self.expected(experiment, i, rest.force_pN) for i, rest in enumerate(experiment.rests)
+        ]
+
+    def log_likelihood(self, expected: list[Expectation], theta: FloatArray) -> float:
+        """ln likelihood × prior, up to a constant."""
+        total = -0.5 * float(np.sum(self.pulls(theta) ** 2))
+        for data, model in zip(self.data, expected, strict=True):
+            total += float(np.sum(spectral_log_likelihood(data, model.power)))
+            pull = (data.mean_nm[2] - model.extension_nm) / model.extension_stderr_nm
+            total -= 0.5 * pull**2 + np.log(model.extension_stderr_nm)
+        return total
+
+    def pulls(self, theta: FloatArray) -> FloatArray:
+        """Distances of the parameters from their priors, in standard errors; 0 without one."""
+        return np.array(
+            [
+                0.0 if p.prior is None else (value - p.prior[0]) / p.prior[1]
+                for p, value in zip(self.parameters, theta[self.plateaus :], strict=True)
+            ]
+        )
+
+
+def changed_spectra(model: ConfiguredModel, theta: FloatArray, plateau: int) -> FloatArray:
+    """(3, 2, n_bins) ∂ ln S/∂ ln k and ∂ ln S/∂ ln γ of each axis of a plateau, noise apart.
+
+    A stiffer motion is smaller and faster, more friction makes it slower, all modes alike.
+    """
+    experiment = model.described(theta)
+    rest, data = experiment.rests[plateau], model.data[plateau]
+    parts = recorded_modes(_state(_core(experiment), rest.force_pN))
+    here = model.expected(experiment, plateau, rest.force_pN).power
+    changes = np.empty((3, 2, len(here)))
+    for axis in range(3):
+        window = data.spectrum.windows[axis]
+        variance = parts.covariance_nm2[:, axis, axis]
+        moved = variance > 0
+        for kind, (size, slowness) in enumerate(((-DIFFERENCE, -DIFFERENCE), (0.0, DIFFERENCE))):
+            spectra = [
+                np.sum(
+                    window.expected(
+                        variance[moved] * np.exp(sign * size),
+                        parts.tau_s[moved] * np.exp(sign * slowness),
+                        experiment.camera.exposure_s,
+                    ),
+                    axis=0,
+                )
+                for sign in (0.5, -0.5)
+            ]
+            changes[axis, kind] = (spectra[0] - spectra[1]) / DIFFERENCE / here[:, axis, axis]
+    return changes
+
+
+def spectral_log_likelihood(data: PlateauData, power: FloatArray) -> FloatArray:
+    """(n_bins,) −n (ln det S + tr S⁻¹P) of each bin."""
+    inverse = np.linalg.inv(power)
+    trace = np.einsum("fab,fba->f", inverse, data.spectrum.power)
+    return np.asarray(-data.spectrum.ordinates * (np.linalg.slogdet(power)[1] + trace))

@@ -1,0 +1,102 @@
+"""What of a configured experiment is free: values stated with an error or not known, and noise."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from dataclasses import replace
+
+from mtpipe.configured.model import Parameter
+from mtpipe.experiment.description import Experiment, Triple
+from mtpipe.setup import Measured, Setup
+
+# Half-width, in ln, within which a value that is not known is looked for.
+UNKNOWN_LN = 1.5
+STATED_SIGMAS = 6.0
+LARGEST_NOISE_NM2 = 1e6
+AXES = ("x", "y", "z")
+
+
+def stated_parameters(setup: Setup) -> tuple[Parameter, ...]:
+    """Radius, viscosity, contour and persistence length, as far as they are not exact."""
+    found = [
+        scaled("bead radius", setup.beads.radius_nm, _radius),
+        scaled("viscosity", setup.buffer.viscosity_mPa_s, _viscosity),
+        scaled("contour length", setup.tether.contour_length_nm, _contour),
+        scaled("persistence length", setup.tether.persistence_length_nm, _persistence),
+    ]
+    return tuple(parameter for parameter in found if parameter is not None)
+
+
+def scaled(
+    name: str, stated: Measured, change: Callable[[Experiment, float], Experiment]
+) -> Parameter | None:
+    """A factor, in ln, on a stated value; None where the value is exact."""
+    if stated.value is None:
+        return Parameter(f"ln {name}", "", 0.0, -UNKNOWN_LN, UNKNOWN_LN, 1e-3, None, change)
+    error = stated.relative_stderr
+    if not error > 0:
+        return None
+    width = STATED_SIGMAS * error
+    return Parameter(f"ln {name}", "", 0.0, -width, width, 1e-3, (0.0, error), change)
+
+
+def noise_parameters(start_nm: Triple) -> tuple[Parameter, ...]:
+    """Variance of the tracking noise along each axis, in nm²."""
+    return tuple(
+        Parameter(
+            f"tracking noise {name}",
+            "nm²",
+            start_nm[axis] ** 2,
+            0.0,
+            LARGEST_NOISE_NM2,
+            max(0.02 * start_nm[axis] ** 2, 1e-3),
+            None,
+            _noise(axis),
+        )
+        for axis, name in enumerate(AXES)
+    )
+
+
+def z_zero_parameter(stderr_nm: float) -> Parameter:
+    """Error of the height's zero, common to all plateaus."""
+
+    def change(experiment: Experiment, value: float) -> Experiment:
+        return replace(experiment, optics=replace(experiment.optics, z_zero_nm=value))
+
+    return Parameter(
+        "z zero", "nm", 0.0, -10 * stderr_nm, 10 * stderr_nm, 0.1, (0.0, stderr_nm), change
+    )
+
+
+def _noise(axis: int) -> Callable[[Experiment, float], Experiment]:
+    def change(experiment: Experiment, value: float) -> Experiment:
+        noise = list(experiment.tracker.noise_nm)
+        noise[axis] = math.sqrt(max(value, 0.0))
+        tracker = replace(experiment.tracker, noise_nm=(noise[0], noise[1], noise[2]))
+        return replace(experiment, tracker=tracker)
+
+    return change
+
+
+def _radius(experiment: Experiment, ln_factor: float) -> Experiment:
+    bead = experiment.bead
+    return replace(experiment, bead=replace(bead, radius_nm=bead.radius_nm * math.exp(ln_factor)))
+
+
+def _viscosity(experiment: Experiment, ln_factor: float) -> Experiment:
+    fluid = experiment.fluid
+    value = fluid.viscosity_mPa_s * math.exp(ln_factor)
+    return replace(experiment, fluid=replace(fluid, viscosity_mPa_s=value))
+
+
+def _contour(experiment: Experiment, ln_factor: float) -> Experiment:
+    chain = experiment.chain
+    value = chain.contour_length_nm * math.exp(ln_factor)
+    return replace(experiment, chain=replace(chain, contour_length_nm=value))
+
+
+def _persistence(experiment: Experiment, ln_factor: float) -> Experiment:
+    chain = experiment.chain
+    value = chain.persistence_length_nm * math.exp(ln_factor)
+    return replace(experiment, chain=replace(chain, persistence_length_nm=value))

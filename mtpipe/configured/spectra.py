@@ -1,0 +1,88 @@
+"""Spectra of a bead's three axes together: power of each, and what is common to two of them.
+
+Each axis is prewhitened by itself, as in `mtpipe.spectrum`; the phase that this gives an axis is
+taken back, so that what is common to two axes keeps its sign. In equilibrium cross-spectra are
+real.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from scipy import fft
+
+from mtpipe.physics.camera import FloatArray
+from mtpipe.spectrum import LONGEST_SEGMENT, Window, bin_edges, frames_present, window_of
+
+
+@dataclass(frozen=True, eq=False)
+class MatrixSpectrum:
+    """Binned periodograms and cross-periodograms of several axes.
+
+    Attributes
+    ----------
+    frequency_hz : (n_bins,) mean frequency of each bin.
+    power : (n_bins, axes, axes) nm²/Hz, real part, one-sided, prewhitened.
+    quadrature : (n_bins, axes, axes) imaginary part, antisymmetric.
+    ordinates : (n_bins,) independent ordinates of each bin.
+    windows : one per axis, with its prewhitening.
+    """
+
+    frequency_hz: FloatArray
+    power: FloatArray
+    quadrature: FloatArray
+    ordinates: FloatArray
+    windows: tuple[Window, ...]
+
+    def gain(self, axis: int) -> FloatArray:
+        """(n_bins,) what prewhitening made of an axis's power."""
+        return self.windows[axis].gain(self.frequency_hz)
+
+
+def matrix_periodogram(
+    position_nm: FloatArray, frame_s: float, phi: tuple[float, ...]
+) -> MatrixSpectrum:
+    """Binned periodograms of the frames in which all axes are there.
+
+    Parameters
+    ----------
+    position_nm : (n, axes) on the camera's grid, NaN where lost.
+    phi : prewhitening of each axis.
+
+    Raises
+    ------
+    FitError : too few frames, or an axis that never moves.
+    """
+    together = np.asarray(np.isfinite(position_nm).all(axis=1))
+    segments = -(-(len(position_nm) - 1) // LONGEST_SEGMENT)
+    length = (len(position_nm) - 1) // segments
+    # the first frame has no frame before it to be whitened by
+    used = together[1:] & together[:-1]
+    used = used[: segments * length].reshape(segments, length)
+    edges = bin_edges(length, 1)
+    windows = tuple(window_of(used, edges, frame_s, p) for p in phi)
+    total = np.zeros((len(edges) - 1, len(phi), len(phi)), dtype=complex)
+    transforms = []
+    for axis, p in enumerate(phi):
+        x = np.where(together, position_nm[:, axis], np.nan)
+        x = x - x[frames_present(x)].mean()
+        whitened = (x[1:] - p * x[:-1])[: segments * length].reshape(segments, length)
+        rows = np.where(used, whitened, 0.0)
+        mean = rows.sum(axis=1, keepdims=True) / np.maximum(used.sum(axis=1, keepdims=True), 1)
+        transform = fft.rfft(np.where(used, rows - mean, 0.0), axis=1)
+        turn = 1 - p * np.exp(-2j * np.pi * np.arange(transform.shape[1]) / length)
+        transforms.append(transform * np.conj(turn) / np.abs(turn))
+    scale = 2 * frame_s / used.sum() / np.diff(edges)
+    for a in range(len(phi)):
+        for b in range(a, len(phi)):
+            product = np.sum(transforms[a] * np.conj(transforms[b]), axis=0)
+            total[:, a, b] = np.add.reduceat(product[: edges[-1]], edges[:-1]) * scale
+            total[:, b, a] = np.conj(total[:, a, b])
+    return MatrixSpectrum(
+        frequency_hz=(edges[:-1] + edges[1:] - 1) / 2 / (length * frame_s),
+        power=np.ascontiguousarray(total.real),
+        quadrature=np.ascontiguousarray(total.imag),
+        ordinates=windows[0].ordinates,
+        windows=windows,
+    )

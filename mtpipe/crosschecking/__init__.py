@@ -1,0 +1,1 @@
+"""The cross-check: a recording beside simulations of the same configured experiment."""

@@ -1,0 +1,178 @@
+"""One bead of a recording, made ready: its traces, its references, and the model to fit."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from mtpipe.configured.data import plateau_data, whitening
+from mtpipe.configured.fit import ConfiguredFit, fit_configured
+from mtpipe.configured.model import ConfiguredModel, Subtraction
+from mtpipe.configured.parameters import noise_parameters, stated_parameters, z_zero_parameter
+from mtpipe.drift.combine import combined
+from mtpipe.errors import FitError, RecordingError
+from mtpipe.experiment.description import Experiment, Rest, Triple
+from mtpipe.experiment.from_setup import experiment_of
+from mtpipe.notice import Notice
+from mtpipe.physics.camera import FloatArray
+from mtpipe.physics.tether import Formula
+from mtpipe.recording import Plateau, Recording
+from mtpipe.traces import traces_of
+
+# No reference bead tells where the surface is better than this: its bottom is not the tether's
+# anchor, and the drift at the recording's first frames is itself known only so well.
+Z_ZERO_STDERR_NM = 0.3
+# Formulas of the chain that a setup may mean; it does not say, and the data choose.
+FORMULAS: tuple[Formula, ...] = ("marko-siggia", "bouchiat")
+FEWEST_FRAMES = 256
+
+
+@dataclass(frozen=True, eq=False)
+class Case:
+    """A bead to be cross-checked.
+
+    Attributes
+    ----------
+    plateaus : those that enter, in time order.
+    positions_nm : per plateau (n, 3), drift subtracted, NaN where lost or mistracked.
+    references_nm : per plateau (n, 3), what is left of the reference beads' mean once the drift
+        that was subtracted is taken off; None without references.
+    gaps : frames between the starts of successive plateaus and the end of the one before.
+    """
+
+    bead: str
+    setup_name: str
+    plateaus: tuple[Plateau, ...]
+    positions_nm: tuple[FloatArray, ...]
+    references_nm: tuple[FloatArray, ...] | None
+    starts: tuple[int, ...]
+    phi: tuple[tuple[float, ...], ...]
+    fit: ConfiguredFit
+    notices: tuple[Notice, ...]
+
+    @property
+    def frame_s(self) -> float:
+        """Frame interval."""
+        return self.fit.model.experiment.camera.frame_s
+
+
+def prepare(recording: Recording, bead: str) -> Case:
+    """Reduce a bead's recording and fit the configured experiment to it.
+
+    Parameters
+    ----------
+    recording : with the drift subtracted.
+
+    Raises
+    ------
+    RecordingError : z was not recorded, or its zero is not the surface.
+    SetupError : a value without which nothing can be simulated is unknown.
+    FitError : no plateau is long enough, or nothing fits.
+    """
+    if math.isinf(recording.z_zero_stderr_nm.get(bead, 0.0)):
+        raise RecordingError(f"bead {bead} has no heights above the surface", where=recording.name)
+    rate = recording.setup.camera.frame_rate_hz.value
+    kept, positions, starts = [], [], []
+    for trace in traces_of(recording, bead):
+        there = np.asarray(np.isfinite(trace.position_nm).all(axis=1))
+        moves = bool(there.any()) and bool(np.all(np.ptp(trace.position_nm[there], axis=0) > 0))
+        if int(there.sum()) >= FEWEST_FRAMES and moves:
+            kept.append(trace.plateau)
+            positions.append(trace.position_nm)
+            starts.append(int(recording.frame[trace.plateau.start]))
+    if not kept:
+        raise FitError(f"bead {bead} has no plateau of {FEWEST_FRAMES} frames with x, y and z")
+    forces = [1.0] * len(kept)
+    base, notices = experiment_of(
+        recording.setup, forces, FEWEST_FRAMES, noise_nm=(0.0, 0.0, 0.0), formula=FORMULAS[0]
+    )
+    frame_s = 1 / rate if rate else base.camera.frame_s
+    phi = tuple(whitening(x, frame_s) for x in positions)
+    data = tuple(plateau_data(x, frame_s, p) for x, p in zip(positions, phi, strict=True))
+    rests = tuple(
+        Rest(1.0, len(x), math.nan if p.magnet_mm is None else p.magnet_mm)
+        for x, p in zip(positions, kept, strict=True)
+    )
+    noise = "tracking_noise" in recording.setup.model.effects
+    drift = recording.drift
+    added: Triple = (0.0, 0.0, 0.0) if drift is None else drift.noise_added_nm
+    zero = math.hypot(
+        Z_ZERO_STDERR_NM, recording.z_zero_stderr_nm.get(bead, 0.0), _finite(added[2])
+    )
+    parameters = (
+        *stated_parameters(recording.setup),
+        *(noise_parameters((2.0, 2.0, 3.0)) if noise else ()),
+        z_zero_parameter(zero),
+    )
+    fits = []
+    for formula in FORMULAS:
+        experiment = replace(base, rests=rests, chain=replace(base.chain, formula=formula))
+        model = ConfiguredModel(data, experiment, parameters, subtraction_of(recording))
+        fits.append(fit_configured(model))
+    return Case(
+        bead,
+        recording.name,
+        tuple(kept),
+        tuple(positions),
+        _references(recording, kept),
+        tuple(starts),
+        phi,
+        max(fits, key=lambda fit: fit.log_likelihood),
+        notices,
+    )
+
+
+def subtraction_of(recording: Recording) -> Subtraction:
+    """Noise that drift subtraction put into the traces."""
+    drift = recording.drift
+    if drift is None or drift.method != "reference":
+        return Subtraction((None, None, None), (0.0, 0.0, 0.0))
+    x, y, z = (
+        math.sqrt(
+            sum(
+                (use.weight[axis] * _finite(use.noise_nm[axis])) ** 2
+                for use in drift.references
+                if use.used
+            )
+        )
+        for axis in range(3)
+    )
+    return Subtraction(drift.cutoff_hz, (x, y, z))
+
+
+def _finite(value: float) -> float:
+    return value if math.isfinite(value) else 0.0
+
+
+def _references(recording: Recording, plateaus: list[Plateau]) -> tuple[FloatArray, ...] | None:
+    drift = recording.drift
+    used = [use for use in drift.references if use.used] if drift else []
+    if drift is None or not used:
+        return None
+    rate = float(1 / np.median(np.diff(recording.time_s)))
+    mean = np.column_stack(
+        [
+            combined(
+                [recording.positions_nm[use.bead][:, axis] for use in used],
+                np.array([max(use.weight[axis], 1e-6) for use in used]),
+                rate,
+            )
+            for axis in range(3)
+        ]
+    )
+    rest = mean - drift.subtracted_nm
+    found = []
+    for plateau in plateaus:
+        rows = slice(plateau.start, plateau.stop)
+        frame = recording.frame[rows] - recording.frame[plateau.start]
+        grid = np.full((int(frame[-1]) + 1, 3), np.nan)
+        grid[frame] = rest[rows]
+        found.append(grid)
+    return tuple(found)
+
+
+def described(case: Case) -> Experiment:
+    """The fitted experiment."""
+    return case.fit.model.described(case.fit.theta)

@@ -1,0 +1,149 @@
+"""The cross-check of one bead: the battery on the recording and on its simulated counterparts."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+
+from mtpipe.battery import agreement, shape, spectral, temporal
+from mtpipe.battery.look import Look
+from mtpipe.battery.observed import Observed, whitened
+from mtpipe.configured.data import PlateauData, plateau_data
+from mtpipe.configured.fit import nearby_fit
+from mtpipe.configured.model import Expectation, changed_spectra
+from mtpipe.crosschecking.case import Case
+from mtpipe.crosschecking.nulls import Nulls, Together, together
+from mtpipe.crosschecking.twin import Twin, twin
+from mtpipe.physics.camera import FloatArray
+
+# The number of simulations grows through these until the answer is clear.
+ROUNDS = (48, 120)
+CLEARLY_CONSISTENT, CLEARLY_NOT = 0.2, 1e-5
+# Statistics of which only large values are odd.
+UPPER = ("line", "mean_step", "mean_excursion", "variance_step", "variance_spread")
+
+
+@dataclass(frozen=True, eq=False)
+class BeadCheck:
+    """A bead beside its simulated counterparts.
+
+    Attributes
+    ----------
+    looks : (statistics,) what was looked at. observed : the recording's values.
+    simulated : (simulations, statistics). p_values : of each look by itself.
+    overall : all looks together.
+    """
+
+    case: Case
+    looks: tuple[Look, ...]
+    observed: FloatArray
+    simulated: FloatArray
+    p_values: FloatArray
+    overall: Together
+
+    @property
+    def p_value(self) -> float:
+        """Of the whole battery, the number of looks accounted for."""
+        return self.overall.p_value
+
+
+def check_bead(
+    case: Case,
+    random: np.random.Generator,
+    *,
+    rounds: tuple[int, ...] = ROUNDS,
+    progress: Callable[[int, int], None] | None = None,
+) -> BeadCheck:
+    """Compare a bead with simulations of the experiment fitted to it."""
+    battery = _Battery(case)
+    looks, observed = battery.recorded()
+    upper = np.array([_is_upper(look) for look in looks])
+    pooled = np.array([look.pooled for look in looks])
+    simulated: list[FloatArray] = []
+    for goal in rounds:
+        while len(simulated) < goal:
+            simulated.append(battery.simulated(twin(case, random)))
+            if progress is not None:
+                progress(len(simulated), goal)
+        nulls = Nulls(np.array(simulated), upper)
+        p_values = nulls.p_values(observed)
+        overall = together(p_values, nulls.own_p_values(), [pooled, ~pooled])
+        if overall.p_value > CLEARLY_CONSISTENT or overall.p_value < CLEARLY_NOT:
+            break
+    return BeadCheck(case, looks, observed, np.array(simulated), p_values, overall)
+
+
+def _is_upper(look: Look) -> bool:
+    return look.statistic in UPPER or (look.statistic == "extension" and look.pooled)
+
+
+class _Battery:
+    """The battery with what does not change from simulation to simulation."""
+
+    def __init__(self, case: Case) -> None:
+        self.case = case
+        self.projection = _projections(case)
+        self.edges_hz: FloatArray | None = None
+
+    def recorded(self) -> tuple[tuple[Look, ...], FloatArray]:
+        case = self.case
+        values = self._all(
+            case.positions_nm, case.references_nm, case.fit.model.data, case.fit.expected
+        )
+        return tuple(look for look, _ in values), np.array([value for _, value in values])
+
+    def simulated(self, other: Twin) -> FloatArray:
+        case = self.case
+        data = tuple(
+            plateau_data(x, case.frame_s, phi)
+            for x, phi in zip(other.positions_nm, case.phi, strict=True)
+        )
+        expected = nearby_fit(case.fit, data)
+        values = self._all(other.positions_nm, other.references_nm, data, expected)
+        return np.array([value for _, value in values])
+
+    def _all(
+        self,
+        positions: tuple[FloatArray, ...],
+        references: tuple[FloatArray, ...] | None,
+        data: tuple[PlateauData, ...],
+        expected: list[Expectation],
+    ) -> list[tuple[Look, float]]:
+        seen = [
+            Observed(
+                position,
+                None if references is None else references[i],
+                data[i],
+                expected[i],
+                self.case.frame_s,
+            )
+            for i, position in enumerate(positions)
+        ]
+        if self.edges_hz is None:
+            self.edges_hz = spectral.band_edges_hz(seen)
+        single = [whitened(one) for one in seen]
+        return [
+            *spectral.bands(seen, self.edges_hz),
+            *spectral.lines(seen, single),
+            *spectral.between_axes(seen),
+            *spectral.with_reference(seen, single),
+            *temporal.over_time(seen),
+            *temporal.irreversibility(seen),
+            *shape.moments(seen),
+            *shape.allan(seen),
+            *agreement.per_trace(seen, self.projection),
+            *agreement.extensions(seen),
+        ]
+
+
+def _projections(case: Case) -> list[list[FloatArray]]:
+    """Per plateau and axis, what turns a residual into changes of ln stiffness and ln friction."""
+    found = []
+    for i, data in enumerate(case.fit.model.data):
+        changes = changed_spectra(case.fit.model, case.fit.theta, i)
+        found.append(
+            [agreement.projections(changes[axis], data.spectrum.ordinates) for axis in range(3)]
+        )
+    return found

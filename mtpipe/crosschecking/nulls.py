@@ -1,0 +1,139 @@
+"""From simulated values of many statistics to p-values, one by one and all together.
+
+Each statistic's simulated values give a mean, a spread and a skewness; the tail is that of a
+Pearson type III law with them, and of Student's law in the number of simulations, because mean and
+spread are themselves only estimated. The p-value of all together is that of the smallest: with the
+number of effective looks n, it is 1 − (1 − p)^n, and n is what makes the simulations' own smallest
+p-values uniform, each simulation being judged by the others (Westfall & Young 1993, min-p).
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy import special, stats
+
+from mtpipe.physics.camera import FloatArray
+
+# A skewness from few simulations is shrunk as if so many symmetric ones had been seen as well.
+SYMMETRIC_BEFOREHAND = 30
+LEAST_SKEWNESS = 0.02
+LARGEST_SKEWNESS = 1.9
+SMALLEST_P = 1e-300
+
+
+@dataclass(frozen=True, eq=False)
+class Nulls:
+    """Simulated values of the statistics, (simulations, statistics), and which way is odd.
+
+    `upper` (statistics,): only large values are odd.
+    """
+
+    values: FloatArray
+    upper: NDArray[np.bool_]
+
+    @property
+    def simulations(self) -> int:
+        """How many."""
+        return len(self.values)
+
+    def quantile_scores(self, observed: FloatArray) -> FloatArray:
+        """Standard normal scores of observed values (statistics,), before finite numbers count."""
+        mean, spread = self._mean(), self._spread()
+        return _normal_score((observed - mean) / spread, self._skewness())
+
+    def p_values(self, observed: FloatArray) -> FloatArray:
+        """(statistics,) p-value of each, two-sided where both ways are odd."""
+        s = self.simulations
+        score = self.quantile_scores(observed) / np.sqrt(1 + 1 / s)
+        return self._tail(score, s - 1)
+
+    def own_p_values(self) -> FloatArray:
+        """(simulations, statistics) p-values of each simulation judged by all the others."""
+        s = self.simulations
+        deviation = (self.values - self._mean()) * s / (s - 1)
+        total = self._spread() ** 2 * (s - 1)
+        spread = np.sqrt(np.maximum(total - deviation**2 * (s - 1) / s, 1e-12 * total) / (s - 2))
+        score = _normal_score(deviation / spread, self._skewness()) / np.sqrt(1 + 1 / (s - 1))
+        return self._tail(score, s - 2)
+
+    def _mean(self) -> FloatArray:
+        return np.asarray(self.values.mean(axis=0))
+
+    def _spread(self) -> FloatArray:
+        spread = self.values.std(axis=0, ddof=1)
+        return np.asarray(np.maximum(spread, 1e-9 * (1 + np.abs(self._mean()))))
+
+    def _skewness(self) -> FloatArray:
+        s = self.simulations
+        raw = np.mean(((self.values - self._mean()) / self._spread()) ** 3, axis=0)
+        shrunk = raw * s / (s + SYMMETRIC_BEFOREHAND)
+        return np.asarray(np.clip(shrunk, -LARGEST_SKEWNESS, LARGEST_SKEWNESS))
+
+    def _tail(self, score: FloatArray, freedom: int) -> FloatArray:
+        one = stats.t.sf(score, freedom)
+        both = 2 * stats.t.sf(np.abs(score), freedom)
+        return np.asarray(np.clip(np.where(self.upper, one, both), SMALLEST_P, 1.0))
+
+
+def _normal_score(standardised: FloatArray, skewness: FloatArray) -> FloatArray:
+    """Standard normal scores of values of mean 0, spread 1 and a skewness (Pearson type III)."""
+    skewed = np.abs(skewness) > LEAST_SKEWNESS
+    g = np.where(skewed, np.abs(skewness), 1.0)
+    sign = np.where(skewness < 0, -1.0, 1.0)
+    # Wilson & Hilferty 1931: the cube root of a gamma variate is nearly normal, far into the tails
+    shape = 4 / g**2
+    level = np.maximum(1 + sign * standardised * g / 2, 1e-3)
+    score = sign * (np.cbrt(level) - 1 + 1 / (9 * shape)) * 3 * np.sqrt(shape)
+    return np.asarray(np.where(skewed, score, standardised))
+
+
+@dataclass(frozen=True)
+class Together:
+    """All statistics together.
+
+    Attributes
+    ----------
+    p_value : of the recording.
+    looks : effective number of looks in each family.
+    extrapolated : the p-value is smaller than the simulations alone can support.
+    """
+
+    p_value: float
+    looks: tuple[float, ...]
+    extrapolated: bool
+
+
+def together(p_values: FloatArray, own: FloatArray, families: list[NDArray[np.bool_]]) -> Together:
+    """One p-value for all statistics.
+
+    Parameters
+    ----------
+    p_values : (statistics,) of the recording. own : (simulations, statistics) of the simulations.
+    families : which statistics belong together; every family gets the same share of the looks, so
+        that a few pooled ones are not drowned by many single ones.
+    """
+    looks, observed, simulated = [], [], []
+    for family in families:
+        if not family.any():
+            continue
+        smallest = own[:, family].min(axis=1)
+        n = _looks(smallest)
+        looks.append(n)
+        observed.append(_adjusted(np.array([p_values[family].min()]), n)[0])
+        simulated.append(_adjusted(smallest, n))
+    best = np.min(np.array(simulated), axis=0)
+    final = _looks(best)
+    p = float(_adjusted(np.array([min(observed)]), final)[0])
+    return Together(p, tuple(looks), p < 1 / (len(own) + 1))
+
+
+def _looks(smallest: FloatArray) -> float:
+    """Maximum likelihood of n where 1 − (1 − p)^n is uniform, at least 1."""
+    return max(1.0, -len(smallest) / float(np.sum(np.log1p(-np.minimum(smallest, 1 - 1e-12)))))
+
+
+def _adjusted(p: FloatArray, looks: float) -> FloatArray:
+    return np.asarray(-special.expm1(looks * np.log1p(-np.minimum(p, 1 - 1e-15))))
