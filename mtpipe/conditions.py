@@ -13,7 +13,7 @@ from mtpipe.errors import FitError, SetupError
 from mtpipe.notice import Notice
 from mtpipe.physics.buffer import thermal_energy_pN_nm, water_viscosity_mPa_s
 from mtpipe.physics.modes import SINGLE_MODE, Modes
-from mtpipe.physics.tethered_bead import friction_pN_s_per_nm, turning_modes
+from mtpipe.physics.tethered_bead import friction_pN_s_per_nm, lever_nm, turning_modes
 from mtpipe.setup import Setup
 
 ROOM_TEMPERATURE_K = (296.0, 3.0)
@@ -98,11 +98,9 @@ class Conditions:
 
         None where it is not known.
         """
-        if not extension_nm > 0:
-            return None
-        if axis == self.along:
-            return extension_nm
-        return None if self.radius_nm is None else extension_nm + self.radius_nm[0]
+        radius = math.nan if self.radius_nm is None else self.radius_nm[0]
+        lever = float(lever_nm(extension_nm, radius, along=axis == self.along))
+        return lever if extension_nm > 0 and math.isfinite(lever) else None
 
 
 def conditions_of(setup: Setup) -> tuple[Conditions, tuple[Notice, ...]]:

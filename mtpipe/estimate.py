@@ -6,6 +6,11 @@ import math
 from dataclasses import dataclass
 from typing import Literal
 
+import numpy as np
+from numpy.typing import NDArray
+
+# Quantiles that bound the central 68 %: those of one standard error to either side.
+CENTRAL_68 = (0.1587, 0.8413)
 Status = Literal["ok", "fixed", "at_bound", "not_identified", "not_converged"]
 
 
@@ -44,6 +49,18 @@ class Estimate:
     ) -> Estimate:
         """An estimate of something that could not be determined."""
         return cls(math.nan, math.nan, interval, unit, method, status, tied_to)
+
+    @classmethod
+    def of_sample(
+        cls, sample: NDArray[np.float64], unit: str, method: str, *, converged: bool
+    ) -> Estimate:
+        """Median of a posterior's sample (n,), its central 68 %, half of that as standard error.
+
+        `converged` : whether the chain is long enough to be believed; "not_converged" if not.
+        """
+        low, middle, high = (float(q) for q in np.quantile(sample, sorted((*CENTRAL_68, 0.5))))
+        status: Status = "ok" if converged else "not_converged"
+        return cls(middle, (high - low) / 2, (low, high), unit, method, status)
 
     def scaled(self, factor: float, unit: str) -> Estimate:
         """The estimate times an exactly known positive factor."""

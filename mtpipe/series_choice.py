@@ -5,7 +5,8 @@ share it. The least informed joint fit, in which x and y have forces of their ow
 size, has to describe the traces as well as free fits of each do; where it does not, the traces that
 contradict the others are left out, up to a quarter of them. Then what more is known is added as
 long as the data bear it: the friction the setup expects, and one force for x and y. Each step is a
-test of nested models by their deviances, priors included (Wilks 1938).
+test of nested models by their deviances, priors included (Wilks 1938); a fit that found no maximum
+supports nothing.
 """
 
 from __future__ import annotations
@@ -18,7 +19,6 @@ import numpy as np
 from scipy import stats
 
 from mtpipe.errors import FitError
-from mtpipe.fit.model import TraceModel
 from mtpipe.fit.series import SeriesFit, fit_series
 from mtpipe.fit.series_model import BeadPrior, SeriesModel, SeriesTrace
 from mtpipe.fit.trace import TraceFit
@@ -74,7 +74,7 @@ def choose_series(
             excess = base.deviances - np.array([free.fit.deviance for free in kept])
             # a radius with a prior costs no freedom
             fitted = len(base.theta) - base.model.radius_free
-            if _supported(float(excess.sum()), FREE_PARAMETERS * len(kept) - fitted):
+            if _supported(base, float(excess.sum()), FREE_PARAMETERS * len(kept) - fitted):
                 return _most_informed(base, bead, friction_contradicted, left_out)
             # the worst, and what is nearly as bad; what is less so may owe it to the worst
             odd = np.flatnonzero(excess >= AS_BAD * np.max(excess)).tolist()
@@ -115,7 +115,7 @@ def _with_friction(
     if friction_contradicted or not math.isfinite(bead.friction_ln_stderr):
         return base, False
     known = fit_series(replace(base.model, bead=bead))
-    bears = _supported(known.total_deviance - base.total_deviance, 1)
+    bears = _supported(known, known.total_deviance - base.total_deviance, 1)
     return (known, True) if bears else (base, False)
 
 
@@ -137,8 +137,8 @@ def _with_one_force(best: SeriesFit, bead: BeadPrior) -> tuple[SeriesFit, list[S
         without = [i for i in range(len(best.model.traces)) if i not in kept]
         freer = best.total_deviance - float(best.deviances[without].sum())
         saved = len(members) - len(model.drives) - (model.radius_free - best.model.radius_free)
-        if _supported(shared.total_deviance - freer, saved):
-            agree = _supported(ratios.excess_of_common_ratio(left_out), 1)
+        if _supported(shared, shared.total_deviance - freer, saved):
+            agree = _by_chance(ratios.excess_of_common_ratio(left_out), 1)
             return (shared, left_out) if agree else (best, [])
         worst = int(np.argmax(shared.deviances - best.deviances[kept]))
         left_out.append(members[worst])
@@ -185,7 +185,7 @@ def _force_ratios(fit: SeriesFit) -> _ForceRatios:
             ln_ratio[i] += sign * (fit.theta[model.drive(trace)] + math.log(lever))
             slopes[i, model.drive(trace)] += sign
             if model.radius_free:
-                slopes[i, model.names.index("ln_radius")] += sign * (1 - trace.extension_nm / lever)
+                slopes[i, model.ln_radius] += sign * (1 - trace.extension_nm / lever)
     return _ForceRatios(tuple(both), ln_ratio, slopes @ fit.covariance @ slopes.T)
 
 
@@ -193,12 +193,19 @@ def _of_any_size(bead: BeadPrior) -> BeadPrior:
     return replace(bead, friction_ln_stderr=math.inf)
 
 
-def _supported(excess: float, saved: int) -> bool:
-    """Whether a deviance beyond that of a freer fit is what fewer parameters cost by chance."""
+def _supported(fit: SeriesFit, excess: float, saved: int) -> bool:
+    """Whether a fit found its maximum, and its deviance is what fewer parameters cost by chance.
+
+    `excess` : beyond the deviance of a fit with `saved` parameters more.
+    """
+    return fit.converged and _by_chance(excess, saved)
+
+
+def _by_chance(excess: float, saved: int) -> bool:
+    """Whether χ² exceeds this once in a thousand times or more often."""
     return saved <= 0 or bool(stats.chi2.sf(excess, saved) > CONTRADICTION_P)
 
 
 def as_series_trace(plateau: int, axis: int, extension_nm: float, free: TraceFit) -> FreeTrace:
     """A free fit as a member of a series."""
-    model: TraceModel = free.model
-    return FreeTrace(SeriesTrace(plateau, axis, extension_nm, model), free)
+    return FreeTrace(SeriesTrace(plateau, axis, extension_nm, free.model), free)

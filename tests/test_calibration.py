@@ -5,6 +5,7 @@ import math
 
 import numpy as np
 import pytest
+from scipy import stats
 
 import mtpipe
 from mtpipe.calibration import calibrate
@@ -47,12 +48,14 @@ def test_forces_lie_within_their_errors():
 
 
 def test_the_joint_force_is_better_known_than_that_of_each_axis():
+    """By a fourth on average; its errors, from samples, scatter by 3 to 12 % a plateau."""
     (bead,) = calibrated((0.4, 1.5, 5.0, 12.0), 4096).beads
+    over_alone = []
     for plateau in bead.plateaus:
         x, y, _ = plateau.axes
         assert x.force.stderr < 1.05 * min(x.force_alone.stderr, y.force_alone.stderr)
-    # at two and a half times Nyquist the axes alone hardly tell it
-    assert x.force.stderr < 0.8 * x.force_alone.stderr
+        over_alone.append(x.force.stderr / x.force_alone.stderr)
+    assert stats.gmean(over_alone) < 0.85
 
 
 def test_an_uncertain_exposure_widens_fast_traces():

@@ -227,4 +227,4 @@ def test_shift_per_exposure_is_what_another_exposure_does():
     known = {"friction": (FRICTION, 0.03 * FRICTION)}
     here, shorter = fit(x, **known), fit(x, share=0.998, **known)
     difference = (here.theta - shorter.theta)[:2] / (0.002 / RATE)
-    assert here.shift_per_exposure()[:2] == pytest.approx(difference, rel=0.05)
+    assert here.shift_per_exposure[:2] == pytest.approx(difference, rel=0.05)

@@ -7,7 +7,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from mtpipe.estimate import Estimate, Status
+from mtpipe.estimate import Estimate
+from mtpipe.fit.estimates import NOT_IDENTIFIED_LN, tied
 from mtpipe.fit.ridge import (
     NoiseCoordinate,
     RidgeProposal,
@@ -15,13 +16,11 @@ from mtpipe.fit.ridge import (
     log_matching_prior,
 )
 from mtpipe.fit.sampling import sample
-from mtpipe.fit.trace import NOT_IDENTIFIED_LN, TraceFit, tied
+from mtpipe.fit.trace import TraceFit
 from mtpipe.physics.camera import FloatArray
 
 METHOD = "spectrum, posterior"
 DERIVATIVE_STEP = 1e-4
-# Degrees of freedom, widening, share: heavy tails cost little in two or three dimensions.
-PROPOSAL_LAWS = ((5.0, 1.3, 1.0),)
 
 
 @dataclass(frozen=True)
@@ -79,17 +78,16 @@ class Posterior:
         return self.summary(corner, "Hz")
 
     def summary(self, sample: FloatArray, unit: str, *, positive: bool = True) -> Estimate:
-        """Median, central 68 % interval and half of that as standard error.
+        """What a sample of this chain says (`Estimate.of_sample`).
 
         `positive`: a scale, called not identified where it is not known to a factor e.
         """
-        low, middle, high = np.quantile(sample, [0.1587, 0.5, 0.8413])
-        interval = (float(low), float(high))
+        told = Estimate.of_sample(sample, unit, METHOD, converged=self.converged)
+        low, high = told.interval
         if positive and 0.5 * math.log(high / low) > NOT_IDENTIFIED_LN:
             together = tied(np.cov(self.theta.T), self.fit.model.free)
-            return Estimate.missing(unit, METHOD, interval=interval, tied_to=together)
-        status: Status = "ok" if self.converged else "not_converged"
-        return Estimate(float(middle), float(high - low) / 2, interval, unit, METHOD, status)
+            return Estimate.missing(unit, METHOD, interval=told.interval, tied_to=together)
+        return told
 
 
 def sample_posterior(fit: TraceFit, *, seed: int | np.random.Generator = 0) -> Posterior:
@@ -142,5 +140,4 @@ def _proposal(fit: TraceFit) -> RidgeProposal:
         covariance * np.outer(shrink, shrink),
         noise,
         [follow_ridge(fit.theta, stderr, one, [0, 1], move) for one in noise],
-        PROPOSAL_LAWS,
     )

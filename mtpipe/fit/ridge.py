@@ -17,11 +17,11 @@ import numpy as np
 from scipy.interpolate import CubicSpline
 
 from mtpipe.fit.model import LARGEST_LN_NOISE
-from mtpipe.fit.sampling import Mixture, Student
+from mtpipe.fit.sampling import Student
 from mtpipe.physics.camera import FloatArray
 
-NOISE_DEGREES = 5.0
 NOISE_WIDENING = 1.25
+REST_WIDENING = 1.3
 TOGETHER_SHARE = 0.5
 # In ln ε², where neither data nor prior say more.
 WIDEST_LN = 8.0
@@ -77,7 +77,7 @@ class RidgeProposal:
     noise: tuple[NoiseCoordinate, ...]
     noise_law: _NoiseLaw | None
     others: list[int]
-    rest: Mixture
+    rest: Student
     ridges: tuple[CubicSpline, ...]
 
     @classmethod
@@ -87,7 +87,6 @@ class RidgeProposal:
         covariance: FloatArray,
         noise: Sequence[NoiseCoordinate],
         ridges: Sequence[CubicSpline],
-        laws: Sequence[tuple[float, float, float]],
     ) -> RidgeProposal:
         """About a maximum.
 
@@ -95,7 +94,6 @@ class RidgeProposal:
         ----------
         theta, covariance : (d,), (d, d) maximum and Gaussian approximation.
         ridges : for each noise, how far all else moves with its variance (`follow_ridge`).
-        laws : degrees of freedom, widening and share of each part of the law of all else.
         """
         chosen = [one.index for one in noise]
         others = [i for i in range(len(theta)) if i not in chosen]
@@ -105,13 +103,7 @@ class RidgeProposal:
             across = covariance[np.ix_(others, chosen)]
             of_rest = of_rest - across @ np.linalg.solve(of_noise, across.T)
             noise_law = _NoiseLaw.at(theta[chosen], of_noise, noise)
-        rest = Mixture(
-            tuple(
-                Student.about(theta[others], of_rest, degrees=degrees, widening=widening)
-                for degrees, widening, _ in laws
-            ),
-            tuple(share for _, _, share in laws),
-        )
+        rest = Student.about(theta[others], of_rest, REST_WIDENING)
         return cls(tuple(noise), noise_law, others, rest, tuple(ridges))
 
     def draw(self, n: int, generator: np.random.Generator) -> FloatArray:
@@ -163,20 +155,21 @@ class _NoiseLaw:
         ])  # fmt: skip
         scaled = covariance * np.outer(unit, unit)
         alone = tuple(
-            _student(variance[i : i + 1], scaled[i : i + 1, i : i + 1], NOISE_WIDENING)
+            Student.about(variance[i : i + 1], scaled[i : i + 1, i : i + 1], NOISE_WIDENING)
             for i in range(len(noise))
         )
         priors = tuple(
             None
             if one.prior_nm is None
-            else _student(
+            else Student.about(
                 np.array([2 * math.log(one.prior_nm[0])]),
                 np.array([[(2 * math.log(one.prior_nm[1])) ** 2]]),
                 1.0,
             )
             for one in noise
         )
-        return cls(tuple(noise), _student(variance, scaled, NOISE_WIDENING), alone, priors)
+        together = Student.about(variance, scaled, NOISE_WIDENING)
+        return cls(tuple(noise), together, alone, priors)
 
     def draw(self, n: int, generator: np.random.Generator) -> FloatArray:
         """(n, noises) coordinates."""
@@ -226,10 +219,6 @@ class _NoiseLaw:
         return np.asarray(
             np.logaddexp(density + values, prior.log_density(values[:, None])) - math.log(2)
         )
-
-
-def _student(centre: FloatArray, covariance: FloatArray, widening: float) -> Student:
-    return Student.about(centre, covariance, degrees=NOISE_DEGREES, widening=widening)
 
 
 def _without_prior(stderr: float, factor: float) -> float:

@@ -21,6 +21,8 @@ from scipy import special
 from mtpipe.errors import FitError
 from mtpipe.physics.camera import FloatArray
 
+STUDENT_DEGREES = 5.0
+REFINED_WIDENING = 1.2
 STEPS_AT_ONCE = 100
 AUTOCORRELATION_TIMES = 50
 R_HAT_LIMIT = 1.05
@@ -46,15 +48,12 @@ class Chain:
     theta : (n_samples, dimensions).
     r_hat : largest split R-hat over the coordinates (Gelman et al. 2013, section 11.4).
     effective_samples : smallest number of independent samples over the coordinates.
-    autocorrelation_steps : longest integrated autocorrelation time.
     converged : chain of at least 50 autocorrelation times and R-hat below 1.05.
     """
 
     theta: FloatArray
     r_hat: float
     effective_samples: float
-    autocorrelation_steps: float
-    acceptance: float
     converged: bool
 
 
@@ -118,8 +117,6 @@ def sample(
         theta=flat,
         r_hat=r_hat,
         effective_samples=len(flat) / autocorrelation,
-        autocorrelation_steps=autocorrelation,
-        acceptance=float(np.mean(sampler.acceptance_fraction)),
         converged=enough,
     )
 
@@ -136,7 +133,7 @@ class _Refined:
         """For a chain (n_steps, n_walkers, dimensions)."""
         flat = chain.reshape(-1, chain.shape[-1])
         covariance = np.atleast_2d(np.cov(flat.T)) + 1e-12 * np.eye(flat.shape[1])
-        return cls(before, Student.about(flat.mean(axis=0), covariance, degrees=5.0, widening=1.2))
+        return cls(before, Student.about(flat.mean(axis=0), covariance, REFINED_WIDENING))
 
     def draw(self, n: int, generator: np.random.Generator) -> FloatArray:
         chosen = generator.random(n) < 0.5
@@ -171,56 +168,37 @@ def split_r_hat(chain: FloatArray) -> FloatArray:
 
 @dataclass(frozen=True)
 class Student:
-    """Multivariate Student law."""
+    """Multivariate Student law of `STUDENT_DEGREES` degrees of freedom.
+
+    Heavy tails cost little in two or three dimensions.
+    """
 
     centre: FloatArray
     root: FloatArray
     inverse: FloatArray
     log_volume: float
-    degrees: float
 
     @classmethod
-    def about(
-        cls, centre: FloatArray, covariance: FloatArray, *, degrees: float, widening: float
-    ) -> Student:
+    def about(cls, centre: FloatArray, covariance: FloatArray, widening: float) -> Student:
         """The law whose scale is the root of a covariance, widened."""
         lower = np.linalg.cholesky(covariance + 1e-12 * np.diag(np.diag(covariance)))
         root = np.asarray(widening * lower, dtype=np.float64)
         inverse = np.asarray(np.linalg.inv(root), dtype=np.float64)
         volume = float(np.sum(np.log(np.diag(root))))
-        return cls(np.asarray(centre), root, inverse, volume, degrees)
+        return cls(np.asarray(centre), root, inverse, volume)
 
     def draw(self, n: int, generator: np.random.Generator) -> FloatArray:
         """(n, dimensions) points."""
         normal = generator.normal(size=(n, len(self.centre)))
-        tail = np.sqrt(self.degrees / generator.chisquare(self.degrees, size=(n, 1)))
+        tail = np.sqrt(STUDENT_DEGREES / generator.chisquare(STUDENT_DEGREES, size=(n, 1)))
         return np.asarray(self.centre + (normal * tail) @ self.root.T)
 
     def log_density(self, points: FloatArray) -> FloatArray:
         """(n,)"""
         scaled = (points - self.centre) @ self.inverse.T
         dimensions = len(self.centre)
-        power = 0.5 * (self.degrees + dimensions)
+        power = 0.5 * (STUDENT_DEGREES + dimensions)
         distance = np.sum(scaled**2, axis=1)
-        norm = special.gammaln(power) - special.gammaln(0.5 * self.degrees)
-        norm -= 0.5 * dimensions * math.log(math.pi * self.degrees) + self.log_volume
-        return np.asarray(norm - power * np.log1p(distance / self.degrees))
-
-
-@dataclass(frozen=True)
-class Mixture:
-    """Several Student laws, each with its share."""
-
-    parts: tuple[Student, ...]
-    shares: tuple[float, ...]
-
-    def draw(self, n: int, generator: np.random.Generator) -> FloatArray:
-        """(n, dimensions) points."""
-        drawn = np.stack([part.draw(n, generator) for part in self.parts])
-        chosen = generator.choice(len(self.parts), size=n, p=self.shares)
-        return np.asarray(drawn[chosen, np.arange(n)])
-
-    def log_density(self, points: FloatArray) -> FloatArray:
-        """(n,) up to a constant."""
-        density = np.stack([part.log_density(points) for part in self.parts], axis=1)
-        return np.asarray(special.logsumexp(density, axis=1, b=self.shares))
+        norm = special.gammaln(power) - special.gammaln(0.5 * STUDENT_DEGREES)
+        norm -= 0.5 * dimensions * math.log(math.pi * STUDENT_DEGREES) + self.log_volume
+        return np.asarray(norm - power * np.log1p(distance / STUDENT_DEGREES))

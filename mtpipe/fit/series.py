@@ -6,15 +6,17 @@ noise are read off as a `TraceFit` and a `Posterior`, as if it had been fitted b
 
 from __future__ import annotations
 
+import functools
 import math
 from dataclasses import dataclass, replace
 
 import numpy as np
 
 from mtpipe.estimate import Estimate
+from mtpipe.fit.estimates import inverse_information, logarithmic
 from mtpipe.fit.model import PRIOR_HALF_WIDTH, TraceModel
 from mtpipe.fit.series_model import SeriesModel, SeriesTrace
-from mtpipe.fit.trace import TraceFit, describe, inverse_information, logarithmic
+from mtpipe.fit.trace import TraceFit, describe
 from mtpipe.physics.camera import FloatArray
 from mtpipe.physics.modes import Modes
 
@@ -49,20 +51,17 @@ class SeriesFit:
         """The bead's radius in nm."""
         value, stderr = self.model.bead.radius_nm
         if not self.model.radius_free:
-            status_of_known = Estimate(
-                value, stderr, (value - stderr, value + stderr), "nm", METHOD
-            )
-            return replace(status_of_known, status="fixed")
-        return self._exponential("ln_radius", "nm")
+            interval = (value - stderr, value + stderr)
+            return Estimate(value, stderr, interval, "nm", METHOD, "fixed")
+        return self._exponential(self.model.ln_radius, "nm")
 
     @property
     def friction_scale(self) -> Estimate:
         """Friction over that expected from the fitted radius, the viscosity and the height."""
-        return self._exponential("ln_friction_scale", "")
+        return self._exponential(self.model.friction_scale, "")
 
-    def _exponential(self, name: str, unit: str) -> Estimate:
-        i = self.model.names.index(name)
-        return logarithmic(self.theta[i], self.covariance[i, i], unit)
+    def _exponential(self, i: int, unit: str) -> Estimate:
+        return logarithmic(self.theta[i], self.covariance[i, i], unit, METHOD)
 
     def trace_fit(self, trace: SeriesTrace) -> TraceFit:
         """One trace's stiffness, friction and noise as the whole series tells them."""
@@ -77,20 +76,23 @@ class SeriesFit:
 
     def trace_information(self, trace: SeriesTrace) -> float:
         """How much one trace by itself says of its ln force or ln stiffness, all else given."""
-        _, slope = self.model.slopes(self.theta)[self.model.traces.index(trace)]
+        _, slope = self._slopes[trace]
         return float(slope[0] ** 2 @ trace.model.ordinates)
 
+    @functools.cached_property
     def shift_per_exposure(self) -> FloatArray:
         """(dimensions,) how far θ moves per second by which the exposure is not as it is taken."""
         score = np.zeros(len(self.theta))
-        slopes = self.model.slopes(self.theta)
-        for trace, (mine, slope) in zip(self.model.traces, slopes, strict=True):
-            score[mine] += (slope * trace.model.ordinates) @ self._exposure_slope(trace)
+        for trace, (mine, slope) in self._slopes.items():
+            at = self.model.coordinates(self.theta[None], trace)[0]
+            per_exposure = self._trace_model(trace).exposure_slope(at)
+            score[mine] += (slope * trace.model.ordinates) @ per_exposure
         return -self.covariance @ score
 
-    def _exposure_slope(self, trace: SeriesTrace) -> FloatArray:
-        at = self.model.coordinates(self.theta[None], trace)[0]
-        return self._trace_model(trace).exposure_slope(at)
+    @functools.cached_property
+    def _slopes(self) -> dict[SeriesTrace, tuple[list[int], FloatArray]]:
+        """Per trace, which coordinates move it, and how its ln power follows (at the maximum)."""
+        return dict(zip(self.model.traces, self.model.slopes(self.theta), strict=True))
 
     def _trace_model(self, trace: SeriesTrace) -> TraceModel:
         """A trace's model at the maximum; its noise a fitted variance."""
@@ -104,21 +106,14 @@ class SeriesFit:
         )
 
 
-def fit_series(model: SeriesModel, start: FloatArray | None = None) -> SeriesFit:
-    """Maximise likelihood × prior of a series with lmfit.
-
-    Parameters
-    ----------
-    start : (dimensions,) coordinates to start from; default: from the traces by themselves.
-    """
+def fit_series(model: SeriesModel) -> SeriesFit:
+    """Maximise likelihood × prior of a series with lmfit, from the traces by themselves."""
     import lmfit
 
-    begin = model.start if start is None else start
     parameters = lmfit.Parameters()
     for i, name in enumerate(model.names):
-        bounded = model.is_variance(i)
-        value = begin[i] / model.units[i]
-        if bounded:
+        value = model.start[i] / model.units[i]
+        if model.is_variance(i):
             parameters.add(name, value=max(value, 1e-3), min=0.0)
         else:
             reach = PRIOR_HALF_WIDTH if not name.startswith("noise") else math.inf

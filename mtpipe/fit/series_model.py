@@ -23,7 +23,7 @@ import numpy as np
 from mtpipe.fit.model import LARGEST_LN_NOISE, PRIOR_HALF_WIDTH, TraceModel
 from mtpipe.physics.camera import FloatArray
 from mtpipe.physics.modes import SINGLE_MODE, Modes
-from mtpipe.physics.tethered_bead import friction_pN_s_per_nm, turning_modes
+from mtpipe.physics.tethered_bead import friction_pN_s_per_nm, lever_nm, turning_modes
 
 DERIVATIVE_STEP = 1e-4
 # Half-width of the flat prior in ln R about a radius that is not known.
@@ -98,7 +98,7 @@ class SeriesModel:
 
     @property
     def drives(self) -> list[int]:
-        """Indices of the forces or stiffnesses."""
+        """Indices of the forces or stiffnesses; they come first."""
         return list(range(len(self._drives)))
 
     @functools.cached_property
@@ -112,6 +112,11 @@ class SeriesModel:
     def drive(self, trace: SeriesTrace) -> int:
         """Index of the coordinate that holds a trace's force or stiffness."""
         return self._drives.index(self._drive_of(trace))
+
+    @property
+    def ln_radius(self) -> int:
+        """Index of the coordinate ln radius, where the radius is free."""
+        return self.names.index("ln_radius")
 
     @property
     def friction_scale(self) -> int:
@@ -138,13 +143,13 @@ class SeriesModel:
     def radius_nm(self, theta: FloatArray) -> FloatArray:
         """(n,) radius."""
         if self.radius_free:
-            return np.asarray(np.exp(theta[:, self.names.index("ln_radius")]))
+            return np.asarray(np.exp(theta[:, self.ln_radius]))
         return np.full(len(theta), self.bead.radius_nm[0])
 
     def lever_nm(self, theta: FloatArray, trace: SeriesTrace) -> FloatArray:
         """(n,) force over stiffness: L along the field, L + R across."""
-        along = np.full(len(theta), trace.extension_nm)
-        return along if trace.axis == self.bead.along else along + self.radius_nm(theta)
+        along = trace.axis == self.bead.along
+        return lever_nm(trace.extension_nm, self.radius_nm(theta), along=along)
 
     def coordinates(self, theta: FloatArray, trace: SeriesTrace) -> FloatArray:
         """(n, 3) coordinates of one trace as in `mtpipe.fit.model`, its noise as variance."""
@@ -193,8 +198,10 @@ class SeriesModel:
         scale = self.friction_scale
         allowed = np.abs(theta[:, scale] - self.start[scale]) < PRIOR_HALF_WIDTH
         if self.radius_free:
-            ln_radius = theta[:, self.names.index("ln_radius")]
-            allowed &= np.abs(ln_radius - math.log(self.bead.radius_nm[0])) < RADIUS_HALF_WIDTH
+            allowed &= (
+                np.abs(theta[:, self.ln_radius] - math.log(self.bead.radius_nm[0]))
+                < RADIUS_HALF_WIDTH
+            )
         for axis in self.axes:
             noise = theta[:, self.noise(axis)]
             log = self.noise_is_log(axis)
@@ -205,17 +212,18 @@ class SeriesModel:
 
     def slopes(self, theta: FloatArray) -> list[tuple[list[int], FloatArray]]:
         """Per trace, which coordinates move it, and (those, n_bins): how its ln power follows."""
+        around = self.around(theta)
         return [
             (mine, (np.log(self.expected(high, t)) - np.log(self.expected(low, t))) / width)
             for t in self.traces
-            for mine, low, high, width in [self._around_trace(theta, t)]
+            for mine, low, high, width in [self._around_trace(around, t)]
         ]
 
     def jacobian(self, theta: FloatArray) -> FloatArray:
         """(residuals, dimensions) derivatives of the residuals at one θ."""
-        blocks = []
+        around, blocks = self.around(theta), []
         for trace in self.traces:
-            mine, low, high, width = self._around_trace(theta, trace)
+            mine, low, high, width = self._around_trace(around, trace)
             roots = trace.model.deviance_roots
             block = np.zeros((len(trace.model.ordinates), len(theta)))
             change = roots(self.expected(high, trace)) - roots(self.expected(low, trace))
@@ -224,11 +232,11 @@ class SeriesModel:
         return np.vstack([*blocks, self._pull_slopes(theta).T])
 
     def _around_trace(
-        self, theta: FloatArray, trace: SeriesTrace
+        self, around: tuple[FloatArray, FloatArray], trace: SeriesTrace
     ) -> tuple[list[int], FloatArray, FloatArray, FloatArray]:
         """Coordinates that move a trace, θ below and above in each, and how far apart."""
         mine = [self.drive(trace), *self.common]
-        low, high = (rows[mine] for rows in self.around(theta))
+        low, high = (rows[mine] for rows in around)
         return mine, low, high, np.sum(high - low, axis=1)[:, None]
 
     def _pull_slopes(self, theta: FloatArray) -> FloatArray:
@@ -284,7 +292,7 @@ class SeriesModel:
         """(dimensions,) from the starts of the traces by themselves, given friction and noise."""
         theta = np.zeros(len(self.names))
         if self.radius_free:
-            theta[self.names.index("ln_radius")] = math.log(self.bead.radius_nm[0])
+            theta[self.ln_radius] = math.log(self.bead.radius_nm[0])
         for axis in self.axes:
             prior = self.bead.noise_nm[axis]
             theta[self.noise(axis)] = (

@@ -14,6 +14,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from scipy.interpolate import CubicSpline
 
+from mtpipe.estimate import Estimate
 from mtpipe.fit.posterior import Posterior
 from mtpipe.fit.ridge import (
     NoiseCoordinate,
@@ -26,8 +27,7 @@ from mtpipe.fit.series import SeriesFit
 from mtpipe.fit.series_model import SeriesTrace
 from mtpipe.physics.camera import FloatArray
 
-# Degrees of freedom, widening, share of the proposals.
-PROPOSAL_LAWS = ((5.0, 1.3, 1.0),)
+METHOD = "series of spectra, posterior"
 WALKERS = 16
 LONGEST_CHAIN = 1000
 DRAWS = 600
@@ -66,9 +66,12 @@ class SeriesPosterior:
         return drive if model.force_shared else drive * model.lever_nm(theta, trace)
 
     @property
-    def radius_nm(self) -> FloatArray:
-        """(n_samples,)"""
-        return self.fit.model.radius_nm(self.chain.theta)
+    def radius(self) -> Estimate | None:
+        """The bead's radius in nm; None where it was not fitted."""
+        if not self.fit.model.radius_free:
+            return None
+        radius_nm = self.fit.model.radius_nm(self.chain.theta)
+        return Estimate.of_sample(radius_nm, "nm", METHOD, converged=self.chain.converged)
 
 
 def sample_series(fit: SeriesFit, *, seed: int | np.random.Generator = 0) -> SeriesPosterior:
@@ -81,38 +84,22 @@ def sample_series(fit: SeriesFit, *, seed: int | np.random.Generator = 0) -> Ser
     generator = np.random.default_rng(seed)
     forces = _Forces.at(fit)
     common = fit.model.common
-    centre = fit.theta[common]
-    noise = [
-        NoiseCoordinate(common.index(fit.model.noise(axis)), fit.model.bead.noise_nm[axis])
-        for axis in fit.model.axes
-    ]
-    others = [i for i in range(len(common)) if i not in [one.index for one in noise]]
-    covariance = forces.covariance[np.ix_(common, common)]
     proposal = RidgeProposal.at(
-        centre,
-        covariance,
-        noise,
-        [_part(ridge, others, fit, common) for ridge in forces.ridges],
-        PROPOSAL_LAWS,
+        fit.theta[common],
+        forces.covariance[np.ix_(common, common)],
+        [replace(one, index=common.index(one.index)) for one in forces.noise],
+        [CubicSpline(ridge.x, ridge(ridge.x)[:, forces.is_smooth]) for ridge in forces.ridges],
     )
     chain = sample(
-        forces.log_marginal, proposal, centre, generator, walkers=WALKERS, longest=LONGEST_CHAIN
+        forces.log_marginal,
+        proposal,
+        fit.theta[common],
+        generator,
+        walkers=WALKERS,
+        longest=LONGEST_CHAIN,
     )
     kept = chain.theta[np.linspace(0, len(chain.theta) - 1, DRAWS).astype(int)]
     return SeriesPosterior(fit, replace(chain, theta=forces.draw(kept, generator)))
-
-
-def _part(ridge: CubicSpline, others: list[int], fit: SeriesFit, common: list[int]) -> CubicSpline:
-    """A ridge's movement of some of the common coordinates."""
-    columns = _columns(fit)
-    chosen = [columns.index(common[i]) for i in others]
-    return CubicSpline(ridge.x, ridge(ridge.x)[:, chosen])
-
-
-def _columns(fit: SeriesFit) -> list[int]:
-    """The coordinates that ridges are about: all but noise."""
-    noises = [fit.model.noise(axis) for axis in fit.model.axes]
-    return [i for i in range(len(fit.theta)) if i not in noises]
 
 
 @dataclass(frozen=True)
@@ -122,13 +109,18 @@ class _Forces:
     Attributes
     ----------
     covariance : (d, d) Gaussian approximation of everything, kept within reason.
-    ridges : one per axis, how all but the noise moves with that noise's variance.
-    slope : (forces, common without noise) how forces follow the other common coordinates.
+    noise : the noise coordinates, one per axis.
+    smooth : indices of the other common coordinates.
+    ridges : one per noise, how forces and smooth coordinates, in this order, move with its
+        variance.
+    slope : (forces, smooth) how forces follow the smooth coordinates.
     stderr : (forces,) of ln force, all common coordinates given.
     """
 
     fit: SeriesFit
     covariance: FloatArray
+    noise: tuple[NoiseCoordinate, ...]
+    smooth: list[int]
     ridges: tuple[CubicSpline, ...]
     slope: FloatArray
     stderr: FloatArray
@@ -143,41 +135,44 @@ class _Forces:
         ])  # fmt: skip
         sigma = np.sqrt(np.diag(fit.covariance))
         shrink = np.minimum(1.0, limit / sigma)
-        covariance = fit.covariance * np.outer(shrink, shrink)
-        columns = _columns(fit)
+        noise = tuple(
+            NoiseCoordinate(model.noise(axis), model.bead.noise_nm[axis]) for axis in model.axes
+        )
+        smooth = [i for i in model.common if i not in [one.index for one in noise]]
+        moved = [*model.drives, *smooth]
         ridges = tuple(
             follow_ridge(
                 fit.theta,
-                float(sigma[index] * shrink[index]),
-                NoiseCoordinate(index, model.bead.noise_nm[axis]),
-                columns,
-                lambda theta: _step(fit, theta, columns),
+                float(sigma[one.index] * shrink[one.index]),
+                one,
+                moved,
+                lambda theta: _step(fit, theta, moved),
             )
-            for axis in model.axes
-            for index in [model.noise(axis)]
+            for one in noise
         )
         information = model.information(fit.theta)
         own = np.diag(information)[model.drives]
-        smooth = [i for i in columns if i in model.common]
         slope = -information[np.ix_(model.drives, smooth)] / own[:, None]
         stderr = np.minimum(1 / np.sqrt(np.maximum(own, 1e-12)), LARGEST_LN_STDERR)
-        return cls(fit, covariance, ridges, slope, stderr)
+        covariance = fit.covariance * np.outer(shrink, shrink)
+        return cls(fit, covariance, noise, smooth, ridges, slope, stderr)
+
+    @property
+    def is_smooth(self) -> slice:
+        """Where the ridges hold the smooth coordinates; before them, the forces."""
+        return slice(len(self.stderr), None)
 
     def likeliest(self, common: FloatArray) -> FloatArray:
         """(n, forces) about where each ln force is likeliest, for (n, common)."""
         model, centre = self.fit.model, self.fit.theta
-        columns = _columns(self.fit)
-        drives = [columns.index(i) for i in model.drives]
-        smooth = [i for i in columns if i in model.common]
-        moved = np.zeros((len(common), len(columns)))
-        for axis, ridge in zip(model.axes, self.ridges, strict=True):
-            index = model.noise(axis)
-            noise = NoiseCoordinate(index, model.bead.noise_nm[axis])
-            variance = noise.variance(common[:, model.common.index(index)])
+        moved = np.zeros((len(common), len(self.stderr) + len(self.smooth)))
+        for one, ridge in zip(self.noise, self.ridges, strict=True):
+            variance = one.variance(common[:, model.common.index(one.index)])
             moved += ridge(np.clip(variance, 0.0, ridge.x[-1]))
-        own = common[:, [model.common.index(i) for i in smooth]] - centre[smooth]
-        beyond = own - moved[:, [columns.index(i) for i in smooth]]
-        return np.asarray(centre[model.drives] + moved[:, drives] + beyond @ self.slope.T)
+        own = common[:, [model.common.index(i) for i in self.smooth]] - centre[self.smooth]
+        beyond = own - moved[:, self.is_smooth]
+        forces = moved[:, : len(self.stderr)]
+        return np.asarray(centre[model.drives] + forces + beyond @ self.slope.T)
 
     def log_marginal(self, common: FloatArray) -> FloatArray:
         """(n,) ln posterior of the common coordinates (n, common), forces integrated out."""
@@ -218,11 +213,11 @@ class _Forces:
 
     def _matching_prior(self, theta: FloatArray) -> FloatArray:
         out = np.zeros(len(theta))
-        for axis in self.fit.model.axes:
-            prior, i = self.fit.model.bead.noise_nm[axis], self.fit.model.noise(axis)
-            if prior is not None:
+        for one in self.noise:
+            if one.prior_nm is not None:
+                i, factor = one.index, one.prior_nm[1]
                 stderr = math.sqrt(self.fit.covariance[i, i])
-                out += log_matching_prior(theta[:, i], self.fit.theta[i], stderr, prior[1])
+                out += log_matching_prior(theta[:, i], self.fit.theta[i], stderr, factor)
         return out
 
     def _per_force(self, theta: FloatArray, step: float, drives: list[int]) -> FloatArray:
@@ -255,8 +250,8 @@ class _Forces:
         return theta
 
 
-def _step(fit: SeriesFit, theta: FloatArray, columns: list[int]) -> FloatArray:
+def _step(fit: SeriesFit, theta: FloatArray, moved: list[int]) -> FloatArray:
     """Gauss–Newton step of some coordinates towards the maximum, the others as they are."""
-    jacobian = fit.model.jacobian(theta)[:, columns]
+    jacobian = fit.model.jacobian(theta)[:, moved]
     residuals = fit.model.residuals(theta[None])[0]
     return np.asarray(-np.linalg.lstsq(jacobian, residuals, rcond=None)[0])

@@ -15,18 +15,24 @@ from typing import Literal
 import numpy as np
 from numpy.typing import ArrayLike
 
-from mtpipe.estimate import Estimate, Status
+from mtpipe.estimate import Estimate
 from mtpipe.fit.arguments import check_arguments
+from mtpipe.fit.estimates import (
+    NOT_IDENTIFIED_LN,
+    fitted_log_noise,
+    fitted_noise,
+    inverse_information,
+    known_noise,
+    logarithmic,
+    tied,
+)
 from mtpipe.fit.model import COORDINATES, PRIOR_HALF_WIDTH, TraceModel
 from mtpipe.physics.camera import FloatArray
 from mtpipe.physics.modes import SINGLE_MODE, Modes
 from mtpipe.spectrum import Spectrum, periodogram, prewhitening
 
-# A parameter known to a factor of no better than e is not called a measurement.
-NOT_IDENTIFIED_LN = 1.0
+# Standard error of a ln stiffness that the data do not tell.
 NOT_TOLD_LN = 2.0
-QUANTITIES = ("stiffness", "friction", "tracking noise")
-TIED_CORRELATION = 0.8
 # A noise below this share of the trace's variance is indistinguishable from none.
 AT_ZERO = 1e-7
 # All coordinates are of order one; a larger covariance is lmfit's way of saying undetermined.
@@ -78,8 +84,9 @@ class TraceFit:
     @property
     def nyquist_ratio(self) -> float:
         """Corner frequency over the Nyquist frequency."""
-        return float(np.exp(self.theta[0] - self.theta[1])) / math.pi * self._frame_s
+        return float(np.exp(self.theta[0] - self.theta[1])) / math.pi * self.spectrum.window.frame_s
 
+    @functools.cached_property
     def shift_per_exposure(self) -> FloatArray:
         """(3,) how far θ moves per second by which the exposure is not what it is taken for."""
         free = list(self.model.free)
@@ -89,10 +96,6 @@ class TraceFit:
         moved = np.zeros(3)
         moved[free] = -self.covariance[np.ix_(free, free)] @ score
         return moved
-
-    @property
-    def _frame_s(self) -> float:
-        return self.model.spectrum.window.frame_s
 
 
 def fit_trace(
@@ -255,14 +258,6 @@ def _is_bounded(model: TraceModel, theta: FloatArray) -> bool:
     return True
 
 
-def inverse_information(information: FloatArray) -> FloatArray:
-    """Inverse of a Fisher matrix; directions that are not determined get a huge variance."""
-    size = np.sqrt(np.maximum(np.diag(information), 1e-20))
-    values, vectors = np.linalg.eigh(information / np.outer(size, size))
-    scaled = (vectors / np.maximum(values, 1e-12)) @ vectors.T
-    return np.asarray(scaled / np.outer(size, size))
-
-
 def describe(
     model: TraceModel,
     theta: FloatArray,
@@ -289,13 +284,14 @@ def describe(
     corner = np.array([1.0, -1.0, 0.0])
     together = tied(covariance, model.free)
     return TraceFit(
-        stiffness=logarithmic(theta[0], covariance[0, 0], "pN/nm", tied_to=together),
-        friction=logarithmic(theta[1], covariance[1, 1], "pN s/nm", tied_to=together),
+        stiffness=logarithmic(theta[0], covariance[0, 0], "pN/nm", METHOD, tied_to=together),
+        friction=logarithmic(theta[1], covariance[1, 1], "pN s/nm", METHOD, tied_to=together),
         noise=_noise(model, theta[2], covariance[2, 2]),
         corner_frequency=logarithmic(
             theta[0] - theta[1] - math.log(2 * math.pi),
             corner @ covariance @ corner,
             "Hz",
+            METHOD,
             tied_to=together,
         ),
         theta=theta,
@@ -307,51 +303,11 @@ def describe(
     )
 
 
-def logarithmic(
-    ln_value: float, variance: float, unit: str, *, tied_to: tuple[str, ...] = ()
-) -> Estimate:
-    """The estimate of a positive quantity from its logarithm and the variance of that.
-
-    exp of an unbiased estimate is high by half its variance (1 % for an error of 14 %), which is
-    taken off the value; the interval needs no such correction.
-
-    Parameters
-    ----------
-    tied_to : what it cannot be told from, for a quantity that turns out not to be identified.
-    """
-    sigma = math.sqrt(max(float(variance), 0.0))
-    if not sigma < PRIOR_HALF_WIDTH:
-        return Estimate.missing(unit, METHOD, interval=(0.0, math.inf), tied_to=tied_to)
-    interval = (math.exp(ln_value - sigma), math.exp(ln_value + sigma))
-    if sigma > NOT_IDENTIFIED_LN:
-        return Estimate.missing(unit, METHOD, interval=interval, tied_to=tied_to)
-    value = math.exp(ln_value - sigma**2 / 2)
-    return Estimate(value, value * sigma, interval, unit, METHOD)
-
-
-def tied(covariance: FloatArray, free: tuple[int, ...]) -> tuple[str, ...]:
-    """Names of the parameters that cannot be told apart, from the (3, 3) covariance of a fit.
-
-    They move together: their estimates are correlated with the stiffness's by more than 0.8. Beyond
-    the Nyquist frequency friction and stiffness do, and tracking noise, if it is fitted, with them;
-    a shorter exposure would look the same as more noise (PHYSICS 3.A).
-    """
-    sigma = np.sqrt(np.maximum(np.diag(covariance), 1e-300))
-    correlation = covariance[0] / (sigma * sigma[0])
-    found = [QUANTITIES[i] for i in free if i == 0 or abs(correlation[i]) > TIED_CORRELATION]
-    return (*found, "exposure") if QUANTITIES[2] in found else tuple(found)
-
-
 def _noise(model: TraceModel, coordinate: float, variance_of_it: float) -> Estimate:
-    sigma = math.sqrt(max(variance_of_it, 0.0))
+    stderr = math.sqrt(max(variance_of_it, 0.0))
     if model.noise_is_log:
-        low, value, high = (math.exp((coordinate + s * sigma) / 2) for s in (-1, 0, 1))
-        return Estimate(value, (high - low) / 2, (low, high), "nm", METHOD)
-    value = math.sqrt(max(coordinate, 0.0))
+        return fitted_log_noise(coordinate, stderr, METHOD)
     if model.noise_variance_nm2 is not None:
-        return Estimate(value, 0.0, (value, value), "nm", METHOD, "fixed")
-    low, high = (math.sqrt(max(coordinate + s * sigma, 0.0)) for s in (-1, 1))
-    # half the interval: the standard error of a square root is no derivative near zero
-    at_zero = coordinate <= AT_ZERO * model.spectrum.variance_nm2
-    status: Status = "at_bound" if at_zero else "ok"
-    return Estimate(value, (high - low) / 2, (low, high), "nm", METHOD, status)
+        return known_noise(model.noise_variance_nm2, METHOD)
+    zero_nm2 = AT_ZERO * model.spectrum.variance_nm2
+    return fitted_noise(coordinate, stderr, METHOD, zero_nm2=zero_nm2)

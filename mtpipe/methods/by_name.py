@@ -6,15 +6,13 @@ from collections.abc import Callable
 from functools import partial
 from typing import Literal
 
-import numpy as np
 from numpy.typing import ArrayLike
 
-from mtpipe.errors import FitError
 from mtpipe.fit.arguments import TraceArguments, check_arguments
 from mtpipe.methods.integrated_spectrum import Correction, fit_arctangent
 from mtpipe.methods.result import MethodFit
 from mtpipe.methods.variances import fit_allan, fit_equipartition, fit_hadamard
-from mtpipe.spectrum import MINIMUM_FRAMES
+from mtpipe.spectrum import frames_present
 
 _FITS: dict[str, Callable[[str, TraceArguments], MethodFit]] = {
     "equipartition": fit_equipartition,
@@ -79,12 +77,5 @@ def fit_by_method(
         tracking_noise_nm=tracking_noise_nm,
         friction=friction,
     )
-    there = arguments.x_nm[np.isfinite(arguments.x_nm)]
-    if len(there) < MINIMUM_FRAMES:
-        raise FitError(
-            f"only {len(there)} frames of this trace are there; "
-            f"at least {MINIMUM_FRAMES} are needed"
-        )
-    if not np.ptp(there) > 0:
-        raise FitError("the position never changes in this trace")
+    frames_present(arguments.x_nm)  # refuses a trace that no method can fit
     return _FITS[method](method, arguments)

@@ -23,7 +23,8 @@ from scipy import fft
 
 from mtpipe.errors import FitError
 from mtpipe.fit.arguments import TraceArguments
-from mtpipe.methods.result import MethodFit, describe, known_noise, without_values
+from mtpipe.fit.estimates import known_noise
+from mtpipe.methods.result import MethodFit, describe, without_values
 from mtpipe.physics.camera import FloatArray
 
 MOST_ROUNDS = 200

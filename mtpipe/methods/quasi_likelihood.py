@@ -15,11 +15,12 @@ import numpy as np
 from scipy import linalg
 
 from mtpipe.fit.arguments import TraceArguments
+from mtpipe.fit.estimates import fitted_noise, inverse_information, known_noise
 from mtpipe.fit.model import PRIOR_HALF_WIDTH
 from mtpipe.fit.trace import AT_ZERO
 from mtpipe.methods.motion import SeenMotion
 from mtpipe.methods.quadratic import QuadraticStatistics
-from mtpipe.methods.result import MethodFit, describe, fitted_noise, known_noise
+from mtpipe.methods.result import MethodFit, describe
 from mtpipe.physics.camera import FloatArray
 
 MOST_ROUNDS = 25
@@ -161,11 +162,3 @@ def fit_statistics(
         friction_is_given=friction_is_given,
         notes=notes,
     )
-
-
-def inverse_information(information: FloatArray) -> FloatArray:
-    """Inverse; directions that are not determined get a huge variance."""
-    size = np.sqrt(np.maximum(np.diag(information), 1e-20))
-    values, vectors = np.linalg.eigh(information / np.outer(size, size))
-    scaled = (vectors / np.maximum(values, 1e-12)) @ vectors.T
-    return np.asarray(scaled / np.outer(size, size))

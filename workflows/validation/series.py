@@ -9,16 +9,15 @@ from __future__ import annotations
 
 import math
 import time
-from collections.abc import Sequence
 
 import numpy as np
-from scipy import stats
 from series_cases import EXTENSIONS_NM, FORCES_PN, NOISE_NM, RADIUS_NM, Case, Series, draw
 
 import mtpipe
-from mtpipe.conditions import Conditions, conditions_of
-from mtpipe.estimate import Estimate
-from mtpipe.fit.series import SeriesFit, fit_series
+from mtpipe.bead_prior import bead_prior
+from mtpipe.conditions import conditions_of
+from mtpipe.estimate import CENTRAL_68, Estimate
+from mtpipe.fit.series import fit_series
 from mtpipe.fit.series_model import BeadPrior, SeriesModel
 from mtpipe.fit.series_posterior import sample_series
 from mtpipe.free_fits import LATERAL, free_fit, friction_ratio
@@ -46,7 +45,7 @@ def measure_joint(job: tuple[Case, int, int]) -> list[dict[str, object]]:
     truth = np.array([_truth(name) for name in model.names])
     bound = error_bound(model)
     stderr = np.sqrt(np.diag(fit.covariance))
-    low, high = np.quantile(posterior.chain.theta, [0.1587, 0.8413], axis=0)
+    low, high = np.quantile(posterior.chain.theta, CENTRAL_68, axis=0)
     return [
         {
             "case": case.name,
@@ -56,7 +55,6 @@ def measure_joint(job: tuple[Case, int, int]) -> list[dict[str, object]]:
             "error": fit.theta[i] - truth[i],
             "fit_holds": abs(fit.theta[i] - truth[i]) < stderr[i],
             "posterior_holds": low[i] < truth[i] < high[i],
-            "supported_p": contradiction_p(fit, free),
             "converged": posterior.chain.converged,
             "fit_s": fitted - began,
             "posterior_s": sampled - fitted,
@@ -111,12 +109,6 @@ def measure_choice(job: tuple[Case, int, int]) -> list[dict[str, object]]:
     return [row]
 
 
-def contradiction_p(fit: SeriesFit, free: Sequence[FreeTrace]) -> float:
-    """p-value of a joint fit against the free fits: what the choice goes by."""
-    excess = float(np.sum(fit.deviances) - sum(one.fit.deviance for one in free))
-    return float(stats.chi2.sf(excess, 3 * len(free) - len(fit.theta)))
-
-
 def error_bound(model: SeriesModel) -> np.ndarray:
     """(dimensions,) joint Cramér–Rao bound of the standard errors, priors included."""
     truth = np.array([_truth(name) for name in model.names])
@@ -151,21 +143,9 @@ def _free_fits(series: Series) -> tuple[list[FreeTrace], BeadPrior, bool]:
             if ratio is not None:
                 measured.append(MeasuredFriction(i, axis, *ratio))
     expectation = FrictionPrior(tuple(measured), conditions.friction_relative_stderr)
-    return free, _bead_prior(conditions), any(expectation.contradicted(axis) for axis in LATERAL)
-
-
-def _bead_prior(conditions: Conditions) -> BeadPrior:
-    """What the pipeline knows of the bead where there is no reference bead."""
-    assert conditions.radius_nm is not None
-    return BeadPrior(
-        radius_nm=conditions.radius_nm,
-        viscosity_mPa_s=conditions.viscosity_mPa_s[0],
-        friction_ln_stderr=conditions.friction_stderr_apart_from_radius,
-        noise_nm=(None, None),
-        along=conditions.along,
-        wall=conditions.wall,
-        rotation=conditions.rotation,
-    )
+    # no reference bead tells the noise
+    prior = bead_prior(conditions, (None, None), free)
+    return free, prior, any(expectation.contradicted(axis) for axis in LATERAL)
 
 
 def _against(force: Estimate | None, true: float) -> dict[str, object]:

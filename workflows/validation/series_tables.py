@@ -11,7 +11,6 @@ from collections.abc import Sequence
 import numpy as np
 import pandas as pd
 from report import bias, percent, rms, table
-from scipy import stats
 from series import STATED_BOUND
 from series_cases import (
     EXTENSIONS_NM,
@@ -117,18 +116,6 @@ def choice_table(cases: Sequence[Case], rows: pd.DataFrame) -> str:
         " | rms pull of forces | largest error of a force, median (%)",
         lines,
     )
-
-
-def false_alarm_table(cases: Sequence[Case], rows: pd.DataFrame) -> str:
-    """p-values of the true joint fit against the free fits; below 0.1 % it is denied."""
-    lines = []
-    for case in cases:
-        p = rows[rows.case == case.name].groupby("repeat").supported_p.first()
-        lines.append(
-            [case.name, str(len(p)), *(percent(p < limit) for limit in (0.1, 0.01, 0.001)),
-             f"{stats.kstest(p, 'uniform').pvalue:.2f}"]
-        )  # fmt: skip
-    return table("series | number | p < 10 % (%) | p < 1 % (%) | denied (%) | KS p", lines)
 
 
 def _named(coordinate: str) -> tuple[str, str]:

@@ -133,7 +133,6 @@ def _series(study: Study) -> dict[str, str]:
     return {
         "series": series_tables.joint_table(true, joint),
         "series pipeline": series_tables.pipeline_table(pipeline, joint),
-        "series false alarms": series_tables.false_alarm_table(true, joint),
         "series choice": series_tables.choice_table((*true, *faulty), pd.concat(chosen)),
     }
 
