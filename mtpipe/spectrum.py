@@ -44,6 +44,7 @@ LEAST_POWER = 1e-12
 # Longer traces are cut into equal segments: their mean periodogram has nearly all the information,
 # and neither memory nor time grows faster than the trace.
 LONGEST_SEGMENT = 2**16
+MEAN_MATTERS_BELOW = 0.95
 
 
 @dataclass(frozen=True)
@@ -323,8 +324,8 @@ class _Expectation:
         weights = fft.irfft(pairs, self.padding)[: self.length] / self.n
         self.weights = np.maximum(weights, 0.0)
         # with several segments relaxation is short against each, and what subtracting a segment's
-        # mean over its gaps changes is far below the statistical error
-        self.mean_matters = len(masks) == 1 and self.n < self.length
+        # mean over its gaps changes is far below the statistical error, as it is for few gaps
+        self.mean_matters = len(masks) == 1 and self.n < MEAN_MATTERS_BELOW * self.length
         self.mask_dft = fft.rfft(self.mask)
         self.padded_mask_dft = fft.rfft(self.mask, self.padding)
 

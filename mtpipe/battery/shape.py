@@ -23,7 +23,8 @@ def moments(seen: Sequence[Observed]) -> Values:
                 x = one.position_nm[:, axis]
                 x = x[np.isfinite(x)]
                 x = (x - x.mean()) / x.std()
-                each.append(float(np.mean(x**power)))
+                square = x * x
+                each.append(float(np.mean(square * (x if power == 3 else square))))
                 values.append((Look(statistic, name, (i,)), each[-1]))
             if len(each) > 1:
                 look = Look(statistic, name, tuple(range(len(seen))), pooled=True)

@@ -100,32 +100,29 @@ def _signal(one: Observed, axis: int) -> FloatArray:
     return np.asarray(level / level.max())
 
 
-def with_reference(seen: Sequence[Observed], spectra: Sequence[Whitened]) -> Values:
-    """In-phase coherence of bead and reference, below and above the geometric mean frequency."""
+def with_reference(
+    seen: Sequence[Observed], spectra: Sequence[Whitened], above_hz: Sequence[float]
+) -> Values:
+    """In-phase coherence of bead and reference, per axis.
+
+    Parameters
+    ----------
+    above_hz : per axis; below, the reference's own motion has been subtracted from both.
+    """
     values: Values = []
     for axis, name in enumerate(AXES):
-        pooled: dict[int, list[float]] = {0: [], 1: []}
+        pooled: list[float] = []
         for i, spectrum in enumerate(spectra):
-            if spectrum.reference is None:
+            inside = spectrum.frequency_hz >= above_hz[axis]
+            if spectrum.reference is None or not inside.any():
                 continue
             common = np.real(spectrum.bead[:, axis] * np.conj(spectrum.reference[:, axis]))
-            middle = np.sqrt(spectrum.frequency_hz[0] * spectrum.frequency_hz[-1])
-            for part, inside in enumerate(
-                (spectrum.frequency_hz < middle, spectrum.frequency_hz >= middle)
-            ):
-                value = float(common[inside].sum() / np.sqrt(inside.sum() / 2))
-                ends = spectrum.frequency_hz[inside][[0, -1]]
-                band = (float(ends[0]), float(ends[1]))
-                values.append((Look("reference_coherence", name, (i,), band), value))
-                pooled[part].append(value)
-        for part, each in pooled.items():
-            if len(each) > 1:
-                everywhere = tuple(range(len(seen)))
-                look = Look(
-                    f"reference_coherence_{'fast' if part else 'slow'}",
-                    name,
-                    everywhere,
-                    pooled=True,
-                )
-                values.append((look, float(np.sum(each) / np.sqrt(len(each)))))
+            value = float(common[inside].sum() / np.sqrt(inside.sum() / 2))
+            ends = spectrum.frequency_hz[inside][[0, -1]]
+            look = Look("reference_coherence", name, (i,), (float(ends[0]), float(ends[1])))
+            values.append((look, value))
+            pooled.append(value)
+        if len(pooled) > 1:
+            look = Look("reference_coherence", name, tuple(range(len(seen))), pooled=True)
+            values.append((look, float(np.sum(pooled) / np.sqrt(len(pooled)))))
     return values

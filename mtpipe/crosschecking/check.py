@@ -15,12 +15,14 @@ from mtpipe.configured.fit import nearby_fit
 from mtpipe.configured.model import Expectation, changed_spectra
 from mtpipe.crosschecking.case import Case
 from mtpipe.crosschecking.nulls import Nulls, Together, together
-from mtpipe.crosschecking.twin import Twin, twin
+from mtpipe.crosschecking.twin import Twin, TwinMaker
 from mtpipe.physics.camera import FloatArray
 
 # The number of simulations grows through these until the answer is clear.
 ROUNDS = (48, 120)
 CLEARLY_CONSISTENT, CLEARLY_NOT = 0.2, 1e-5
+# Twice its cutoff the low-pass of the drift takes 6 % of a motion's amplitude.
+CLEAR_OF_CUTOFF = 2.0
 # Statistics of which only large values are odd.
 UPPER = ("line", "mean_step", "mean_excursion", "variance_step", "variance_spread")
 
@@ -61,10 +63,11 @@ def check_bead(
     looks, observed = battery.recorded()
     upper = np.array([_is_upper(look) for look in looks])
     pooled = np.array([look.pooled for look in looks])
+    maker = TwinMaker(case)
     simulated: list[FloatArray] = []
     for goal in rounds:
         while len(simulated) < goal:
-            simulated.append(battery.simulated(twin(case, random)))
+            simulated.append(battery.simulated(maker.draw(random)))
             if progress is not None:
                 progress(len(simulated), goal)
         nulls = Nulls(np.array(simulated), upper)
@@ -86,6 +89,8 @@ class _Battery:
         self.case = case
         self.projection = _projections(case)
         self.edges_hz: FloatArray | None = None
+        cutoffs = case.fit.model.subtraction.cutoff_hz
+        self.above_hz = [CLEAR_OF_CUTOFF * (cutoff or 0.0) for cutoff in cutoffs]
 
     def recorded(self) -> tuple[tuple[Look, ...], FloatArray]:
         case = self.case
@@ -128,7 +133,7 @@ class _Battery:
             *spectral.bands(seen, self.edges_hz),
             *spectral.lines(seen, single),
             *spectral.between_axes(seen),
-            *spectral.with_reference(seen, single),
+            *spectral.with_reference(seen, single, self.above_hz),
             *temporal.over_time(seen),
             *temporal.irreversibility(seen),
             *shape.moments(seen),

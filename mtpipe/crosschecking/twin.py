@@ -32,33 +32,38 @@ class Twin:
     references_nm: tuple[FloatArray, ...] | None
 
 
-def twin(case: Case, random: np.random.Generator) -> Twin:
-    """Simulate the fitted experiment once."""
-    experiment = described(case)
-    stretches, slices = _timetable(case)
-    states = {force: bead_state(experiment, force) for force, _ in stretches}
-    motion = simulate_motion(
-        [(states[force], frames) for force, frames in stretches], experiment.camera, random
-    )
-    motion = motion + np.asarray(experiment.tracker.noise_nm) * random.normal(size=motion.shape)
-    motion[:, 2] += experiment.optics.z_zero_nm
-    rest = np.zeros_like(motion)
-    subtraction = case.fit.model.subtraction
-    rate = 1 / case.frame_s
-    for axis in range(3):
-        size = subtraction.noise_nm[axis]
-        if size == 0:
-            continue
-        noise = size * random.normal(size=len(motion))
-        slow = low_pass(noise, rate, subtraction.cutoff_hz[axis])
-        motion[:, axis] -= slow
-        rest[:, axis] = noise - slow
-    positions = []
-    references = []
-    for piece, recorded in zip(slices, case.positions_nm, strict=True):
-        positions.append(np.where(np.isfinite(recorded), motion[piece], np.nan))
-        references.append(rest[piece])
-    return Twin(tuple(positions), None if case.references_nm is None else tuple(references))
+class TwinMaker:
+    """Simulates the fitted experiment again and again."""
+
+    def __init__(self, case: Case) -> None:
+        self.case = case
+        self.experiment = described(case)
+        stretches, self.slices = _timetable(case)
+        self.stretches = [(bead_state(self.experiment, force), n) for force, n in stretches]
+
+    def draw(self, random: np.random.Generator) -> Twin:
+        """Simulate once."""
+        case, experiment = self.case, self.experiment
+        motion = simulate_motion(self.stretches, experiment.camera, random)
+        motion += np.asarray(experiment.tracker.noise_nm) * random.normal(size=motion.shape)
+        motion[:, 2] += experiment.optics.z_zero_nm
+        rest = np.zeros_like(motion)
+        subtraction = case.fit.model.subtraction
+        rate = 1 / case.frame_s
+        for axis in range(3):
+            size = subtraction.noise_nm[axis]
+            if size == 0:
+                continue
+            noise = size * random.normal(size=len(motion))
+            slow = low_pass(noise, rate, subtraction.cutoff_hz[axis])
+            motion[:, axis] -= slow
+            rest[:, axis] = noise - slow
+        positions = []
+        references = []
+        for piece, recorded in zip(self.slices, case.positions_nm, strict=True):
+            positions.append(np.where(np.isfinite(recorded), motion[piece], np.nan))
+            references.append(rest[piece])
+        return Twin(tuple(positions), None if case.references_nm is None else tuple(references))
 
 
 def _timetable(case: Case) -> tuple[list[tuple[float, int]], list[slice]]:

@@ -7,8 +7,10 @@ axis is held and the tether alone swings. L is the mean height of the tether's e
 kT L/F is the variance along the field exactly, for any chain (PHYSICS section 0).
 
 The tether's end swings on a sphere, so lateral motion shortens z by a quadratic form of the lateral
-coordinates (PHYSICS E20); the chain is softer when shorter, which skews z, likewise a quadratic
-form. Both are part of the baseline; kurtosis and the surface as a wall are not.
+coordinates (PHYSICS E20), and a little more because a tilted tether is pulled less. The chain is
+softer when shorter, which skews z: to first order the motion u of a harmonic z drives a correction
+v, dv/dt = −(v − 3b (u² − 1))/τ, of third moment 6b (perturbation theory of a cubic potential).
+Both are part of the baseline; kurtosis and the surface as a wall are not.
 """
 
 from __future__ import annotations
@@ -43,6 +45,7 @@ class BeadState:
     motion : the linear motion about the mean; its readout is (x, y, z) of the camera.
     modes : its normal modes.
     bending : (d, d); z is ½ Xᵀ bending X above the linear motion, apart from its mean.
+    softening : b, a sixth of the skewness of the tether's length.
     """
 
     force_pN: float
@@ -50,6 +53,12 @@ class BeadState:
     motion: LinearMotion
     modes: NormalModes
     bending: FloatArray
+    softening: float
+
+    @property
+    def upward(self) -> int:
+        """Which of the modes is the motion away from the surface."""
+        return int(np.argmax(np.abs(self.modes.amplitude_nm[2])))
 
 
 def bead_state(experiment: Experiment, force_pN: float) -> BeadState:
@@ -69,22 +78,23 @@ def bead_state(experiment: Experiment, force_pN: float) -> BeadState:
             f"(mean extension {extension:.0f} nm)"
         )
     variance, skewness = (float(m) for m in radial_moments(experiment.chain, force_pN))
-    # z − ⟨z⟩ = s (u + b (u² − 1)) with u Gaussian has this skewness, 6b to second order in b
-    b = skewness / 6
-    spread = np.sqrt(variance / (1 + 2 * b**2))
+    softening = skewness / 6
+    # s (u + v) with v of variance 6 b² has the variance of the chain
+    axial = energy * (1 + 6 * softening**2) / variance
     if experiment.bead.turns:
         stiffness, bending = _turning(force_pN, end, radius)
     else:
         stiffness = np.diag([force_pN / end, force_pN / (end + radius), 0.0])
         bending = np.diag([-1 / end, -1 / (end + radius), 0.0])
-    stiffness[UP, UP] = energy / spread**2
-    bending[UP, UP] = 2 * b / spread
+    stiffness[UP, UP] = axial
+    # a tilted tether is pulled by F cos only; it follows at once, being stiffer than the pendulum
+    bending *= 1 + force_pN / (end * axial)
     readout = np.zeros((3, len(stiffness)))
     readout[experiment.along, ALONG] = readout[1 - experiment.along, ACROSS] = readout[2, UP] = 1
     # heights where the bead spends its time; the outermost are not below the surface
     heights = np.maximum(extension + np.sqrt(variance) * _HEIGHTS, LEAST_SHARE * extension)
     motion = LinearMotion(stiffness, _friction(experiment, heights), readout)
-    return BeadState(force_pN, extension, motion, normal_modes(motion, energy), bending)
+    return BeadState(force_pN, extension, motion, normal_modes(motion, energy), bending, softening)
 
 
 @dataclass(frozen=True, eq=False)
@@ -96,13 +106,22 @@ class RecordedModes:
 
 
 def recorded_modes(state: BeadState) -> RecordedModes:
-    """Modes of the linear motion, and the pairs of modes that bend z."""
+    """Modes of the linear motion, the pairs of modes that bend z, and the softening of the chain.
+
+    The correction v has the covariance 6 b² (2 e^−t/τ − e^−2t/τ) in units of the harmonic motion's.
+    """
     amplitude = state.modes.amplitude_nm
     linear = np.einsum("am,bm->mab", amplitude, amplitude)
     tau_s, variance = pair_modes(state.bending, state.modes)
     bent = np.zeros((len(tau_s), 3, 3))
     bent[:, 2, 2] = variance
-    return RecordedModes(np.concatenate([state.modes.tau_s, tau_s]), np.concatenate([linear, bent]))
+    up = state.upward
+    soft = np.zeros((2, 3, 3))
+    soft[:, 2, 2] = 6 * state.softening**2 * amplitude[2, up] ** 2 * np.array([2, -1])
+    slow = state.modes.tau_s[up] * np.array([1, 0.5])
+    return RecordedModes(
+        np.concatenate([state.modes.tau_s, tau_s, slow]), np.concatenate([linear, bent, soft])
+    )
 
 
 def expected_spectrum(

@@ -13,6 +13,7 @@ import math
 from collections.abc import Sequence
 
 import numpy as np
+from scipy import signal
 from scipy.sparse.csgraph import connected_components
 
 from mtpipe.experiment.state import UP, BeadState
@@ -101,6 +102,11 @@ def _stretch(
             )
             for i in block
         }
+        if state.upward in paths:
+            up = state.upward
+            recorded[2] += amplitude[2, up] * _softening(
+                paths[up].averages, state.softening, float(modes.tau_s[up]), camera
+            )
         for i in block:
             end[i] = paths[i].end
             mean = paths[i].averages.mean(axis=0)
@@ -119,6 +125,31 @@ def _stretch(
             within += (2 if i == j else 1) * weight**2 * _within_parts(taus, camera, part_count)
     recorded[2] += _moving_average(float(within[0]), float(within[1]), frames, random)
     return recorded.T, end
+
+
+def _softening(averages: FloatArray, softening: float, tau_s: float, camera: Camera) -> FloatArray:
+    """(frames,) correction v of a softening chain, dv/dt = −(v − 3b (u² − 1))/τ, averaged.
+
+    Parameters
+    ----------
+    averages : (parts, frames) of the harmonic motion u in units of its standard deviation.
+    """
+    parts = len(averages)
+    a, dead = camera.exposure_s / parts / tau_s, (camera.frame_s - camera.exposure_s) / tau_s
+    drive = 3 * softening * (averages**2 - float(blur_factor(a)))
+    between = 0.5 * (drive[-1] + np.append(drive[0, 1:], drive[-1, -1]))
+    decay, dead_decay = math.exp(-a), math.exp(-dead)
+    carried = (1 - dead_decay) * between
+    for part in range(parts):
+        carried += dead_decay * (1 - decay) * decay ** (parts - 1 - part) * drive[part]
+    whole = math.exp(-camera.frame_s / tau_s)
+    here = np.concatenate([[0.0], signal.lfilter([1.0], [1.0, -whole], carried)[:-1]])
+    total = np.zeros_like(here)
+    edge = float(edge_factor(a))
+    for part in range(parts):
+        total += drive[part] + edge * (here - drive[part])
+        here = decay * here + (1 - decay) * drive[part]
+    return np.asarray(total / parts)
 
 
 def _parts(relaxations: float) -> int:

@@ -1,7 +1,8 @@
 """A simulated recording: the same type as a laboratory's, and the truth it was made from.
 
 Beads move about their anchors, the stage carries all of them, the tracker adds noise and loses
-frames, the magnets rest and move. The same experiment and seed give the same recording.
+frames, the magnets rest and move. The same experiment and seed give the same recording. Every bead
+draws from a stream of its own, so that more beads leave those that are there as they were.
 """
 
 from __future__ import annotations
@@ -10,12 +11,13 @@ import functools
 import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from typing import Literal
 
 import numpy as np
 
 from mtpipe.experiment.description import Experiment
-from mtpipe.experiment.from_setup import TYPICAL_STAGE, experiment_of
-from mtpipe.experiment.state import BeadState, bead_state
+from mtpipe.experiment.from_setup import experiment_of
+from mtpipe.experiment.state import bead_state
 from mtpipe.notice import Notice
 from mtpipe.physics.camera import FloatArray
 from mtpipe.plateaus import find_plateaus
@@ -24,6 +26,8 @@ from mtpipe.setup import Setup
 from mtpipe.simulation.linear import simulate_motion
 
 Progress = Callable[[int, int], None]
+Engine = Literal["linear", "brownian"]
+ENGINES: tuple[Engine, ...] = ("linear", "brownian")
 # Beads stand well apart; where they stand has no influence.
 SPACING_NM = 8000.0
 # A move is cut into stretches of constant force no further apart than this in ln F.
@@ -54,6 +58,8 @@ def simulate(
     *,
     beads: int = 1,
     noise_nm: tuple[float, float, float] | None = None,
+    lost_share: float = 0.0,
+    engine: Engine = "linear",
     progress: Progress | None = None,
 ) -> Recording:
     """Simulate a recording of the experiment that a setup describes.
@@ -65,6 +71,9 @@ def simulate(
     seed : the same seed gives the same recording.
     beads : tethered beads b1, b2, …; the reference beads are those the setup names.
     noise_nm : tracking noise along x, y, z; default: as `experiment_of` says.
+    lost_share : of each bead's frames, lost by the tracker at random.
+    engine : "linear": exact for the linear motion, see `mtpipe.simulation.linear`; "brownian": step
+        by step with all that is not linear, see `mtpipe.simulation.brownian`, far slower.
     progress : called with (beads done, of how many).
 
     Returns
@@ -77,9 +86,11 @@ def simulate(
     FitError : a force does not hold the bead off the surface.
     """
     experiment, notices = experiment_of(
-        setup, forces_pN, frames, noise_nm=noise_nm, stage=TYPICAL_STAGE, beads=beads
+        setup, forces_pN, frames, noise_nm=noise_nm, beads=beads, lost_share=lost_share
     )
-    return simulate_experiment(experiment, setup, seed, notices=notices, progress=progress)
+    return simulate_experiment(
+        experiment, setup, seed, engine=engine, notices=notices, progress=progress
+    )
 
 
 def simulate_experiment(
@@ -87,6 +98,7 @@ def simulate_experiment(
     setup: Setup,
     seed: int | np.random.Generator,
     *,
+    engine: Engine = "linear",
     notices: tuple[Notice, ...] = (),
     progress: Progress | None = None,
 ) -> Recording:
@@ -96,38 +108,75 @@ def simulate_experiment(
     ------
     FitError : a force does not hold the bead off the surface.
     """
-    random = np.random.default_rng(seed)
+    references = setup.beads.reference[: experiment.references]
+    names = free_names(experiment.tethered, setup.beads.reference)
+    streams = np.random.default_rng(seed).spawn(1 + len(references) + len(names))
     table = timetable(experiment)
     frames = table.edges[-1]
-    stage = stage_motion(experiment, frames, random)
-    state = functools.cache(functools.partial(bead_state, experiment))
-    lengths = np.diff(table.edges)
-    stretches: list[tuple[BeadState, int]] = [
-        (state(force), int(n)) for force, n in zip(table.force_pN, lengths, strict=True)
-    ]
-    positions: dict[str, FloatArray] = {}
-    names = free_names(experiment.tethered, setup.beads.reference)
-    for i, name in enumerate(names):
-        motion = simulate_motion(stretches, experiment.camera, random)
-        positions[name] = _tracked(
-            motion + stage, _place(i), experiment.tracker.noise_nm, experiment, random
-        )
-        if progress is not None:
-            progress(i + 1, len(names))
-    for i, name in enumerate(setup.beads.reference[: experiment.references]):
+    stage = stage_motion(experiment, frames, streams.pop(0))
+    fixed: dict[str, FloatArray] = {}
+    for i, name in enumerate(references):
         noise = experiment.tracker.reference_noise_nm
-        positions[name] = _tracked(stage, _place(-1 - i), noise, experiment, random)
+        fixed[name] = _tracked(stage, _place(-1 - i), noise, experiment, streams.pop(0))
+    motion = _brownian(experiment, table) if engine == "brownian" else _linear(experiment, table)
+    positions: dict[str, FloatArray] = {}
+    for i, (name, random) in enumerate(zip(names, streams, strict=True)):
+        if progress is not None:
+            progress(i, len(names))
+        moved = motion(random) + stage + np.array([0.0, 0.0, experiment.optics.z_zero_nm])
+        noise = experiment.tracker.noise_nm
+        positions[name] = _tracked(moved, _place(i), noise, experiment, random)
     time_s = np.asarray(experiment.camera.frame_s * np.arange(frames))
     return Recording(
         name="simulated",
         setup=setup,
         time_s=time_s,
         frame=np.arange(frames, dtype=np.int64),
-        positions_nm=positions,
+        positions_nm=positions | fixed,
         magnet_mm=table.magnet_mm,
         plateaus=find_plateaus(time_s, table.magnet_mm, setup.plateaus),
-        notices=notices,
+        notices=notices + _departures(experiment, engine),
     )
+
+
+def _linear(
+    experiment: Experiment, table: Timetable
+) -> Callable[[np.random.Generator], FloatArray]:
+    """Motion of one bead, (frames, 3), from a generator: mode by mode."""
+    state = functools.cache(functools.partial(bead_state, experiment))
+    frames = np.diff(table.edges).tolist()
+    stretches = [(state(force), n) for force, n in zip(table.force_pN, frames, strict=True)]
+    return lambda random: simulate_motion(stretches, experiment.camera, random)
+
+
+def _brownian(
+    experiment: Experiment, table: Timetable
+) -> Callable[[np.random.Generator], FloatArray]:
+    """The same step by step."""
+    from mtpipe.simulation.bead import BrownianBead
+    from mtpipe.simulation.brownian import simulate_bead
+
+    bead = BrownianBead(
+        experiment.chain,
+        np.repeat(table.force_pN, np.diff(table.edges)),
+        experiment.bead.radius_nm,
+        experiment.fluid.viscosity_mPa_s,
+        along=experiment.along,
+        wall=experiment.fluid.wall,
+    )
+    frames = table.edges[-1]
+    return lambda random: simulate_bead(bead, experiment.camera, frames, random).position_nm
+
+
+def _departures(experiment: Experiment, engine: Engine) -> tuple[Notice, ...]:
+    """What an engine does otherwise than the experiment says."""
+    if engine == "linear" or experiment.bead.turns:
+        return ()
+    said = (
+        "Step by step a bead turns about the field's axis as tether and field let it, although "
+        "the setup does not list rotation_coupling."
+    )
+    return (Notice("turns_anyway", "info", said),)
 
 
 def free_names(count: int, taken: Sequence[str]) -> list[str]:

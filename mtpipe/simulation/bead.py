@@ -1,0 +1,61 @@
+"""The bead that the step-by-step simulator moves: numbers only.
+
+The bead's orientation is two angles: φ, the turn about the bead's magnetic axis, and ψ, the tilt of
+that axis out of the field's direction in the vertical plane. Both are 0 where the field holds the
+bead in its rest. Inside, the field always lies along x.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from mtpipe.physics import tether
+from mtpipe.physics.buffer import thermal_energy_pN_nm
+from mtpipe.physics.camera import FloatArray
+
+
+@dataclass(frozen=True, eq=False)
+class BrownianBead:
+    """A bead on its tether in the field.
+
+    Attributes
+    ----------
+    chain : the tether, any formula; its temperature is that of the buffer too.
+    force_pN : at least 0; a number, or (frames,) a force for each frame.
+    along : 0 or 1, the axis (x or y) of the field.
+    wall : friction depends on the height above the surface.
+    turns : the bead turns freely about the field's axis, and its attachment swings with it.
+    alignment_pN_nm : torque stiffness κ that holds the bead's axis along the field; None: locked.
+    attachment_angle_rad : polar angle of the attachment from the lowest point, towards the
+        positive axis of the field, where the field holds the bead; less than pi/2.
+    """
+
+    chain: tether.Chain
+    force_pN: float | FloatArray
+    radius_nm: float
+    viscosity_mPa_s: float
+    along: int = 0
+    wall: bool = True
+    turns: bool = True
+    alignment_pN_nm: float | None = None
+    attachment_angle_rad: float = 0.0
+
+    def __post_init__(self) -> None:
+        for name in ("radius_nm", "viscosity_mPa_s"):
+            if not getattr(self, name) > 0:
+                raise ValueError(f"{name} = {getattr(self, name)}: must be positive")
+        if np.size(self.force_pN) == 0 or not np.all(np.asarray(self.force_pN) >= 0):
+            raise ValueError("force_pN must not be negative")
+        if self.along not in (0, 1):
+            raise ValueError(f"along = {self.along}: the field lies along axis 0 (x) or 1 (y)")
+        if self.alignment_pN_nm is not None and not self.alignment_pN_nm > 0:
+            raise ValueError(f"alignment_pN_nm = {self.alignment_pN_nm}: must be positive")
+        if not 0 <= self.attachment_angle_rad < np.pi / 2:
+            raise ValueError("attachment_angle_rad must be at least 0 and less than pi/2")
+
+    @property
+    def thermal_energy_pN_nm(self) -> float:
+        """The thermal energy kT."""
+        return float(thermal_energy_pN_nm(self.chain.temperature_K))
