@@ -20,7 +20,7 @@ from mtpipe.physics.camera import FloatArray
 from mtpipe.simulation.linear import simulate_motion
 
 # Moves are cut into stretches of constant force, and longer ones need not be simulated whole.
-MOVE_PIECES = 8
+MOVE_PIECES = 4
 LONGEST_MOVE_S = 30.0
 
 
