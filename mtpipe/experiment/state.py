@@ -7,10 +7,9 @@ axis is held and the tether alone swings. L is the mean height of the tether's e
 kT L/F is the variance along the field exactly, for any chain (PHYSICS section 0).
 
 The tether's end swings on a sphere, so lateral motion shortens z by a quadratic form of the lateral
-coordinates (PHYSICS E20), and a little more because a tilted tether is pulled less. The chain is
-softer when shorter, which skews z: to first order the motion u of a harmonic z drives a correction
-v, dv/dt = −(v − 3b (u² − 1))/τ, of third moment 6b (perturbation theory of a cubic potential).
-Both are part of the baseline; kurtosis and the surface as a wall are not.
+coordinates (PHYSICS E20), and a little more because a tilted tether is pulled less. The tether's own length
+moves in the chain's potential, which stiffens, and with the friction of each height
+(`mtpipe.physics.axial`): the harmonic z among the coordinates is only its first approximation.
 """
 
 from __future__ import annotations
@@ -22,10 +21,12 @@ from numpy.typing import ArrayLike
 
 from mtpipe.errors import FitError
 from mtpipe.experiment.description import Experiment
+from mtpipe.physics.axial import AxialMotion
 from mtpipe.physics.camera import FloatArray, power_spectrum
 from mtpipe.physics.friction import rotation_wall_factor, rotational_stokes_pN_nm_s
 from mtpipe.physics.linear import LinearMotion, NormalModes, normal_modes, pair_modes
-from mtpipe.physics.tether import mean_extension_nm, radial_moments
+from mtpipe.physics.tether import extension_nm as chain_extension_nm
+from mtpipe.physics.tether import log_distance_density, mean_extension_nm, radial_moments
 from mtpipe.physics.tethered_bead import friction_pN_s_per_nm
 
 ALONG, ACROSS, UP, ANGLE = range(4)
@@ -33,6 +34,9 @@ ALONG, ACROSS, UP, ANGLE = range(4)
 _HEIGHTS, _HEIGHT_WEIGHTS = np.polynomial.hermite_e.hermegauss(7)
 _HEIGHT_WEIGHTS = _HEIGHT_WEIGHTS / _HEIGHT_WEIGHTS.sum()
 LEAST_SHARE = 0.05
+# Grid of the tether's length: how far it reaches, in standard deviations and in kT of depth.
+GRID_NODES, GRID_SPREADS, GRID_DEPTH = 96, 10.0, 30.0
+LEAST_HEIGHT_NM = 1.0
 
 
 @dataclass(frozen=True, eq=False)
@@ -45,7 +49,7 @@ class BeadState:
     motion : the linear motion about the mean; its readout is (x, y, z) of the camera.
     modes : its normal modes.
     bending : (d, d); z is ½ Xᵀ bending X above the linear motion, apart from its mean.
-    softening : b, a sixth of the skewness of the tether's length.
+    axial : motion away from the surface, but for the swinging of the tether.
     """
 
     force_pN: float
@@ -53,11 +57,11 @@ class BeadState:
     motion: LinearMotion
     modes: NormalModes
     bending: FloatArray
-    softening: float
+    axial: AxialMotion
 
     @property
     def upward(self) -> int:
-        """Which of the modes is the motion away from the surface."""
+        """Which of the modes is the harmonic motion away from the surface."""
         return int(np.argmax(np.abs(self.modes.amplitude_nm[2])))
 
 
@@ -77,24 +81,27 @@ def bead_state(experiment: Experiment, force_pN: float) -> BeadState:
             f"at {force_pN:g} pN the tether does not hold the bead off the surface "
             f"(mean extension {extension:.0f} nm)"
         )
-    variance, skewness = (float(m) for m in radial_moments(experiment.chain, force_pN))
-    softening = skewness / 6
-    # s (u + v) with v of variance 6 b² has the variance of the chain
-    axial = energy * (1 + 6 * softening**2) / variance
+    variance = float(radial_moments(experiment.chain, force_pN)[0])
+    # a tilted tether is pulled by F cos only; it follows at once, being stiffer than the pendulum
+    gives = force_pN * variance / (end * energy)
     if experiment.bead.turns:
-        stiffness, bending = _turning(force_pN, end, radius)
+        stiffness, bending = _turning(force_pN, end, radius, gives)
+        ways = np.array([1 + gives, 1 + gives, 1])
     else:
         stiffness = np.diag([force_pN / end, force_pN / (end + radius), 0.0])
-        bending = np.diag([-1 / end, -1 / (end + radius), 0.0])
-    stiffness[UP, UP] = axial
-    # a tilted tether is pulled by F cos only; it follows at once, being stiffer than the pendulum
-    bending *= 1 + force_pN / (end * axial)
+        bending = -(1 + gives) * stiffness / force_pN
+        ways = np.array([1 + gives, 1 + gives])
+    # each way of swinging scatters by ½ (kT/F)² in equilibrium, and that of a tilted chain's length
+    # is in it: what they have beyond is not the straight chain's
+    straight = variance - (energy / force_pN) ** 2 / 2 * float(np.sum(ways**2 - 1))
+    stiffness[UP, UP] = energy / straight
     readout = np.zeros((3, len(stiffness)))
     readout[experiment.along, ALONG] = readout[1 - experiment.along, ACROSS] = readout[2, UP] = 1
     # heights where the bead spends its time; the outermost are not below the surface
     heights = np.maximum(extension + np.sqrt(variance) * _HEIGHTS, LEAST_SHARE * extension)
     motion = LinearMotion(stiffness, _friction(experiment, heights), readout)
-    return BeadState(force_pN, extension, motion, normal_modes(motion, energy), bending, softening)
+    axial = _axial(experiment, force_pN, extension, straight)
+    return BeadState(force_pN, extension, motion, normal_modes(motion, energy), bending, axial)
 
 
 @dataclass(frozen=True, eq=False)
@@ -106,21 +113,19 @@ class RecordedModes:
 
 
 def recorded_modes(state: BeadState) -> RecordedModes:
-    """Modes of the linear motion, the pairs of modes that bend z, and the softening of the chain.
-
-    The correction v has the covariance 6 b² (2 e^−t/τ − e^−2t/τ) in units of the harmonic motion's.
-    """
-    amplitude = state.modes.amplitude_nm
+    """Modes of the lateral motion, the pairs of them that bend z, and z's own modes."""
+    amplitude = state.modes.amplitude_nm.copy()
+    amplitude[2] = 0.0
     linear = np.einsum("am,bm->mab", amplitude, amplitude)
     tau_s, variance = pair_modes(state.bending, state.modes)
     bent = np.zeros((len(tau_s), 3, 3))
     bent[:, 2, 2] = variance
-    up = state.upward
-    soft = np.zeros((2, 3, 3))
-    soft[:, 2, 2] = 6 * state.softening**2 * amplitude[2, up] ** 2 * np.array([2, -1])
-    slow = state.modes.tau_s[up] * np.array([1, 0.5])
+    upward_s, of_z = state.axial.modes
+    upward = np.zeros((len(upward_s), 3, 3))
+    upward[:, 2, 2] = of_z
     return RecordedModes(
-        np.concatenate([state.modes.tau_s, tau_s, slow]), np.concatenate([linear, bent, soft])
+        np.concatenate([state.modes.tau_s, tau_s, upward_s]),
+        np.concatenate([linear, bent, upward]),
     )
 
 
@@ -138,19 +143,54 @@ def expected_spectrum(
     return np.asarray(power.sum(axis=-1) + 2 * camera.frame_s * noise**2)
 
 
-def _turning(force_pN: float, end_nm: float, radius_nm: float) -> tuple[FloatArray, FloatArray]:
+def _axial(
+    experiment: Experiment, force_pN: float, extension_nm: float, variance_nm2: float
+) -> AxialMotion:
+    """Density of the straight tether's length, of this variance, and the friction there."""
+    chain, fluid = experiment.chain, experiment.fluid
+    middle, spread = float(chain_extension_nm(chain, force_pN)), np.sqrt(variance_nm2)
+    low = max(middle - GRID_SPREADS * spread, 0.002 * chain.contour_length_nm)
+    high = middle + GRID_SPREADS * spread
+    if chain.compliance == 0:
+        high = min(high, (1 - 1e-5) * chain.contour_length_nm)
+    length = np.linspace(low, high, 4 * GRID_NODES)
+    log_density = log_distance_density(chain, force_pN, length)
+    there = length[log_density > log_density.max() - GRID_DEPTH]
+    length = np.linspace(there[0], there[-1], GRID_NODES)
+    log_density = log_distance_density(chain, force_pN, length)
+    weight = np.exp(log_density - log_density.max())
+    weight /= weight.sum()
+    deviation = length - float(weight @ length)
+    deviation *= spread / np.sqrt(float(weight @ deviation**2))
+    height = extension_nm + deviation
+    friction = friction_pN_s_per_nm(
+        np.maximum(height, LEAST_HEIGHT_NM),
+        experiment.bead.radius_nm,
+        fluid.viscosity_mPa_s,
+        wall=fluid.wall,
+        upright=True,
+    )
+    mobility = np.array(np.broadcast_to(1 / friction, height.shape))
+    density = weight / (height[1] - height[0])
+    return AxialMotion(height, density, mobility, fluid.thermal_energy_pN_nm)
+
+
+def _turning(
+    force_pN: float, end_nm: float, radius_nm: float, gives: float
+) -> tuple[FloatArray, FloatArray]:
     """Stiffness and bending of a bead that turns, PHYSICS section 2 and E20.
 
-    The tether's end is at y − Rφ; bead and end sink by Rφ²/2 + (x² + (y − Rφ)²)/2L.
+    The tether's end is at y − Rφ; bead and end sink by Rφ²/2 + (x² + (y − Rφ)²)/2L, the latter by
+    a share `gives` more, as the tilted chain is shorter.
     """
     length, lever = end_nm, radius_nm
     swing = np.array([[1, -lever], [-lever, lever**2]]) / length
     turn = np.array([[0, 0], [0, lever]])
     across = np.ix_([ACROSS, ANGLE], [ACROSS, ANGLE])
-    form = np.zeros((4, 4))
-    form[ALONG, ALONG] = 1 / length
-    form[across] = swing + turn
-    return force_pN * form, -form
+    stiffness, bending = np.zeros((4, 4)), np.zeros((4, 4))
+    stiffness[ALONG, ALONG], bending[ALONG, ALONG] = force_pN / length, -(1 + gives) / length
+    stiffness[across], bending[across] = force_pN * (swing + turn), -(1 + gives) * swing - turn
+    return stiffness, bending
 
 
 def _friction(experiment: Experiment, heights_nm: FloatArray) -> FloatArray:

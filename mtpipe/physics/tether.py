@@ -151,6 +151,25 @@ def mean_extension_nm(chain: Chain, force_pN: ArrayLike) -> FloatArray:
     return np.asarray(chain.contour_length_nm * height)
 
 
+def log_distance_density(chain: Chain, force_pN: float, distance_nm: ArrayLike) -> FloatArray:
+    """ln of the density of the end-to-end distance r under a constant force, up to a constant.
+
+    r² e^−A(r)/kT sinh(F r/kT)/(F r/kT), the directions of the half space above the anchor
+    integrated out.
+
+    Parameters
+    ----------
+    distance_nm : above 0 and, for an inextensible chain, below the contour length.
+    """
+    y = _backbone(chain, distance_nm)
+    r = np.asarray(distance_nm, dtype=np.float64) / chain.contour_length_nm
+    units = chain.contour_length_nm / chain.persistence_length_nm
+    pull = units * force_pN / chain.thermal_force_pN * r
+    g = _reduced_force(chain, y)
+    work = units * (_reduced_work(chain, y) + chain.compliance * g**2 / 2)
+    return np.asarray(2 * np.log(r) + np.log(exprel(-pull)) + pull - work)
+
+
 def radial_moments(chain: Chain, force_pN: ArrayLike) -> tuple[FloatArray, FloatArray]:
     """Variance in nm² and skewness of the tether's end-to-end distance r under a constant force.
 

@@ -1,9 +1,10 @@
 """Exact simulator of a tethered bead before a camera: every mode in one step per frame.
 
-A frame costs the same whatever the stiffness. Second-order statistics (spectra, variances,
-correlations between axes) are those of the closed forms exactly; z has the skewness of the chain
-and of the swinging tether. What is not in it (kurtosis, the surface as a wall, friction that
-follows the momentary height) is in `mtpipe.simulation.brownian`.
+What is linear costs the same whatever the stiffness: second-order statistics (spectra, variances,
+correlations between axes) are those of the closed forms exactly. z is shorter by what the tether
+swings, and moves itself in the chain's potential (`mtpipe.simulation.axial`). What is not in it
+(lateral friction that follows the momentary height, the surface as a wall, kurtosis across) is in
+`mtpipe.simulation.brownian`.
 """
 
 from __future__ import annotations
@@ -13,7 +14,6 @@ import math
 from collections.abc import Sequence
 
 import numpy as np
-from scipy import signal
 from scipy.sparse.csgraph import connected_components
 
 from mtpipe.experiment.state import UP, BeadState
@@ -26,6 +26,7 @@ from mtpipe.physics.camera import (
     lag_one_covariance,
 )
 from mtpipe.physics.langevin import mode_path
+from mtpipe.simulation.axial import simulate_heights
 
 # Products of modes are averaged over parts of the exposure, each at most this many relaxation times
 # long, as far as so many parts reach. What a product fluctuates within a part is nearly independent
@@ -84,10 +85,16 @@ def _stretch(
     amplitude = modes.amplitude_nm
     amplitude = np.where(np.abs(amplitude) > ROUNDING * np.abs(amplitude).max(), amplitude, 0.0)
     recorded = np.zeros((3, frames))
-    recorded[2] = state.extension_nm
     end = np.empty(len(modes.tau_s))
+    up = state.upward
+    of_one = float(modes.shape[UP, up])
+    before = None if start is None else state.extension_nm + of_one * float(start[up])
+    recorded[2], last = simulate_heights(state.axial, camera, frames, random, before)
+    end[up] = (last - state.extension_nm) / of_one
     within = np.zeros(2)
     for block in _blocks(q):
+        if up in block:
+            continue
         # the mode that bends z most sets how finely its square is followed
         leading = max(block, key=lambda i: abs(q[i, i]))
         part_count = _parts(camera.exposure_s / float(modes.tau_s[leading]))
@@ -102,11 +109,6 @@ def _stretch(
             )
             for i in block
         }
-        if state.upward in paths:
-            up = state.upward
-            recorded[2] += amplitude[2, up] * _softening(
-                paths[up].averages, state.softening, float(modes.tau_s[up]), camera
-            )
         for i in block:
             end[i] = paths[i].end
             mean = paths[i].averages.mean(axis=0)
@@ -125,31 +127,6 @@ def _stretch(
             within += (2 if i == j else 1) * weight**2 * _within_parts(taus, camera, part_count)
     recorded[2] += _moving_average(float(within[0]), float(within[1]), frames, random)
     return recorded.T, end
-
-
-def _softening(averages: FloatArray, softening: float, tau_s: float, camera: Camera) -> FloatArray:
-    """(frames,) correction v of a softening chain, dv/dt = −(v − 3b (u² − 1))/τ, averaged.
-
-    Parameters
-    ----------
-    averages : (parts, frames) of the harmonic motion u in units of its standard deviation.
-    """
-    parts = len(averages)
-    a, dead = camera.exposure_s / parts / tau_s, (camera.frame_s - camera.exposure_s) / tau_s
-    drive = 3 * softening * (averages**2 - float(blur_factor(a)))
-    between = 0.5 * (drive[-1] + np.append(drive[0, 1:], drive[-1, -1]))
-    decay, dead_decay = math.exp(-a), math.exp(-dead)
-    carried = (1 - dead_decay) * between
-    for part in range(parts):
-        carried += dead_decay * (1 - decay) * decay ** (parts - 1 - part) * drive[part]
-    whole = math.exp(-camera.frame_s / tau_s)
-    here = np.concatenate([[0.0], signal.lfilter([1.0], [1.0, -whole], carried)[:-1]])
-    total = np.zeros_like(here)
-    edge = float(edge_factor(a))
-    for part in range(parts):
-        total += drive[part] + edge * (here - drive[part])
-        here = decay * here + (1 - decay) * drive[part]
-    return np.asarray(total / parts)
 
 
 def _parts(relaxations: float) -> int:
