@@ -7,8 +7,8 @@ axis is held and the tether alone swings. L is the mean height of the tether's e
 kT L/F is the variance along the field exactly, for any chain (PHYSICS section 0).
 
 The tether's end swings on a sphere, so lateral motion shortens z by a quadratic form of the lateral
-coordinates (PHYSICS E20), and a little more because a tilted tether is pulled less. The tether's own length
-moves in the chain's potential, which stiffens, and with the friction of each height
+coordinates (PHYSICS E20), and a little more because a tilted tether is pulled less. The tether's
+own length moves in the chain's potential, which stiffens, and with the friction of each height
 (`mtpipe.physics.axial`): the harmonic z among the coordinates is only its first approximation.
 """
 

@@ -16,8 +16,8 @@ from scipy.linalg import eigh_tridiagonal
 
 from mtpipe.physics.camera import FloatArray
 
-# The slowest modes carry nearly all of the variance; the last one kept takes the rest.
-MODES = 5
+# The slowest modes carry nearly all of the variance.
+MODES = 4
 
 
 @dataclass(frozen=True, eq=False)
@@ -58,5 +58,13 @@ class AxialMotion:
         mean = float(np.sum(weight**2 * self.height_nm))
         deviation = self.height_nm - mean
         variance = (vectors.T @ (weight * deviation)) ** 2
-        variance[-1] += float(np.sum(weight**2 * deviation**2)) - float(variance.sum())
-        return np.asarray(1 / rates), np.asarray(variance)
+        # all faster modes as one: the variance left, and the speed at which correlation begins to
+        # fall, which is the mean diffusivity
+        left = float(np.sum(weight**2 * deviation**2)) - float(variance.sum())
+        falls = self.thermal_energy_pN_nm * float(weight**2 @ self.mobility_nm_per_s_pN)
+        falls -= float(variance @ rates)
+        fastest = max(falls / left, float(rates[-1])) if left > 0 else float(rates[-1])
+        return (
+            np.append(1 / rates, 1 / fastest),
+            np.append(variance, max(left, 0.0)),
+        )

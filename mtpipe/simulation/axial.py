@@ -48,7 +48,8 @@ def simulate_heights(
     steps = max(steps, 2)
     exposed = max(1, round(steps * camera.exposure_s / camera.frame_s))
     # as in the spring simulator: whole steps in the exposure matter more than the step itself
-    while abs(exposed * camera.frame_s / steps / camera.exposure_s - 1) > 0.01 and steps < 400:
+    wanted = camera.exposure_s / camera.frame_s
+    while wanted and abs(exposed / steps / wanted - 1) > 0.01 and steps < 400:
         steps += 1
         exposed = max(1, round(steps * camera.exposure_s / camera.frame_s))
     low, high = float(motion.height_nm[0]), float(motion.height_nm[-1])
@@ -82,6 +83,17 @@ def _tables(
     slope = np.gradient(drift, table_nm)
     a = np.clip(slope * step_s, -50.0, 1.0)
     safe = np.where(np.abs(a) > 1e-8, a, 1e-8)
-    move = drift * step_s * np.expm1(safe) / safe
+    # the second derivative moves the mean (Shoji & Ozaki 1998)
+    bend = energy * mobility(table_nm) * np.gradient(slope, table_nm) * step_s**2
+    move = drift * step_s * np.expm1(safe) / safe + bend * _second(a)
+    # what the curvature of the drift adds to the mean (Shoji & Ozaki 1998, Stat Probab Lett 16:733)
+    curve = np.gradient(slope, table_nm) * energy * mobility(table_nm)
+    move += curve * step_s**2 * np.where(np.abs(a) > 1e-4, (np.expm1(safe) - safe) / safe**2, 0.5)
     square = 2 * energy * mobility(table_nm) * step_s * np.expm1(2 * safe) / (2 * safe)
     return np.asarray(move), np.sqrt(np.maximum(square, 0.0))
+
+
+def _second(a: FloatArray) -> FloatArray:
+    """(e^a − 1 − a)/a²."""
+    safe = np.where(np.abs(a) > 1e-4, a, 1.0)
+    return np.where(np.abs(a) > 1e-4, (np.expm1(safe) - safe) / safe**2, 0.5 + a / 6)

@@ -26,6 +26,7 @@ def averaged_heights(
     z = start
     for frame in range(frames):
         total = 0.0
+        bridged = 0.0
         for step in range(steps):
             before = z
             at = (z - low) * scale
@@ -41,5 +42,9 @@ def averaged_heights(
             z = min(max(z, low), high)
             if step < exposed:
                 total += 0.5 * (before + z)
-        heights[frame] = total / exposed
+                bridged += size * size
+        # between two steps a path scatters about the straight line by a twelfth of a step's variance
+        heights[frame] = (
+            total / exposed + np.sqrt(bridged / 12) / exposed * random.standard_normal()
+        )
     return heights, z
