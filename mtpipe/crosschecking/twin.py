@@ -13,6 +13,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from mtpipe.configured.model import LEAST_HEIGHT_STDERR_NM
 from mtpipe.crosschecking.case import Case, described
 from mtpipe.drift.lowpass import low_pass
 from mtpipe.experiment.state import bead_state
@@ -61,7 +62,10 @@ class TwinMaker:
         positions = []
         references = []
         for piece, recorded in zip(self.slices, case.positions_nm, strict=True):
-            positions.append(np.where(np.isfinite(recorded), motion[piece], np.nan))
+            seen = np.where(np.isfinite(recorded), motion[piece], np.nan)
+            # the fit does not believe heights better than this, so neither may the simulation be
+            seen[:, 2] += LEAST_HEIGHT_STDERR_NM * random.normal()
+            positions.append(seen)
             references.append(rest[piece])
         return Twin(tuple(positions), None if case.references_nm is None else tuple(references))
 

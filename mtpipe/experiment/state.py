@@ -37,6 +37,7 @@ LEAST_SHARE = 0.05
 # Grid of the tether's length: how far it reaches, in standard deviations and in kT of depth.
 GRID_NODES, GRID_SPREADS, GRID_DEPTH = 96, 10.0, 30.0
 LEAST_HEIGHT_NM = 1.0
+MOST_GIVING, LEAST_STRAIGHT = 0.1, 0.3
 
 
 @dataclass(frozen=True, eq=False)
@@ -82,8 +83,9 @@ def bead_state(experiment: Experiment, force_pN: float) -> BeadState:
             f"(mean extension {extension:.0f} nm)"
         )
     variance = float(radial_moments(experiment.chain, force_pN)[0])
-    # a tilted tether is pulled by F cos only; it follows at once, being stiffer than the pendulum
-    gives = force_pN * variance / (end * energy)
+    # a tilted tether is pulled by F cos only, and gives way by so much where the tilt is slow; it is
+    # about as fast as the tether's own length, so half of it is taken
+    gives = min(0.5 * force_pN * variance / (end * energy), MOST_GIVING)
     if experiment.bead.turns:
         stiffness, bending = _turning(force_pN, end, radius, gives)
         ways = np.array([1 + gives, 1 + gives, 1])
@@ -93,7 +95,8 @@ def bead_state(experiment: Experiment, force_pN: float) -> BeadState:
         ways = np.array([1 + gives, 1 + gives])
     # each way of swinging scatters by ½ (kT/F)² in equilibrium, and that of a tilted chain's length
     # is in it: what they have beyond is not the straight chain's
-    straight = variance - (energy / force_pN) ** 2 / 2 * float(np.sum(ways**2 - 1))
+    tilted = (energy / force_pN) ** 2 / 2 * float(np.sum(ways**2 - 1))
+    straight = max(variance - tilted, LEAST_STRAIGHT * variance)
     stiffness[UP, UP] = energy / straight
     readout = np.zeros((3, len(stiffness)))
     readout[experiment.along, ALONG] = readout[1 - experiment.along, ACROSS] = readout[2, UP] = 1

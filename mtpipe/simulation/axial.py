@@ -38,6 +38,9 @@ def simulate_heights(
     tau_s, variance = motion.modes
     mean = float(np.sum(motion.height_nm * motion.density) * motion.step_nm)
     steps = math.ceil(camera.frame_s / (STEP_RELAXATIONS * float(tau_s[0])))
+    if steps > MOST_STEPS and camera.exposure_s == 0:
+        # so long after one another, instantaneous heights know nothing of each other
+        return _drawn(motion, frames, random), mean
     if steps > MOST_STEPS:
         heights = np.full(frames, mean)
         for tau, one in zip(tau_s, variance, strict=True):
@@ -46,18 +49,18 @@ def simulate_heights(
     from mtpipe.simulation.axial_steps import averaged_heights
 
     steps = max(steps, 2)
-    exposed = max(1, round(steps * camera.exposure_s / camera.frame_s))
-    # as in the spring simulator: whole steps in the exposure matter more than the step itself
-    wanted = camera.exposure_s / camera.frame_s
-    while wanted and abs(exposed / steps / wanted - 1) > 0.01 and steps < 400:
-        steps += 1
+    exposed = 0
+    if camera.exposure_s > 0:
         exposed = max(1, round(steps * camera.exposure_s / camera.frame_s))
+        # as in the spring simulator: whole steps in the exposure matter more than the step itself
+        while abs(exposed * camera.frame_s / steps / camera.exposure_s - 1) > 0.01 and steps < 400:
+            steps += 1
+            exposed = max(1, round(steps * camera.exposure_s / camera.frame_s))
     low, high = float(motion.height_nm[0]), float(motion.height_nm[-1])
     table = np.linspace(low, high, TABLE)
     move, spread = _tables(motion, table, camera.frame_s / steps)
     if start_nm is None:
-        share = np.cumsum(motion.density)
-        start_nm = float(np.interp(random.random() * share[-1], share, motion.height_nm))
+        start_nm = float(_drawn(motion, 1, random)[0])
     heights, end = averaged_heights(
         move,
         spread,
@@ -72,6 +75,13 @@ def simulate_heights(
     return heights, float(end)
 
 
+def _drawn(motion: AxialMotion, count: int, random: np.random.Generator) -> FloatArray:
+    """(count,) heights drawn from equilibrium; a node's share lies half a step to both its sides."""
+    share = np.cumsum(motion.density)
+    drawn = np.interp(random.random(count) * share[-1], share, motion.height_nm)
+    return np.asarray(drawn - motion.step_nm / 2)
+
+
 def _tables(
     motion: AxialMotion, table_nm: FloatArray, step_s: float
 ) -> tuple[FloatArray, FloatArray]:
@@ -83,17 +93,9 @@ def _tables(
     slope = np.gradient(drift, table_nm)
     a = np.clip(slope * step_s, -50.0, 1.0)
     safe = np.where(np.abs(a) > 1e-8, a, 1e-8)
-    # the second derivative moves the mean (Shoji & Ozaki 1998)
-    bend = energy * mobility(table_nm) * np.gradient(slope, table_nm) * step_s**2
-    move = drift * step_s * np.expm1(safe) / safe + bend * _second(a)
+    move = drift * step_s * np.expm1(safe) / safe
     # what the curvature of the drift adds to the mean (Shoji & Ozaki 1998, Stat Probab Lett 16:733)
     curve = np.gradient(slope, table_nm) * energy * mobility(table_nm)
     move += curve * step_s**2 * np.where(np.abs(a) > 1e-4, (np.expm1(safe) - safe) / safe**2, 0.5)
     square = 2 * energy * mobility(table_nm) * step_s * np.expm1(2 * safe) / (2 * safe)
     return np.asarray(move), np.sqrt(np.maximum(square, 0.0))
-
-
-def _second(a: FloatArray) -> FloatArray:
-    """(e^a − 1 − a)/a²."""
-    safe = np.where(np.abs(a) > 1e-4, a, 1.0)
-    return np.where(np.abs(a) > 1e-4, (np.expm1(safe) - safe) / safe**2, 0.5 + a / 6)

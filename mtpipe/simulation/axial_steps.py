@@ -20,11 +20,15 @@ def averaged_heights(
     exposed: int,
     random: np.random.Generator,
 ) -> tuple[FloatArray, float]:
-    """(frames,) means over the first `exposed` of `steps` steps, and the last height."""
+    """(frames,) means over the first `exposed` of `steps` steps, and the last height.
+
+    With none exposed, the heights at the start of each frame.
+    """
     heights = np.empty(frames)
     scale = (len(move) - 1) / (high - low)
     z = start
     for frame in range(frames):
+        heights[frame] = z
         total = 0.0
         bridged = 0.0
         for step in range(steps):
@@ -43,8 +47,9 @@ def averaged_heights(
             if step < exposed:
                 total += 0.5 * (before + z)
                 bridged += size * size
-        # between two steps a path scatters about the straight line by a twelfth of a step's variance
-        heights[frame] = (
-            total / exposed + np.sqrt(bridged / 12) / exposed * random.standard_normal()
-        )
+        # between two steps a path scatters about a straight line by a twelfth of their variance
+        if exposed > 0:
+            heights[frame] = (
+                total / exposed + np.sqrt(bridged / 12) / exposed * random.standard_normal()
+            )
     return heights, z
