@@ -83,8 +83,8 @@ def bead_state(experiment: Experiment, force_pN: float) -> BeadState:
             f"(mean extension {extension:.0f} nm)"
         )
     variance = float(radial_moments(experiment.chain, force_pN)[0])
-    # a tilted tether is pulled by F cos only, and gives way by so much where the tilt is slow; it is
-    # about as fast as the tether's own length, so half of it is taken
+    # a tilted tether is pulled by F cos only, and gives way by so much where the tilt is slow; as
+    # it is about as fast as the tether's own length, half of it is taken
     gives = min(0.5 * force_pN * variance / (end * energy), MOST_GIVING)
     if experiment.bead.turns:
         stiffness, bending = _turning(force_pN, end, radius, gives)
