@@ -6,6 +6,7 @@ The steps of the pipeline as functions on plain types (FORMATS section 7):
     recording = mtpipe.subtract_drift(recording)
     calibration = mtpipe.calibrate(recording)
     curves = mtpipe.force_extension(recording)
+    simulated = mtpipe.simulate(recording.setup, forces_pN=[1, 5, 10])
 
 Names are imported when they are first used, so that `import mtpipe` is fast.
 """
@@ -19,6 +20,7 @@ __version__ = "0.1.0"
 
 if TYPE_CHECKING:
     from mtpipe.calibration import Calibration, calibrate
+    from mtpipe.crosschecking.recording import CrossCheck, crosscheck
     from mtpipe.drift import subtract_drift
     from mtpipe.errors import FitError, MtpipeError, RecordingError, SetupError
     from mtpipe.estimate import Estimate
@@ -29,6 +31,7 @@ if TYPE_CHECKING:
     from mtpipe.pipeline import Run, run
     from mtpipe.recording import Plateau, Recording
     from mtpipe.setup import Setup, read_setup
+    from mtpipe.simulation.recording import simulate
     from mtpipe.tether_curves import force_extension
 
 _HOME = {
@@ -45,7 +48,9 @@ _HOME = {
     "Setup": "setup",
     "SetupError": "errors",
     "TraceFit": "fit.trace",
+    "CrossCheck": "crosschecking.recording",
     "calibrate": "calibration",
+    "crosscheck": "crosschecking.recording",
     "fit_by_method": "methods",
     "fit_trace": "fit.trace",
     "force_extension": "tether_curves",
@@ -53,11 +58,13 @@ _HOME = {
     "read_setup": "setup",
     "run": "pipeline",
     "sample_posterior": "fit.posterior",
+    "simulate": "simulation.recording",
     "subtract_drift": "drift",
 }
 __all__ = [
     "METHODS",
     "Calibration",
+    "CrossCheck",
     "Estimate",
     "FitError",
     "MtpipeError",
@@ -70,6 +77,7 @@ __all__ = [
     "SetupError",
     "TraceFit",
     "calibrate",
+    "crosscheck",
     "fit_by_method",
     "fit_trace",
     "force_extension",
@@ -77,6 +85,7 @@ __all__ = [
     "read_setup",
     "run",
     "sample_posterior",
+    "simulate",
     "subtract_drift",
 ]
 

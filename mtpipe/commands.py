@@ -6,6 +6,7 @@ plain lines on standard error; a traceback appears only with MTPIPE_DEBUG set in
 
 from __future__ import annotations
 
+import math
 import os
 import sys
 import traceback
@@ -96,6 +97,149 @@ def run(
             progress=progress,
         )
     summary(result, out)
+
+
+@app.command()
+def simulate(
+    setup: Annotated[
+        Path,
+        typer.Argument(
+            metavar="SETUP", help="The experiment: a setup.toml.", exists=True, dir_okay=False
+        ),
+    ],
+    force: Annotated[
+        str,
+        typer.Option(
+            metavar="F,F,…", help="Force of each plateau in pN, in time order, as in 1,5,10."
+        ),
+    ],
+    out: Annotated[Path, typer.Option("--out", help="Folder to write.", file_okay=False)],
+    frames: Annotated[int, typer.Option(help="Camera frames per plateau.", min=2)] = 16_384,
+    seed: Annotated[int, typer.Option(help="The same seed gives the same files.", min=0)] = 0,
+    beads: Annotated[int, typer.Option(help="Tethered beads.", min=1)] = 1,
+    noise: Annotated[
+        str | None,
+        typer.Option(
+            metavar="N[,N,N]",
+            help="Tracking noise in nm, one number or one each for x, y, z; default: the setup's.",
+        ),
+    ] = None,
+    lost_share: Annotated[
+        float, typer.Option(help="Share of frames in which the tracker loses a bead.", min=0)
+    ] = 0.0,
+    engine: Annotated[
+        str,
+        typer.Option(
+            help="linear: exact and fast; brownian: step by step, with all that is not linear.",
+            callback=lambda name: _known_engine(name),
+        ),
+    ] = "linear",
+) -> None:
+    """Simulate a recording of the experiment that a setup describes, with its truth."""
+    from mtpipe.simulation.files import simulate_to_folder
+
+    if not lost_share < 1:
+        raise typer.BadParameter("a share below 1 is needed", param_hint="--lost-share")
+    forces = _numbers(force, "--force")
+    if not all(value > 0 for value in forces):
+        raise typer.BadParameter("forces above 0 pN are needed", param_hint="--force")
+    with progress_bar() as progress:
+        recording = simulate_to_folder(
+            setup,
+            out,
+            forces,
+            frames,
+            seed,
+            beads=beads,
+            noise_nm=None if noise is None else _along_axes(noise),
+            lost_share=lost_share,
+            engine="brownian" if engine == "brownian" else "linear",
+            progress=lambda done, total: progress("simulating beads", done, total),
+        )
+    for notice in recording.notices:
+        typer.echo(notice.message)
+    typer.echo(f"Recording: {out / 'recording.csv'}")
+
+
+def _known_engine(name: str) -> str:
+    from mtpipe.simulation.recording import ENGINES
+
+    if name not in ENGINES:
+        raise typer.BadParameter(f"{name!r} is none of {', '.join(ENGINES)}")
+    return name
+
+
+def _numbers(text: str, option: str) -> list[float]:
+    """Numbers between commas."""
+    try:
+        values = [float(part) for part in text.split(",")]
+    except ValueError:
+        values = [math.nan]
+    if not all(math.isfinite(value) for value in values):
+        raise typer.BadParameter(
+            f"{text!r}: numbers are needed, with commas between", param_hint=option
+        )
+    return values
+
+
+def _along_axes(text: str) -> tuple[float, float, float]:
+    values = _numbers(text, "--noise")
+    if len(values) == 1:
+        values *= 3
+    if len(values) != 3 or min(values) < 0:
+        raise typer.BadParameter(
+            "one number of at least 0 is needed, or three", param_hint="--noise"
+        )
+    return values[0], values[1], values[2]
+
+
+@app.command()
+def design(
+    setup: Annotated[
+        Path,
+        typer.Argument(
+            metavar="SETUP", help="The experiment: a setup.toml.", exists=True, dir_okay=False
+        ),
+    ],
+    error: Annotated[
+        float, typer.Option(help="Relative error of the force that is allowed: 0.1 for 10 %.")
+    ] = 0.1,
+    duration: Annotated[
+        float | None, typer.Option(metavar="SECONDS", help="Length of a plateau.")
+    ] = None,
+    frames: Annotated[
+        int | None, typer.Option(help="The same in frames; default: 16384.", min=1)
+    ] = None,
+    reach: Annotated[
+        float | None,
+        typer.Option(metavar="PN", help="Look for the cheapest change that reaches this force."),
+    ] = None,
+    csv: Annotated[
+        Path | None, typer.Option(help="Write all ranges to this CSV file.", dir_okay=False)
+    ] = None,
+    figure: Annotated[
+        Path | None,
+        typer.Option(help="Draw the ranges: a page (.html) or a picture (.png).", dir_okay=False),
+    ] = None,
+) -> None:
+    """Say which forces a setup can measure, what limits them, and what a change would buy."""
+    from mtpipe.design import guide, show
+    from mtpipe.setup import read_setup
+
+    if duration is not None and frames is not None:
+        raise typer.BadParameter("give --duration or --frames, not both")
+    answer = guide.measurable_forces(
+        read_setup(setup), frames=frames, duration_s=duration, error=error, reach_pN=reach
+    )
+    show.print_design(answer)
+    if csv is not None:
+        show.write_csv(answer, csv)
+        typer.echo(f"Table: {csv}")
+    if figure is not None:
+        from mtpipe.design.figure import write_figure
+
+        write_figure(answer, figure)
+        typer.echo(f"Figure: {figure}")
 
 
 @app.command()

@@ -76,10 +76,10 @@ def simulate_heights(
 
 
 def _drawn(motion: AxialMotion, count: int, random: np.random.Generator) -> FloatArray:
-    """(count,) heights drawn from equilibrium; a node's share lies half a step to both its sides."""
+    """(count,) heights drawn from equilibrium; a node's share lies half a step to each side."""
     share = np.cumsum(motion.density)
     drawn = np.interp(random.random(count) * share[-1], share, motion.height_nm)
-    return np.asarray(drawn - motion.step_nm / 2)
+    return np.asarray(drawn + motion.step_nm / 2)
 
 
 def _tables(
