@@ -9,7 +9,12 @@ tracker → clock. Expected spectra, simulators and the design of experiments al
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
+from typing import Literal
+
+import numpy as np
+from numpy.typing import NDArray
 
 from mtpipe.physics.buffer import thermal_energy_pN_nm
 from mtpipe.physics.camera import Camera
@@ -34,25 +39,94 @@ class Fluid:
 
 @dataclass(frozen=True)
 class Bead:
-    """A tethered bead; `turns`: its rotation about the field's axis couples to its motion."""
+    """A tethered bead.
+
+    `turns`: its rotation about the field's axis couples to its motion. `offset_nm`: distance of the
+    tether's attachment from the vertical through the bead's centre; 0: at its lowest point.
+    """
 
     radius_nm: float
     turns: bool = True
+    offset_nm: float = 0.0
+
+    @property
+    def lever_nm(self) -> float:
+        """Height of the bead's centre above the attachment."""
+        return math.sqrt(self.radius_nm**2 - self.offset_nm**2)
+
+
+@dataclass(frozen=True)
+class Magnets:
+    """What the magnets do besides pulling.
+
+    `alignment_pN_nm`: torque stiffness with which the field holds the bead's axis along the field;
+    infinite where None. `sideways_per_nm`: lateral stiffness over force, in x and y.
+    `relative_change`: of the force during a plateau, from its beginning to its end, of the
+    `course` "ramp" or "settling" (exponential, within a sixth of the plateau).
+    """
+
+    alignment_pN_nm: float | None = None
+    sideways_per_nm: float = 0.0
+    relative_change: float = 0.0
+    course: Literal["ramp", "settling"] = "ramp"
+
+
+@dataclass(frozen=True)
+class Hopping:
+    """Two states of the tether that differ by a step in length, the longer one at high force.
+
+    Both are equally likely at `half_force_pN`, where each is left at `rate_hz`.
+    """
+
+    step_nm: float
+    half_force_pN: float
+    rate_hz: float
 
 
 @dataclass(frozen=True)
 class Stage:
-    """Motion shared by all beads: a steady drift and a random walk, along x, y, z."""
+    """Slow motion and vibration, along x, y, z.
+
+    Steady drift and random walk are shared by all beads and go with the reference. What
+    subtraction leaves is `unsubtracted_nm_per_root_s`, a random walk of the bead's own, and the
+    `reference_nm` by which the reference itself moves, for `reference_s` at a time.
+    """
 
     steady_nm_per_s: Triple = (0.0, 0.0, 0.0)
     random_nm_per_root_s: Triple = (0.0, 0.0, 0.0)
+    unsubtracted_nm_per_root_s: Triple = (0.0, 0.0, 0.0)
+    reference_nm: Triple = (0.0, 0.0, 0.0)
+    reference_s: float = 1.0
+    lines: tuple[Line, ...] = ()
+
+
+@dataclass(frozen=True)
+class Line:
+    """A vibration as recorded: its frequency after aliasing and amplitude after blur."""
+
+    frequency_hz: float
+    amplitude_nm: Triple
 
 
 @dataclass(frozen=True)
 class Optics:
-    """What turns positions into recorded ones; `z_zero_nm` is added to every height."""
+    """What turns positions into recorded ones.
+
+    x and y are turned by an angle and scaled, z is scaled; then `z_zero_nm` is added to heights.
+    """
 
     z_zero_nm: float = 0.0
+    lateral_scale: float = 1.0
+    axial_scale: float = 1.0
+    angle_rad: float = 0.0
+
+    @property
+    def matrix(self) -> NDArray[np.float64]:
+        """(3, 3) recorded over true positions."""
+        c, s = math.cos(self.angle_rad), math.sin(self.angle_rad)
+        turned = np.array([[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]])
+        scale = np.array([self.lateral_scale, self.lateral_scale, self.axial_scale])
+        return np.asarray(scale[:, None] * turned)
 
 
 @dataclass(frozen=True)
@@ -65,6 +139,13 @@ class Tracker:
     noise_nm: Triple = (0.0, 0.0, 0.0)
     reference_noise_nm: Triple = (0.0, 0.0, 0.0)
     lost_share: float = 0.0
+
+
+@dataclass(frozen=True)
+class Clock:
+    """`dropped_share` of the frames are missing, and the file counts on as if they were not."""
+
+    dropped_share: float = 0.0
 
 
 @dataclass(frozen=True)
@@ -100,3 +181,6 @@ class Experiment:
     tethered: int = 1
     references: int = 1
     optics: Optics = Optics()
+    magnets: Magnets = Magnets()
+    hopping: Hopping | None = None
+    clock: Clock = Clock()

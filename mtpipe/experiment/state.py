@@ -73,10 +73,13 @@ def bead_state(experiment: Experiment, force_pN: float) -> BeadState:
     ------
     FitError : the force is too small to keep the bead off the surface.
     """
-    energy, radius = experiment.fluid.thermal_energy_pN_nm, experiment.bead.radius_nm
+    energy, bead = experiment.fluid.thermal_energy_pN_nm, experiment.bead
     end = float(mean_extension_nm(experiment.chain, force_pN))
-    # a bead that turns tilts, and its centre sinks by R⟨φ²⟩/2
-    extension = end - energy / (2 * force_pN) if experiment.bead.turns else end
+    # a tether that is attached beside the bead's lowest point ends above it
+    extension = end - (bead.radius_nm - bead.lever_nm)
+    if bead.turns:
+        # a bead that turns tilts, and its centre sinks by R⟨φ²⟩/2
+        extension -= energy / (2 * force_pN)
     if not extension > 0:
         raise FitError(
             f"at {force_pN:g} pN the tether does not hold the bead off the surface "
@@ -86,13 +89,8 @@ def bead_state(experiment: Experiment, force_pN: float) -> BeadState:
     # a tilted tether is pulled by F cos only, and gives way by so much where the tilt is slow; as
     # it is about as fast as the tether's own length, half of it is taken
     gives = min(0.5 * force_pN * variance / (end * energy), MOST_GIVING)
-    if experiment.bead.turns:
-        stiffness, bending = _turning(force_pN, end, radius, gives)
-        ways = np.array([1 + gives, 1 + gives, 1])
-    else:
-        stiffness = np.diag([force_pN / end, force_pN / (end + radius), 0.0])
-        bending = -(1 + gives) * stiffness / force_pN
-        ways = np.array([1 + gives, 1 + gives])
+    stiffness, bending = _lateral(experiment, force_pN, end, gives)
+    ways = np.array([1 + gives, 1 + gives])
     # each way of swinging scatters by ½ (kT/F)² in equilibrium, and that of a tilted chain's length
     # is in it: what they have beyond is not the straight chain's
     tilted = (energy / force_pN) ** 2 / 2 * float(np.sum(ways**2 - 1))
@@ -102,7 +100,7 @@ def bead_state(experiment: Experiment, force_pN: float) -> BeadState:
     readout[experiment.along, ALONG] = readout[1 - experiment.along, ACROSS] = readout[2, UP] = 1
     # heights where the bead spends its time; the outermost are not below the surface
     heights = np.maximum(extension + np.sqrt(variance) * _HEIGHTS, LEAST_SHARE * extension)
-    motion = LinearMotion(stiffness, _friction(experiment, heights), readout)
+    motion = LinearMotion(stiffness, _friction(experiment, heights, len(stiffness)), readout)
     axial = _axial(experiment, force_pN, extension, straight)
     return BeadState(force_pN, extension, motion, normal_modes(motion, energy), bending, axial)
 
@@ -178,25 +176,38 @@ def _axial(
     return AxialMotion(height, density, mobility, fluid.thermal_energy_pN_nm)
 
 
-def _turning(
-    force_pN: float, end_nm: float, radius_nm: float, gives: float
+def _lateral(
+    experiment: Experiment, force_pN: float, end_nm: float, gives: float
 ) -> tuple[FloatArray, FloatArray]:
-    """Stiffness and bending of a bead that turns, PHYSICS section 2 and E20.
+    """Stiffness and bending of x, y and the bead's angles, PHYSICS section 2, E3, E15 and E20.
 
-    The tether's end is at y − Rφ; bead and end sink by Rφ²/2 + (x² + (y − Rφ)²)/2L, the latter by
-    a share `gives` more, as the tilted chain is shorter.
+    With an angle φ the tether's end is at y − aφ, a the bead's lever; bead and end sink by aφ²/2 +
+    (y − aφ)²/2L, the latter by a share `gives` more, as the tilted chain is shorter. Without one
+    the bead hangs stiffly on its tether (across) or keeps upright (along).
     """
-    length, lever = end_nm, radius_nm
-    swing = np.array([[1, -lever], [-lever, lever**2]]) / length
-    turn = np.array([[0, 0], [0, lever]])
-    across = np.ix_([ACROSS, ANGLE], [ACROSS, ANGLE])
-    stiffness, bending = np.zeros((4, 4)), np.zeros((4, 4))
-    stiffness[ALONG, ALONG], bending[ALONG, ALONG] = force_pN / length, -(1 + gives) / length
-    stiffness[across], bending[across] = force_pN * (swing + turn), -(1 + gives) * swing - turn
-    return stiffness, bending
+    lever, magnets = experiment.bead.lever_nm, experiment.magnets
+    turns, tilts = experiment.bead.turns, magnets.alignment_pN_nm is not None
+    swing = np.zeros((3 + turns + tilts, 3 + turns + tilts))
+    turn = np.zeros_like(swing)
+    angles = {ACROSS: ANGLE} if turns else {}
+    if tilts:
+        angles[ALONG] = ANGLE + turns
+    for sideways, length in ((ALONG, end_nm), (ACROSS, end_nm + lever)):
+        if sideways not in angles:
+            swing[sideways, sideways] = 1 / length
+            continue
+        both = np.ix_([sideways, angles[sideways]], [sideways, angles[sideways]])
+        swing[both] = np.array([[1, -lever], [-lever, lever**2]]) / end_nm
+        turn[both] = np.array([[0, 0], [0, lever]])
+    stiffness = force_pN * (swing + turn)
+    stiffness[ALONG, ALONG] += force_pN * magnets.sideways_per_nm
+    stiffness[ACROSS, ACROSS] += force_pN * magnets.sideways_per_nm
+    if magnets.alignment_pN_nm is not None:
+        stiffness[angles[ALONG], angles[ALONG]] += magnets.alignment_pN_nm
+    return stiffness, -(1 + gives) * swing - turn
 
 
-def _friction(experiment: Experiment, heights_nm: FloatArray) -> FloatArray:
+def _friction(experiment: Experiment, heights_nm: FloatArray, coordinates: int) -> FloatArray:
     """Friction matrix: the inverse of the mean mobility over the heights the bead visits.
 
     It is the mean mobility that sets how a correlation begins to fall (the first cumulant).
@@ -208,10 +219,8 @@ def _friction(experiment: Experiment, heights_nm: FloatArray) -> FloatArray:
         )
         for upright in (False, True)
     )
-    coordinates = [along, along, up]
-    if experiment.bead.turns:
-        turning = rotational_stokes_pN_nm_s(radius, fluid.viscosity_mPa_s)
-        factor = rotation_wall_factor(heights_nm + radius, radius) if fluid.wall else 1.0
-        coordinates.append(np.asarray(turning * factor))
-    each = [np.broadcast_to(friction, heights_nm.shape) for friction in coordinates]
+    turning = rotational_stokes_pN_nm_s(radius, fluid.viscosity_mPa_s)
+    factor = rotation_wall_factor(heights_nm + radius, radius) if fluid.wall else 1.0
+    frictions = [along, along, up] + [np.asarray(turning * factor)] * (coordinates - 3)
+    each = [np.broadcast_to(friction, heights_nm.shape) for friction in frictions]
     return np.diag([1 / float(_HEIGHT_WEIGHTS @ (1 / friction)) for friction in each])

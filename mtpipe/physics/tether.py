@@ -25,7 +25,7 @@ from scipy.special import exprel
 from mtpipe.physics.buffer import thermal_energy_pN_nm
 
 FloatArray = NDArray[np.float64]
-Formula = Literal["marko-siggia", "bouchiat", "extensible"]
+Formula = Literal["marko-siggia", "bouchiat", "extensible", "extensible-marko-siggia"]
 
 
 @dataclass(frozen=True)
@@ -52,6 +52,11 @@ VALIDITY: dict[Formula, Validity] = {
         "linear stretching holds up to about 40 pN (Wang et al. 1997); twist couples in above, and "
         "DNA overstretches at 65 pN",
     ),
+    "extensible-marko-siggia": Validity(
+        (0.5, 40.0),
+        "as Marko and Siggia's below 10 pN; linear stretching holds up to about 40 pN (Wang et al. "
+        "1997)",
+    ),
 }
 
 # Bouchiat et al. 1999, a_2 to a_7: what the exact chain adds to Marko and Siggia's interpolation.
@@ -70,8 +75,9 @@ class Chain:
     Attributes
     ----------
     formula : "marko-siggia" (Marko & Siggia 1995, their eq 7), "bouchiat" (Bouchiat et al. 1999),
-        or "extensible": Bouchiat's with L/L0 - F/K0 in place of L/L0 (Wang et al. 1997).
-    stretch_modulus_pN : K0; given if and only if the formula is the extensible one.
+        "extensible": Bouchiat's with L/L0 - F/K0 in place of L/L0 (Wang et al. 1997), or
+        "extensible-marko-siggia": the same of Marko and Siggia's.
+    stretch_modulus_pN : K0; given if and only if the formula is an extensible one.
     """
 
     contour_length_nm: float
@@ -87,8 +93,8 @@ class Chain:
                 raise ValueError(f"{name} = {value}: must be positive")
         if self.formula not in VALIDITY:
             raise ValueError(f"formula {self.formula!r}: one of {', '.join(VALIDITY)} is needed")
-        if (self.formula == "extensible") != (self.stretch_modulus_pN is not None):
-            raise ValueError("the extensible chain, and no other, needs a stretch modulus")
+        if self.formula.startswith("extensible") != (self.stretch_modulus_pN is not None):
+            raise ValueError("an extensible chain, and no other, needs a stretch modulus")
         if self.stretch_modulus_pN is not None and not self.stretch_modulus_pN > 0:
             raise ValueError(f"stretch_modulus_pN = {self.stretch_modulus_pN}: must be positive")
 
@@ -250,7 +256,7 @@ def _solve(chain: Chain, target: FloatArray, *, linear: float, weight: float) ->
 
 
 def _terms(chain: Chain) -> np.polynomial.Polynomial:
-    return _MARKO_SIGGIA if chain.formula == "marko-siggia" else _BOUCHIAT
+    return _MARKO_SIGGIA if chain.formula.endswith("marko-siggia") else _BOUCHIAT
 
 
 def _reduced_force(chain: Chain, y: FloatArray) -> FloatArray:
