@@ -20,13 +20,25 @@ import numpy as np
 
 from mtpipe.configured.data import PlateauData
 from mtpipe.drift.lowpass import response
-from mtpipe.experiment.description import Experiment, Rest
+from mtpipe.experiment.description import (
+    Clock,
+    Experiment,
+    Line,
+    Optics,
+    Rest,
+    Stage,
+    Tracker,
+)
+from mtpipe.experiment.readout import readout
 from mtpipe.experiment.state import BeadState, bead_state, recorded_modes
-from mtpipe.physics.camera import FloatArray
+from mtpipe.physics.camera import FloatArray, power_spectrum
 
 # Heights are not believed better than this: rounding, interpolated formulas, time steps.
 LEAST_HEIGHT_STDERR_NM = 0.1
 DIFFERENCE = 1e-3
+LEAST_POWER = 1e-6
+# Forces that stand for a plateau during which the force changes, and how fast it settles.
+COURSE_POINTS, FINE_POINTS, SETTLING_SHARE = 8, 256, 1 / 6
 
 
 @dataclass(frozen=True)
@@ -76,13 +88,15 @@ def _state(core: Experiment, force_pN: float) -> BeadState:
 
 def _core(experiment: Experiment) -> Experiment:
     """The part of the description that the bead's motion depends on."""
-    blank = type(experiment.tracker)()
     return replace(
         experiment,
         rests=(),
-        tracker=blank,
-        stage=type(experiment.stage)(),
-        optics=type(experiment.optics)(),
+        tracker=Tracker(),
+        stage=Stage(),
+        optics=Optics(),
+        clock=Clock(),
+        hopping=None,
+        magnets=replace(experiment.magnets, relative_change=0.0, course="ramp"),
     )
 
 
@@ -125,10 +139,28 @@ class ConfiguredModel:
         return replace(experiment, rests=rests)
 
     def expected(self, experiment: Experiment, plateau: int, force_pN: float) -> Expectation:
-        """What one plateau's data should be."""
+        """What one plateau's data should be; the mean over its time where the force changes."""
+        change = experiment.magnets.relative_change
+        if change == 0:
+            return self._expected_at(experiment, plateau, force_pN)
+        data = self.data[plateau]
+        course = force_course(experiment.magnets.course, COURSE_POINTS) * change
+        each = [
+            self._expected_at(experiment, plateau, float(force_pN * (1 + part))) for part in course
+        ]
+        heights = np.array([one.extension_nm for one in each])
+        power = np.mean([one.power for one in each], axis=0)
+        power[:, 2, 2] += _power_of_course(heights, data) * data.spectrum.gain(2)
+        return Expectation(
+            power,
+            float(heights.mean()),
+            float(np.mean([one.extension_stderr_nm for one in each])),
+        )
+
+    def _expected_at(self, experiment: Experiment, plateau: int, force_pN: float) -> Expectation:
         data, camera = self.data[plateau], experiment.camera
         state = _state(_core(experiment), force_pN)
-        parts = recorded_modes(state)
+        parts = readout(experiment, state, data.duration_s)
         windows = data.spectrum.windows
         kernels: list[FloatArray] = []
         for axis in range(3):
@@ -139,29 +171,39 @@ class ConfiguredModel:
             )
             kernels.append(kernel)
         power = np.zeros((len(data.spectrum.frequency_hz), 3, 3))
+        level = 2 * camera.frame_s
         for a in range(3):
             for b in range(a, 3):
-                variance = parts.covariance_nm2[:, a, b]
-                if not variance.any():
+                variance, white = parts.covariance_nm2[:, a, b], parts.white_nm2[a, b]
+                if not variance.any() and white == 0:
                     continue
                 kernel = kernels[a] if a == b else np.sqrt(kernels[a] * kernels[b])
-                power[:, a, b] = power[:, b, a] = variance @ kernel
-            power[:, a, a] += (
-                2 * camera.frame_s * windows[a].white * self._white(experiment, a, data)
-            )
+                flat = np.sqrt(windows[a].white * windows[b].white)
+                power[:, a, b] = power[:, b, a] = variance @ kernel + level * white * flat
+            power[:, a, a] += level * windows[a].white * self._passed(experiment, a, data)
+            # dropped frames take white power away; what is left is never none
+            power[:, a, a] = np.maximum(power[:, a, a], LEAST_POWER * power[:, a, a].max())
+        for line in experiment.stage.lines:
+            _add_line(power, line, data)
         height_variance = 2 * float(parts.covariance_nm2[:, 2, 2] @ parts.tau_s) / data.duration_s
+        height_variance = min(height_variance, float(parts.covariance_nm2[:, 2, 2].sum()))
         return Expectation(
             power,
-            state.extension_nm + experiment.optics.z_zero_nm,
+            parts.extension_nm,
             float(np.hypot(np.sqrt(height_variance), LEAST_HEIGHT_STDERR_NM)),
         )
 
-    def _white(self, experiment: Experiment, axis: int, data: PlateauData) -> FloatArray:
-        """Variance of the noise per frame, as seen at each frequency."""
-        passed = response(data.spectrum.frequency_hz, self.subtraction.cutoff_hz[axis])
-        return np.asarray(
-            experiment.tracker.noise_nm[axis] ** 2 + (self.subtraction.noise_nm[axis] * passed) ** 2
-        )
+    def _passed(self, experiment: Experiment, axis: int, data: PlateauData) -> FloatArray:
+        """Variance per frame of the reference's noise and motion that subtraction passes on."""
+        frequency = data.spectrum.frequency_hz
+        gain = response(frequency, self.subtraction.cutoff_hz[axis]) ** 2
+        size = experiment.stage.reference_nm[axis]
+        own = np.zeros_like(frequency)
+        if size > 0:
+            camera = experiment.camera
+            own = power_spectrum(frequency, size**2, experiment.stage.reference_s, camera)
+            own = own / (2 * camera.frame_s)
+        return np.asarray(gain * (self.subtraction.noise_nm[axis] ** 2 + own))
 
     def all_expected(self, theta: FloatArray) -> list[Expectation]:
         """What all plateaus' data should be at θ."""
@@ -187,6 +229,38 @@ class ConfiguredModel:
                 for p, value in zip(self.parameters, theta[self.plateaus :], strict=True)
             ]
         )
+
+
+def force_course(course: str, points: int) -> FloatArray:
+    """Relative change of the force along a plateau, mean zero, one from beginning to end."""
+    time = (np.arange(points) + 0.5) / points
+    shape = time if course == "ramp" else 1 - np.exp(-time / SETTLING_SHARE)
+    return np.asarray(shape - shape.mean())
+
+
+def _power_of_course(heights_nm: FloatArray, data: PlateauData) -> FloatArray:
+    """Power that a slow change of the mean height puts into each bin, nm²/Hz."""
+    fine = np.interp(
+        np.linspace(0, len(heights_nm) - 1, FINE_POINTS),
+        np.arange(len(heights_nm)),
+        heights_nm - heights_nm.mean(),
+    )
+    amplitude = np.fft.rfft(fine)[1:] / FINE_POINTS
+    frequency = np.arange(1, len(amplitude) + 1) / data.duration_s
+    power = 2 * np.abs(amplitude) ** 2 * data.duration_s
+    falling = power[-1] * (frequency[-1] / data.spectrum.frequency_hz) ** 2
+    inside = np.interp(data.spectrum.frequency_hz, frequency, power)
+    return np.where(data.spectrum.frequency_hz <= frequency[-1], inside, falling)
+
+
+def _add_line(power: FloatArray, line: Line, data: PlateauData) -> None:
+    """Add a vibration's power, in place, to the bin that holds its frequency."""
+    frequency = data.spectrum.frequency_hz
+    at = int(np.argmin(np.abs(frequency - line.frequency_hz)))
+    width = data.spectrum.ordinates[at] / data.duration_s
+    size = np.asarray(line.amplitude_nm)
+    gain = np.sqrt([data.spectrum.gain(axis)[at] for axis in range(3)])
+    power[at] += np.outer(size * gain, size * gain) / 2 / width
 
 
 def changed_spectra(model: ConfiguredModel, theta: FloatArray, plateau: int) -> FloatArray:

@@ -1,0 +1,104 @@
+"""From a bead's motion to what is recorded of it: the later steps of a recording, as covariances.
+
+Motion and hopping pass the camera's exposure; what subtraction left of the stage is added; optics
+scale and turn; the tracker adds white noise; the clock loses frames. Each step takes sums of
+exponential covariances to such sums, so that spectra stay closed forms (PHYSICS section 3).
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+
+from mtpipe.experiment.description import Experiment, Hopping
+from mtpipe.experiment.state import BeadState, recorded_modes
+from mtpipe.physics.camera import Camera, FloatArray, frame_variance, lag_one_covariance
+
+# A random walk is a mode that relaxes within so many durations of the trace.
+WALK_DURATIONS = 20.0
+
+
+@dataclass(frozen=True, eq=False)
+class Readout:
+    """Covariances of the recorded x, y, z of a plateau.
+
+    Attributes
+    ----------
+    tau_s : (m,) relaxation times of modes that pass the exposure; covariance_nm2 : (m, 3, 3).
+    white_nm2 : (3, 3) covariance of what is independent from frame to frame; may be negative where
+        lost frames take correlation away.
+    extension_nm : mean of the recorded z.
+    """
+
+    tau_s: FloatArray
+    covariance_nm2: FloatArray
+    white_nm2: FloatArray
+    extension_nm: float
+
+
+def readout(experiment: Experiment, state: BeadState, duration_s: float) -> Readout:
+    """What is recorded of a bead at one force, without vibration lines."""
+    motion = recorded_modes(state)
+    tau_s, covariance = motion.tau_s, motion.covariance_nm2
+    extension = state.extension_nm
+    if experiment.hopping is not None:
+        energy = experiment.fluid.thermal_energy_pN_nm
+        variance, hop_s, shift = hopping_moments(experiment.hopping, state.force_pN, energy)
+        extra = np.zeros((1, 3, 3))
+        extra[0, 2, 2] = variance
+        tau_s, covariance = np.append(tau_s, hop_s), np.concatenate([covariance, extra])
+        extension += shift
+    optics = experiment.optics.matrix
+    covariance = optics @ covariance @ optics.T
+    walk = np.square(experiment.stage.unsubtracted_nm_per_root_s)
+    if walk.any():
+        walk_s = WALK_DURATIONS * duration_s
+        # a mode of variance D τ/2 and relaxation τ spreads like a random walk of D per second
+        tau_s = np.append(tau_s, walk_s)
+        covariance = np.concatenate([covariance, np.diag(walk * walk_s / 2)[None]])
+    white = np.diag(np.square(experiment.tracker.noise_nm))
+    if experiment.clock.dropped_share > 0:
+        tau_s, covariance, lost = _with_dropped_frames(
+            tau_s, covariance, experiment.camera, experiment.clock.dropped_share
+        )
+        white = white + lost
+    recorded_extension = experiment.optics.axial_scale * extension + experiment.optics.z_zero_nm
+    return Readout(tau_s, covariance, white, recorded_extension)
+
+
+def hopping_moments(
+    hopping: Hopping, force_pN: float, thermal_energy_pN_nm: float
+) -> tuple[float, float, float]:
+    """Variance (nm²), relaxation time (s) and mean (nm) of hopping at a force (PHYSICS E19).
+
+    The longer state gains F·step; both rates change by half of it (a barrier half-way).
+    """
+    half = (force_pN - hopping.half_force_pN) * hopping.step_nm / (2 * thermal_energy_pN_nm)
+    half = min(max(half, -300.0), 300.0)
+    share = 1 / (1 + math.exp(-2 * half))
+    rate = 2 * hopping.rate_hz * math.cosh(half)
+    return hopping.step_nm**2 * share * (1 - share), 1 / rate, hopping.step_nm * share
+
+
+def _with_dropped_frames(
+    tau_s: FloatArray, covariance: FloatArray, camera: Camera, share: float
+) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Modes when frames are lost and the file counts on, and the white part that appears.
+
+    PHYSICS E13: q → (1 − p) q/(1 − p q), c₁ → c₁ (1 − p)/(1 − p q), c₀ unchanged; written as a mode
+    of the new relaxation time.
+    """
+    q = np.exp(-camera.frame_s / tau_s)
+    slower = (1 - share) * q / (1 - share * q)
+    changed_s = -camera.frame_s / np.log(np.maximum(slower, 1e-300))
+    unit = np.ones_like(tau_s)
+    lag_one = lag_one_covariance(unit, tau_s, camera) * (1 - share) / (1 - share * q)
+    gain = lag_one / lag_one_covariance(unit, changed_s, camera)
+    left = frame_variance(unit, tau_s, camera) - gain * frame_variance(unit, changed_s, camera)
+    return (
+        np.asarray(changed_s),
+        np.asarray(gain[:, None, None] * covariance),
+        np.asarray(np.einsum("m,mab->ab", left, covariance)),
+    )
