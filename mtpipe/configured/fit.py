@@ -14,8 +14,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mtpipe.configured.data import PlateauData
-from mtpipe.configured.model import DIFFERENCE, ConfiguredModel, Expectation
+from mtpipe.configured.model import (
+    DIFFERENCE,
+    ConfiguredModel,
+    Expectation,
+    spectral_log_likelihood,
+)
 from mtpipe.errors import FitError
+from mtpipe.experiment.description import Experiment
 from mtpipe.physics.camera import FloatArray
 
 MOST_ROUNDS = 40
@@ -114,20 +120,34 @@ def first_guess(model: ConfiguredModel) -> FloatArray:
     shared = np.array([p.start for p in model.parameters])
     theta = np.concatenate([np.zeros(model.plateaus), shared])
     experiment = model.described(theta)
-    best = np.full(model.plateaus, -np.inf)
-    for force in FORCE_GRID_PN:
-        for i, data in enumerate(model.data):
-            try:
-                expected = model.expected(experiment, i, float(force))
-            except (FitError, ValueError):
-                continue
-            single = ConfiguredModel((data,), experiment, (), model.subtraction)
-            value = single.log_likelihood([expected], np.zeros(1))
-            if value > best[i]:
-                best[i], theta[i] = value, np.log(force)
-    if not np.all(np.isfinite(best)):
-        raise FitError("no force makes the configured experiment agree with this recording at all")
+    for i in range(model.plateaus):
+        theta[i] = np.log(_best_of_grid(model, experiment, i))
     return theta
+
+
+def _best_of_grid(model: ConfiguredModel, experiment: Experiment, plateau: int) -> float:
+    """The force of the grid that suits a plateau best, in pN.
+
+    Heights are known far better than they change from one force of the grid to the next, so they
+    count only as exactly as that.
+    """
+    data = model.data[plateau]
+    forces, spectral, heights, stderr = [], [], [], []
+    for force in FORCE_GRID_PN:
+        try:
+            expected = model.expected(experiment, plateau, float(force))
+        except (FitError, ValueError):
+            continue
+        forces.append(force)
+        spectral.append(float(np.sum(spectral_log_likelihood(data, expected.power))))
+        heights.append(expected.extension_nm)
+        stderr.append(expected.extension_stderr_nm)
+    if len(forces) < 2 or not np.any(np.isfinite(spectral)):
+        raise FitError("no force makes the configured experiment agree with this recording at all")
+    coarse = np.hypot(stderr, np.gradient(heights))
+    pull = (data.mean_nm[2] - np.array(heights)) / coarse
+    value = np.array(spectral) - 0.5 * pull**2 - np.log(coarse)
+    return float(forces[int(np.nanargmax(value))])
 
 
 @dataclass(frozen=True, eq=False)

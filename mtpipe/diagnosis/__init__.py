@@ -1,0 +1,1 @@
+"""Diagnosis: which missing physics explains what the cross-check found."""

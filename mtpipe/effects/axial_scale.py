@@ -1,0 +1,28 @@
+"""z scale wrong: refractive index, look-up table (PHYSICS E12)."""
+
+from __future__ import annotations
+
+import math
+
+from mtpipe.effects.effect import Effect, Evidence, Hypothesis, factor, with_optics
+from mtpipe.experiment.description import Experiment
+
+STARTS = (-0.1, 0.1)
+
+
+def _change(experiment: Experiment, ln_factor: float) -> Experiment:
+    return with_optics(experiment, axial_scale=experiment.optics.axial_scale * math.exp(ln_factor))
+
+
+def _hypotheses(experiment: Experiment, evidence: Evidence) -> list[Hypothesis]:
+    return [
+        Hypothesis(experiment, (factor("recorded over true z", _change, start=start),))
+        for start in STARTS
+    ]
+
+
+EFFECT = Effect(
+    "axial_scale",
+    _hypotheses,
+    lambda experiment: f"z is recorded {experiment.optics.axial_scale:.3f} times as large as it is",
+)

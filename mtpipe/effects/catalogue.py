@@ -1,0 +1,64 @@
+"""All effects: those of mtpipe, and those that other packages bring as `mtpipe.effects`."""
+
+from __future__ import annotations
+
+from importlib.metadata import entry_points
+
+from mtpipe.effects import (
+    axial_scale,
+    bead_radius,
+    contour_length,
+    drift,
+    dropped_frames,
+    exposure,
+    extensible_tether,
+    field_rotation,
+    force_drift,
+    hopping,
+    lateral_magnet_stiffness,
+    lateral_scale,
+    magnetic_alignment,
+    multiple_tethers,
+    off_center_attachment,
+    reference_noise,
+    rotation_coupling,
+    tracking_noise,
+    vibration,
+    viscosity,
+    wall_drag,
+)
+from mtpipe.effects.effect import Effect
+
+GROUP = "mtpipe.effects"
+OWN: tuple[Effect, ...] = tuple(
+    module.EFFECT
+    for module in (
+        wall_drag,
+        rotation_coupling,
+        off_center_attachment,
+        tracking_noise,
+        exposure,
+        drift,
+        reference_noise,
+        vibration,
+        viscosity,
+        bead_radius,
+        lateral_scale,
+        axial_scale,
+        dropped_frames,
+        field_rotation,
+        magnetic_alignment,
+        lateral_magnet_stiffness,
+        extensible_tether,
+        contour_length,
+        multiple_tethers,
+        hopping,
+        force_drift,
+    )
+)
+
+
+def catalogue() -> tuple[Effect, ...]:
+    """Every effect that can be tried."""
+    others = [entry.load() for entry in entry_points(group=GROUP)]
+    return (*OWN, *others)

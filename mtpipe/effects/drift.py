@@ -1,0 +1,35 @@
+"""Slow motion of the bead's position that reference subtraction left (PHYSICS E7)."""
+
+from __future__ import annotations
+
+import math
+
+from mtpipe.configured.model import Parameter
+from mtpipe.effects.effect import Effect, Evidence, Hypothesis, variance, with_stage
+from mtpipe.experiment.description import Experiment
+
+LARGEST_NM_PER_ROOT_S = 300.0
+
+
+def _along(axis: int, name: str) -> Parameter:
+    def change(experiment: Experiment, per_s: float) -> Experiment:
+        walk = list(experiment.stage.unsubtracted_nm_per_root_s)
+        walk[axis] = math.sqrt(max(per_s, 0.0))
+        return with_stage(experiment, unsubtracted_nm_per_root_s=(walk[0], walk[1], walk[2]))
+
+    return variance(f"walk along {name}", "nm/√s", 1.0, LARGEST_NM_PER_ROOT_S, change)
+
+
+def _hypotheses(experiment: Experiment, evidence: Evidence) -> list[Hypothesis]:
+    return [Hypothesis(experiment, tuple(_along(i, name) for i, name in enumerate("xyz")))]
+
+
+def _cause(experiment: Experiment) -> str:
+    x, y, z = experiment.stage.unsubtracted_nm_per_root_s
+    return (
+        f"the bead's position drifts by {x:.2g}, {y:.2g} and {z:.2g} nm per root second in x, y "
+        "and z beside the reference"
+    )
+
+
+EFFECT = Effect("drift", _hypotheses, _cause)

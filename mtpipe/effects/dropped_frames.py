@@ -1,0 +1,26 @@
+"""Frames missing while the file counts on (PHYSICS E13)."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+from mtpipe.effects.effect import Effect, Evidence, Hypothesis, plain
+from mtpipe.experiment.description import Experiment
+
+
+def _change(experiment: Experiment, share: float) -> Experiment:
+    return replace(experiment, clock=replace(experiment.clock, dropped_share=max(share, 0.0)))
+
+
+def _hypotheses(experiment: Experiment, evidence: Evidence) -> list[Hypothesis]:
+    share = plain("share of frames dropped", "", 0.05, (0.0, 0.6), 1e-3, _change)
+    return [Hypothesis(experiment, (share,))]
+
+
+EFFECT = Effect(
+    "dropped_frames",
+    _hypotheses,
+    lambda experiment: (
+        f"{experiment.clock.dropped_share:.1%} of the frames are missing without a gap in the file"
+    ),
+)

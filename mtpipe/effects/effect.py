@@ -1,0 +1,121 @@
+"""What an effect is: hypotheses about the experiment, and the sentence that names it.
+
+A hypothesis is a changed description and the parameters that are fitted with it. An effect that the
+description already contains has none. Effects of other packages are found by the entry-point group
+`mtpipe.effects`, each an `Effect`.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+
+from mtpipe.configured.model import Parameter
+from mtpipe.experiment.description import Experiment
+
+
+@dataclass(frozen=True)
+class Evidence:
+    """What a first look at the data suggests, for effects that cannot be found by climbing.
+
+    Attributes
+    ----------
+    lines_hz : frequencies of narrow lines, strongest first.
+    force_pN : of the plateaus, as fitted without the effect.
+    """
+
+    lines_hz: tuple[float, ...]
+    force_pN: tuple[float, ...]
+
+
+@dataclass(frozen=True)
+class Hypothesis:
+    """A changed experiment, and the parameters that are fitted with it (added to the others)."""
+
+    experiment: Experiment
+    parameters: tuple[Parameter, ...]
+
+
+@dataclass(frozen=True)
+class Effect:
+    """One entry of the catalogue.
+
+    Attributes
+    ----------
+    name : as FORMATS section 5 has it.
+    hypotheses : from the experiment as it is described and the evidence to what may be tried; they
+        differ in where their parameters start, or in kind.
+    cause : what the changed experiment has, in words that continue "…: ", given the experiment
+        with the effect at its fitted strength.
+    """
+
+    name: str
+    hypotheses: Callable[[Experiment, Evidence], Sequence[Hypothesis]]
+    cause: Callable[[Experiment], str]
+
+
+Change = Callable[[Experiment, float], Experiment]
+
+
+def factor(name: str, change: Change, *, start: float = 0.0, width: float = 1.5) -> Parameter:
+    """A factor on what is configured, fitted as its logarithm."""
+    return Parameter(name, "", start, -width, width, 1e-3, None, change, kind="ln")
+
+
+def variance(name: str, unit: str, start: float, largest: float, change: Change) -> Parameter:
+    """A size whose square is fitted, at least 0."""
+    step = max(0.02 * start**2, 1e-4)
+    return Parameter(name, unit, start**2, 0.0, largest**2, step, None, change, kind="variance")
+
+
+def plain(
+    name: str, unit: str, start: float, bounds: tuple[float, float], step: float, change: Change
+) -> Parameter:
+    """A number fitted as it is."""
+    return Parameter(name, unit, start, bounds[0], bounds[1], step, None, change)
+
+
+def logarithm(
+    name: str, unit: str, start: float, bounds: tuple[float, float], change: Change
+) -> Parameter:
+    """A positive number fitted as its logarithm; `change` takes the number."""
+
+    def of_logarithm(experiment: Experiment, value: float) -> Experiment:
+        return change(experiment, math.exp(value))
+
+    low, high = (math.log(bound) for bound in bounds)
+    return Parameter(name, unit, math.log(start), low, high, 1e-3, None, of_logarithm, kind="ln")
+
+
+def with_fluid(experiment: Experiment, **changes: object) -> Experiment:
+    """The experiment with another fluid."""
+    return replace(experiment, fluid=replace(experiment.fluid, **changes))  # type: ignore[arg-type]
+
+
+def with_bead(experiment: Experiment, **changes: object) -> Experiment:
+    """The experiment with another bead."""
+    return replace(experiment, bead=replace(experiment.bead, **changes))  # type: ignore[arg-type]
+
+
+def with_chain(experiment: Experiment, **changes: object) -> Experiment:
+    """The experiment with another tether."""
+    return replace(experiment, chain=replace(experiment.chain, **changes))  # type: ignore[arg-type]
+
+
+def with_optics(experiment: Experiment, **changes: object) -> Experiment:
+    """The experiment with other optics."""
+    return replace(experiment, optics=replace(experiment.optics, **changes))  # type: ignore[arg-type]
+
+
+def with_magnets(experiment: Experiment, **changes: object) -> Experiment:
+    """The experiment with other magnets."""
+    return replace(
+        experiment,
+        magnets=replace(experiment.magnets, **changes),  # type: ignore[arg-type]
+    )
+
+
+def with_stage(experiment: Experiment, **changes: object) -> Experiment:
+    """The experiment with another stage."""
+    return replace(experiment, stage=replace(experiment.stage, **changes))  # type: ignore[arg-type]

@@ -1,0 +1,32 @@
+"""Enthalpic stretching at high force (Wang et al. 1997; Odijk 1995; PHYSICS E16)."""
+
+from __future__ import annotations
+
+from mtpipe.effects.effect import Effect, Evidence, Hypothesis, plain, with_chain
+from mtpipe.experiment.description import Experiment
+
+START_PN = 1000.0
+BOUNDS_PER_NN = (0.02, 20.0)
+
+
+def _hypotheses(experiment: Experiment, evidence: Evidence) -> list[Hypothesis]:
+    formula = experiment.chain.formula
+    if formula.startswith("extensible"):
+        return []
+    stretching = "extensible-marko-siggia" if formula == "marko-siggia" else "extensible"
+
+    def change(other: Experiment, per_nN: float) -> Experiment:
+        return with_chain(other, formula=stretching, stretch_modulus_pN=1000.0 / per_nN)
+
+    softness = plain("1 / stretch modulus", "1/nN", 1000.0 / START_PN, BOUNDS_PER_NN, 0.01, change)
+    return [Hypothesis(experiment, (softness,))]
+
+
+EFFECT = Effect(
+    "extensible_tether",
+    _hypotheses,
+    lambda experiment: (
+        "the tether itself stretches, with a modulus of "
+        f"{experiment.chain.stretch_modulus_pN or 0.0:.0f} pN"
+    ),
+)

@@ -1,0 +1,52 @@
+"""Two-state telegraph motion of the tether's length (PHYSICS E19)."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+from mtpipe.effects.effect import Effect, Evidence, Hypothesis, logarithm, plain
+from mtpipe.experiment.description import Experiment, Hopping
+
+STEP_NM, RATE_HZ = 20.0, 3.0
+
+
+def _hypotheses(experiment: Experiment, evidence: Evidence) -> list[Hypothesis]:
+    if experiment.hopping is not None:
+        return []
+    forces = sorted(evidence.force_pN)
+    found = []
+    for force in forces[1:-1] or forces:
+        start = replace(experiment, hopping=Hopping(STEP_NM, force, RATE_HZ))
+        bounds = (0.5 * forces[0], 2 * forces[-1])
+        found.append(
+            Hypothesis(
+                start,
+                (
+                    plain("step", "nm", STEP_NM, (0.0, 400.0), 0.05, _set("step_nm")),
+                    logarithm("force of equal states", "pN", force, bounds, _set("half_force_pN")),
+                    logarithm("rate there", "Hz", RATE_HZ, (0.01, 200.0), _set("rate_hz")),
+                ),
+            )
+        )
+    return found
+
+
+def _set(field: str):  # type: ignore[no-untyped-def]
+    def change(experiment: Experiment, value: float) -> Experiment:
+        hopping = experiment.hopping or Hopping(STEP_NM, 1.0, RATE_HZ)
+        return replace(experiment, hopping=replace(hopping, **{field: value}))
+
+    return change
+
+
+def _cause(experiment: Experiment) -> str:
+    hopping = experiment.hopping
+    if hopping is None:
+        return "the tether hops"
+    return (
+        f"the tether hops between two lengths {hopping.step_nm:.1f} nm apart, equally likely at "
+        f"{hopping.half_force_pN:.2g} pN, {hopping.rate_hz:.2g} times a second there"
+    )
+
+
+EFFECT = Effect("hopping", _hypotheses, _cause)

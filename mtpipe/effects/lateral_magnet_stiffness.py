@@ -1,0 +1,33 @@
+"""Extra lateral stiffness from the magnets, in x and y, in proportion to the force (E15)."""
+
+from __future__ import annotations
+
+from mtpipe.effects.effect import Effect, Evidence, Hypothesis, plain, with_magnets
+from mtpipe.experiment.description import Experiment
+
+PER_NM = 1e-6  # per mm
+STARTS_PER_MM = (20.0, 200.0)
+
+
+def _change(experiment: Experiment, per_mm: float) -> Experiment:
+    return with_magnets(experiment, sideways_per_nm=PER_NM * per_mm)
+
+
+def _hypotheses(experiment: Experiment, evidence: Evidence) -> list[Hypothesis]:
+    return [
+        Hypothesis(
+            experiment,
+            (plain("stiffness over force", "1/mm", start, (0.0, 5e3), 0.5, _change),),
+        )
+        for start in STARTS_PER_MM
+    ]
+
+
+EFFECT = Effect(
+    "lateral_magnet_stiffness",
+    _hypotheses,
+    lambda experiment: (
+        "the magnets hold the bead sideways, with a stiffness of the force over "
+        f"{1 / max(experiment.magnets.sideways_per_nm, 1e-12) / 1e3:.3g} µm"
+    ),
+)

@@ -1,0 +1,33 @@
+"""Finite torque stiffness that holds the bead's axis (Klaue & Seidel 2009; PHYSICS E3)."""
+
+from __future__ import annotations
+
+from mtpipe.effects.effect import Effect, Evidence, Hypothesis, logarithm, with_magnets
+from mtpipe.experiment.description import Experiment
+
+STARTS_PN_NM = (1e3, 3e4)
+
+
+def _hypotheses(experiment: Experiment, evidence: Evidence) -> list[Hypothesis]:
+    return [
+        Hypothesis(
+            experiment,
+            (
+                logarithm(
+                    "torque stiffness", "pN nm/rad", start, (10.0, 1e8),
+                    lambda other, value: with_magnets(other, alignment_pN_nm=value),
+                ),
+            ),
+        )
+        for start in STARTS_PN_NM
+    ]  # fmt: skip
+
+
+EFFECT = Effect(
+    "magnetic_alignment",
+    _hypotheses,
+    lambda experiment: (
+        "the field holds the bead's axis with a torque stiffness of only "
+        f"{experiment.magnets.alignment_pN_nm or 0.0:.2g} pN nm/rad"
+    ),
+)

@@ -1,0 +1,28 @@
+"""More than one molecule holds the bead: n equal chains pull like one of Lp/n (PHYSICS E17)."""
+
+from __future__ import annotations
+
+from mtpipe.effects.effect import Effect, Evidence, Hypothesis, logarithm, with_chain
+from mtpipe.experiment.description import Experiment
+
+FEWEST, MOST = 1.4, 6.0
+
+
+def _hypotheses(experiment: Experiment, evidence: Evidence) -> list[Hypothesis]:
+    single = experiment.chain.persistence_length_nm
+
+    def change(other: Experiment, number: float) -> Experiment:
+        return with_chain(other, persistence_length_nm=single / number)
+
+    number = logarithm("number of tethers", "", 2.0, (FEWEST, MOST), change)
+    return [Hypothesis(experiment, (number,))]
+
+
+EFFECT = Effect(
+    "multiple_tethers",
+    _hypotheses,
+    lambda experiment: (
+        "more than one molecule holds the bead: the tether is as stiff as if its persistence "
+        f"length were {experiment.chain.persistence_length_nm:.1f} nm"
+    ),
+)

@@ -1,0 +1,34 @@
+"""Tether attached beside the bead's lowest point (Shon, Rah & Yoon 2019; PHYSICS E4)."""
+
+from __future__ import annotations
+
+import math
+
+from mtpipe.effects.effect import Effect, Evidence, Hypothesis, plain, with_bead
+from mtpipe.experiment.description import Experiment
+
+LARGEST = 0.97
+
+
+def _hypotheses(experiment: Experiment, evidence: Evidence) -> list[Hypothesis]:
+    radius = experiment.bead.radius_nm
+
+    def change(other: Experiment, share: float) -> Experiment:
+        # fitted is what the bead's lever loses, over R: data follow it in proportion
+        lever = 1 - share
+        offset = math.sqrt(max(1 - lever**2, 0.0)) * other.bead.radius_nm
+        return with_bead(other, offset_nm=offset)
+
+    bounds = (0.0, 1 - math.sqrt(1 - LARGEST**2))
+    lost = plain(f"1 - lever / {radius:g} nm", "", 0.05, bounds, 1e-3, change)
+    return [Hypothesis(experiment, (lost,))]
+
+
+EFFECT = Effect(
+    "off_center_attachment",
+    _hypotheses,
+    lambda experiment: (
+        f"the tether is attached {experiment.bead.offset_nm:.0f} nm off the bead's axis, so that "
+        f"the recorded height lacks {experiment.bead.radius_nm - experiment.bead.lever_nm:.0f} nm"
+    ),
+)

@@ -1,0 +1,51 @@
+"""Motion of the reference bead itself, carried into the trace by subtraction (PHYSICS E8)."""
+
+from __future__ import annotations
+
+import math
+
+from mtpipe.configured.model import Parameter
+from mtpipe.effects.effect import Effect, Evidence, Hypothesis, logarithm, variance, with_stage
+from mtpipe.experiment.description import Experiment
+
+STARTS_S = (0.1, 2.0)
+LARGEST_NM = 300.0
+
+
+def _along(axis: int, name: str) -> Parameter:
+    def change(experiment: Experiment, square: float) -> Experiment:
+        size = list(experiment.stage.reference_nm)
+        size[axis] = math.sqrt(max(square, 0.0))
+        return with_stage(experiment, reference_nm=(size[0], size[1], size[2]))
+
+    return variance(f"reference motion along {name}", "nm", 2.0, LARGEST_NM, change)
+
+
+def _hypotheses(experiment: Experiment, evidence: Evidence) -> list[Hypothesis]:
+    if experiment.references == 0:
+        return []
+    sizes = tuple(_along(i, name) for i, name in enumerate("xyz"))
+    return [
+        Hypothesis(
+            experiment,
+            (
+                *sizes,
+                logarithm(
+                    "reference relaxation time", "s", start, (0.005, 100.0),
+                    lambda other, value: with_stage(other, reference_s=value),
+                ),
+            ),
+        )
+        for start in STARTS_S
+    ]  # fmt: skip
+
+
+def _cause(experiment: Experiment) -> str:
+    x, y, z = experiment.stage.reference_nm
+    return (
+        f"the reference bead moves by itself, {x:.1f}, {y:.1f} and {z:.1f} nm in x, y and z within "
+        f"{experiment.stage.reference_s:.2g} s, and subtraction carries that into the trace"
+    )
+
+
+EFFECT = Effect("reference_noise", _hypotheses, _cause)

@@ -1,0 +1,24 @@
+"""White localisation noise (PHYSICS E5)."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+from mtpipe.configured.parameters import noise_parameters
+from mtpipe.effects.effect import Effect, Evidence, Hypothesis
+from mtpipe.experiment.description import Experiment
+
+
+def _hypotheses(experiment: Experiment, evidence: Evidence) -> list[Hypothesis]:
+    if any(experiment.tracker.noise_nm):
+        return []
+    tracker = replace(experiment.tracker, noise_nm=(3.0, 3.0, 4.5))
+    return [Hypothesis(replace(experiment, tracker=tracker), noise_parameters((3.0, 3.0, 4.5)))]
+
+
+def _cause(experiment: Experiment) -> str:
+    x, y, z = experiment.tracker.noise_nm
+    return f"the tracker adds white noise of {x:.1f}, {y:.1f} and {z:.1f} nm in x, y and z"
+
+
+EFFECT = Effect("tracking_noise", _hypotheses, _cause)

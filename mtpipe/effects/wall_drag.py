@@ -1,0 +1,19 @@
+"""Friction raised by the surface, by the bead's height (Faxén 1922; Brenner 1961; PHYSICS E1)."""
+
+from __future__ import annotations
+
+from mtpipe.effects.effect import Effect, Evidence, Hypothesis, with_fluid
+from mtpipe.experiment.description import Experiment
+
+
+def _hypotheses(experiment: Experiment, evidence: Evidence) -> list[Hypothesis]:
+    if experiment.fluid.wall:
+        return []
+    return [Hypothesis(with_fluid(experiment, wall=True), ())]
+
+
+EFFECT = Effect(
+    "wall_drag",
+    _hypotheses,
+    lambda experiment: "the surface raises the bead's friction, the more the lower it hangs",
+)
