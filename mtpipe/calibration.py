@@ -9,10 +9,8 @@ from __future__ import annotations
 import itertools
 import statistics
 from collections.abc import Callable, Sequence
-from concurrent.futures import Executor, Future, ProcessPoolExecutor
+from concurrent.futures import Executor
 from dataclasses import dataclass, replace
-from multiprocessing import get_context
-from typing import Any, TypeVar
 
 from mtpipe.bead_calibration import Shared, calibrate_bead, measured_friction
 from mtpipe.bead_results import BeadResult
@@ -20,11 +18,11 @@ from mtpipe.conditions import Conditions, conditions_of
 from mtpipe.exposure import estimate_exposure
 from mtpipe.friction_prior import viscosity_from_others
 from mtpipe.notice import Notice
+from mtpipe.processes import executor
 from mtpipe.recording import Recording
 from mtpipe.traces import Trace, traces_of
 
 Progress = Callable[[int, int], None]
-T = TypeVar("T")
 _Job = tuple[str, list[Trace], float]
 
 
@@ -76,7 +74,7 @@ def calibrate(
         (bead, traces, recording.z_zero_stderr_nm.get(bead, 0.0)) for bead, traces in beads.items()
     ]
     say = progress or (lambda done, total: None)
-    with _executor(min(workers, len(jobs))) as pool:
+    with executor(min(workers, len(jobs))) as pool:
         conditions_by_bead = _conditions_by_bead(jobs, shared, pool)
         done = itertools.count(1)
         futures = []
@@ -147,23 +145,6 @@ def _conditions_by_bead(jobs: Sequence[_Job], shared: Shared, pool: Executor) ->
         )
         for i in range(len(jobs))
     ]
-
-
-def _executor(workers: int) -> Executor:
-    """Processes where there is something to spread, else this one."""
-    if workers <= 1:
-        return _InThisProcess()
-    # spawned, not forked: threads of the numerical libraries do not survive a fork
-    return ProcessPoolExecutor(workers, mp_context=get_context("spawn"))
-
-
-class _InThisProcess(Executor):
-    """Does at once what is submitted."""
-
-    def submit(self, work: Callable[..., T], /, *args: Any, **named: Any) -> Future[T]:
-        future: Future[T] = Future()
-        future.set_result(work(*args, **named))
-        return future
 
 
 def _reference_noise(recording: Recording) -> tuple[float | None, float | None, float | None]:

@@ -40,7 +40,7 @@ SetupFile = Annotated[
     Path | None,
     typer.Option("--setup", help="Setup; default: setup.toml beside the recording.", exists=True),
 ]
-Seed = Annotated[int, typer.Option(help="Seed of the posteriors.", min=0)]
+Seed = Annotated[int, typer.Option(help="Seed of posteriors and simulations.", min=0)]
 Workers = Annotated[int | None, typer.Option(help="Processes; default: one per core.", min=1)]
 
 
@@ -82,6 +82,12 @@ def run(
     seed: Seed = 0,
     workers: Workers = None,
     method: Methods = None,
+    crosscheck: Annotated[
+        bool,
+        typer.Option(
+            help="Compare every bead with simulations of the experiment as the setup states it."
+        ),
+    ] = True,
 ) -> None:
     """Calibrate a recording: forces, force-extension curves and a report."""
     from mtpipe import pipeline
@@ -94,6 +100,7 @@ def run(
             seed=seed,
             workers=workers or os.cpu_count() or 1,
             methods=method or (),
+            cross_check=crosscheck,
             progress=progress,
         )
     summary(result, out)

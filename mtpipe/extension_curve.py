@@ -47,6 +47,8 @@ _STRETCHING_FROM_PN = 8.0
 _STRONG_CORRELATION = 0.98
 _POOR_P_VALUE = 1e-3
 _OUTLIER_SIGMAS = 5.0
+# Chains that are fitted; the others only simulate.
+FITTED: tuple[Formula, ...] = ("marko-siggia", "bouchiat", "extensible")
 
 
 @dataclass(frozen=True)
@@ -108,7 +110,7 @@ def fit_curve(
     surface_pN = surface_force_pN(usable, assay)
     far, outliers = without_outliers(usable.select(usable.force_pN >= surface_pN), assay)
     fits: dict[Formula, TetherFit] = {}
-    for formula in VALIDITY:
+    for formula in FITTED:
         fit = _fit(far, formula, formula, assay)
         if fit is not None:
             fits[formula] = fit

@@ -22,6 +22,7 @@ import mtpipe
 from mtpipe import tables
 from mtpipe.calibration import Calibration, calibrate
 from mtpipe.comparison import MethodResult, by_methods
+from mtpipe.crosschecking.recording import CrossCheck, crosscheck
 from mtpipe.drift import subtract_drift
 from mtpipe.errors import MtpipeError
 from mtpipe.extension_curve import ForceExtension
@@ -42,7 +43,7 @@ class Run:
     """Everything a run found out.
 
     `others` are forces by other methods, where asked for. `flags` are per bead, about its traces;
-    `curves` exist for beads with enough forces.
+    `curves` exist for beads with enough forces; `checked` is the cross-check, unless left out.
     """
 
     recording: Recording
@@ -51,6 +52,7 @@ class Run:
     flags: dict[str, tuple[Notice, ...]]
     verdicts: tuple[BeadVerdict, ...]
     curves: dict[str, ForceExtension]
+    checked: CrossCheck | None
     seed: int
     started: str
     seconds: dict[str, float]
@@ -60,7 +62,12 @@ class Run:
         """All notices, in the order in which they arose."""
         flags = [notice for bead in self.flags.values() for notice in bead]
         curves = [notice for curve in self.curves.values() for notice in curve.notices]
-        return (*self.recording.notices, *self.calibration.notices, *flags, *curves)
+        refused = {} if self.checked is None else self.checked.refused
+        unchecked = [
+            Notice("not_crosschecked", "info", f"It was not cross-checked: {reason}", bead)
+            for bead, reason in refused.items()
+        ]
+        return (*self.recording.notices, *self.calibration.notices, *flags, *curves, *unchecked)
 
 
 def run(
@@ -71,6 +78,7 @@ def run(
     seed: int = 0,
     workers: int = 1,
     methods: Sequence[str] = (),
+    cross_check: bool = True,
     progress: Progress | None = None,
 ) -> Run:
     """Run the whole pipeline and write its folder.
@@ -80,10 +88,11 @@ def run(
     path : recording, folder of a series of files, or a setup.toml that names its files.
     out : folder to write; files of an earlier run in it are replaced.
     setup : setup.toml; default: beside the recording.
-    seed : of the posteriors.
+    seed : of the posteriors and of the cross-check's simulations.
     workers : processes, over which beads are spread. More than one needs the usual guard
         `if __name__ == "__main__":` in a script that calls this.
     methods : other methods of the field (`mtpipe.METHODS`) by which each trace is calibrated too.
+    cross_check : compare every bead with simulations of the configured experiment.
     progress : called with (step, done, of how many).
 
     Raises
@@ -128,8 +137,26 @@ def run(
     verdicts = bead_verdicts(
         calibration, flags, curves, recording.setup, _reference_warnings(recording)
     ) + _left_out(recording)
+    checked = None
+    if cross_check:
+        checked = crosscheck(
+            recording,
+            seed=seed,
+            workers=workers,
+            progress=lambda done, total: say("cross-checking beads", done, total),
+        )
+        clock.lap("crosscheck")
     result = Run(
-        recording, calibration, others, flags, verdicts, curves, seed, started, dict(clock.seconds)
+        recording,
+        calibration,
+        others,
+        flags,
+        verdicts,
+        curves,
+        checked,
+        seed,
+        started,
+        dict(clock.seconds),
     )
     say("writing", 0, 1)
     _write_tables(result, raw, out, _title(path, raw.name))
@@ -190,10 +217,15 @@ def _write_tables(result: Run, raw: Recording, out: Path, title: str) -> None:
         "references": tables.references_table(result.recording),
         "posteriors": tables.posteriors_table(calibration),
         "force_extension": tables.force_extension_table(result.curves),
+        **{
+            f"crosscheck_{kind}": table
+            for kind, table in tables.crosscheck_curves(result.checked).items()
+        },
     }
     for name, table in {"forces": forces, "beads": beads}.items():
         write_atomically(out / f"{name}.parquet", _parquet(table))
         write_atomically(out / f"{name}.csv", table.to_csv(index=False))
+    write_atomically(out / "crosscheck.parquet", _parquet(tables.crosscheck_table(result.checked)))
     for name, table in details.items():
         write_atomically(out / "details" / f"{name}.parquet", _parquet(table))
     write_atomically(out / "run.json", _run_json(result, title))

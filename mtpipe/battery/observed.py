@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import functools
 from dataclasses import dataclass
 
 import numpy as np
@@ -32,7 +33,12 @@ class Observed:
     expected: Expectation
     frame_s: float
 
-    @property
+    @functools.cached_property
+    def bridged_nm(self) -> FloatArray:
+        """(3, n) positions about their mean, lost frames bridged by straight lines."""
+        return bridged(self.position_nm)
+
+    @functools.cached_property
     def ratio(self) -> FloatArray:
         """(n_bins, 3) power over its expectation, per axis."""
         power = np.diagonal(self.data.spectrum.power, axis1=1, axis2=2)
@@ -48,7 +54,7 @@ class Observed:
 class Whitened:
     """Single ordinates of a plateau over their expected size: amplitudes of about unit variance.
 
-    `frequency_hz` (n,), `bead` (n, 3) and `reference` (n, 3) or None, complex.
+    `frequency_hz` (n,), `bead` (3, n) and `reference` (3, n) or None, complex.
     """
 
     frequency_hz: FloatArray
@@ -57,33 +63,34 @@ class Whitened:
 
 
 def bridged(series: FloatArray) -> FloatArray:
-    """(n, 3) series without its mean, lost frames bridged by straight lines."""
-    filled = series - np.nanmean(series, axis=0)
-    for column in filled.T:
+    """(3, n) of a series (n, 3): without its mean, lost frames bridged by straight lines."""
+    filled = np.ascontiguousarray(series.T)
+    rows = np.arange(len(series))
+    for column in filled:
         lost = np.isnan(column)
         if lost.any():
-            rows = np.arange(len(column))
             column[lost] = np.interp(rows[lost], rows[~lost], column[~lost])
+        column -= column[~lost].mean()
     return np.asarray(filled)
 
 
 def whitened(seen: Observed) -> Whitened:
     """Single ordinates without 0 and Nyquist, tapered against leakage (Hann)."""
     n = len(seen.position_nm)
-    taper = np.hanning(n)[:, None] * np.sqrt(8 / 3)
+    taper = np.hanning(n) * np.sqrt(8 / 3)
     frequency = np.arange(1, (n - 1) // 2 + 1) / (n * seen.frame_s)
     scale = np.sqrt(2 * seen.frame_s / n)
-    transform = fft.rfft(bridged(seen.position_nm) * taper, axis=0)[1 : len(frequency) + 1]
+    transform = fft.rfft(seen.bridged_nm * taper)[:, 1 : len(frequency) + 1]
     spectrum = seen.data.spectrum
-    level = np.empty((len(frequency), 3))
+    level = np.empty((3, len(frequency)))
     for axis in range(3):
         expected = seen.expected.power[:, axis, axis] / spectrum.gain(axis)
-        level[:, axis] = np.exp(
+        level[axis] = np.exp(
             np.interp(np.log(frequency), np.log(spectrum.frequency_hz), np.log(expected))
         )
     reference: np.ndarray[tuple[int, ...], np.dtype[np.complex128]] | None = None
     if seen.reference_nm is not None:
-        other = fft.rfft(bridged(seen.reference_nm) * taper, axis=0)[1 : len(frequency) + 1]
-        size = np.sqrt(np.mean(np.abs(other) ** 2, axis=0))
+        other = fft.rfft(bridged(seen.reference_nm) * taper)[:, 1 : len(frequency) + 1]
+        size = np.sqrt(np.mean(np.abs(other) ** 2, axis=1, keepdims=True))
         reference = np.asarray(other / np.where(size > 0, size, 1.0), dtype=np.complex128)
     return Whitened(frequency, transform * scale / np.sqrt(level), reference)

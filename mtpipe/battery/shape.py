@@ -7,7 +7,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from mtpipe.battery.look import Look, Values
-from mtpipe.battery.observed import AXES, Observed, bridged
+from mtpipe.battery.observed import AXES, Observed
 
 AVERAGES = (1, 4, 16, 64, 256)
 FEWEST_BLOCKS = 16
@@ -36,13 +36,13 @@ def allan(seen: Sequence[Observed]) -> Values:
     """ln of the Allan variance of means over m frames, m growing fourfold."""
     values: Values = []
     for i, one in enumerate(seen):
-        series = bridged(one.position_nm)
+        series = one.bridged_nm
         for m in AVERAGES:
-            blocks = len(series) // m
+            blocks = series.shape[1] // m
             if blocks < FEWEST_BLOCKS:
                 break
-            means = series[: blocks * m].reshape(blocks, m, 3).mean(axis=1)
-            variance = 0.5 * np.mean(np.diff(means, axis=0) ** 2, axis=0)
+            means = series[:, : blocks * m].reshape(3, blocks, m).mean(axis=2)
+            variance = 0.5 * np.mean(np.diff(means) ** 2, axis=1)
             band = (1 / (4 * m * one.frame_s), 1 / (2 * m * one.frame_s))
             for axis, name in enumerate(AXES):
                 look = Look("allan_variance", name, (i,), band)

@@ -6,6 +6,7 @@ import itertools
 from collections.abc import Sequence
 
 import numpy as np
+from scipy import special
 
 from mtpipe.battery.look import Look, Values
 from mtpipe.battery.observed import AXES, Observed, Whitened
@@ -26,7 +27,11 @@ def band_edges_hz(seen: Sequence[Observed]) -> FloatArray:
 
 
 def bands(seen: Sequence[Observed], edges_hz: FloatArray) -> Values:
-    """Excess of power in bands: Σ n (P/S − 1)/√Σn, single plateaus and all together."""
+    """Power in bands over its expectation, single plateaus and all together, in normal scores.
+
+    The mean of n ordinates is a gamma variate, whose cube root is nearly normal (Wilson & Hilferty
+    1931).
+    """
     values: Values = []
     for axis, name in enumerate(AXES):
         for low, high in itertools.pairwise(edges_hz):
@@ -37,7 +42,8 @@ def bands(seen: Sequence[Observed], edges_hz: FloatArray) -> Values:
                 n = spectrum.ordinates[inside]
                 if n.sum() < FEWEST_ORDINATES:
                     continue
-                excess = float(n @ (one.ratio[inside, axis] - 1) / np.sqrt(n.sum()))
+                share = float(n @ one.ratio[inside, axis] / n.sum())
+                excess = float(3 * np.sqrt(n.sum()) * (np.cbrt(share) - 1 + 1 / (9 * n.sum())))
                 each.append(excess)
                 there.append(i)
                 values.append((Look("psd_band", name, (i,), (float(low), float(high))), excess))
@@ -49,17 +55,23 @@ def bands(seen: Sequence[Observed], edges_hz: FloatArray) -> Values:
 
 
 def lines(seen: Sequence[Observed], spectra: Sequence[Whitened]) -> Values:
-    """Strongest single ordinate per axis and plateau, and of the mean over plateaus."""
+    """Strongest single ordinate per axis and plateau, and of the mean over plateaus.
+
+    The first in the normal score that the largest of so many exponential variates has, the second
+    in ln.
+    """
     values: Values = []
     coarsest = max(float(s.frequency_hz[0]) for s in spectra)
     for axis, name in enumerate(AXES):
         cells: list[FloatArray] = []
         for i, spectrum in enumerate(spectra):
-            power = np.abs(spectrum.bead[:, axis]) ** 2
+            power = np.abs(spectrum.bead[axis]) ** 2
             at = int(np.argmax(power[3:])) + 3
             frequency, width = spectrum.frequency_hz[at], 2 * spectrum.frequency_hz[0]
             band = (float(frequency - width), float(frequency + width))
-            values.append((Look("line", name, (i,), band), float(np.log(power[at]))))
+            values.append(
+                (Look("line", name, (i,), band), _score_of_largest(power[at], len(power)))
+            )
             cell = np.floor(spectrum.frequency_hz / (2 * coarsest)).astype(int)
             cells.append(np.bincount(cell, power) / np.maximum(np.bincount(cell), 1))
         if len(seen) > 1:
@@ -71,6 +83,14 @@ def lines(seen: Sequence[Observed], spectra: Sequence[Whitened]) -> Values:
             look = Look("line", name, everywhere, band, pooled=True)
             values.append((look, float(np.log(mean[at]))))
     return values
+
+
+def _score_of_largest(largest: float, count: int) -> float:
+    """Normal score of the largest of so many exponential variates of mean 1."""
+    log_p = np.log(count) - largest
+    if largest < 30:
+        log_p = np.log(-np.expm1(count * np.log1p(-np.exp(-largest))))
+    return float(-special.ndtri_exp(log_p))
 
 
 def between_axes(seen: Sequence[Observed]) -> Values:
@@ -116,7 +136,7 @@ def with_reference(
             inside = spectrum.frequency_hz >= above_hz[axis]
             if spectrum.reference is None or not inside.any():
                 continue
-            common = np.real(spectrum.bead[:, axis] * np.conj(spectrum.reference[:, axis]))
+            common = np.real(spectrum.bead[axis] * np.conj(spectrum.reference[axis]))
             value = float(common[inside].sum() / np.sqrt(inside.sum() / 2))
             ends = spectrum.frequency_hz[inside][[0, -1]]
             look = Look("reference_coherence", name, (i,), (float(ends[0]), float(ends[1])))

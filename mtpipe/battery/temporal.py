@@ -7,7 +7,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from mtpipe.battery.look import Look, Values
-from mtpipe.battery.observed import AXES, Observed, bridged
+from mtpipe.battery.observed import AXES, Observed
 from mtpipe.physics.camera import FloatArray
 
 WINDOWS = 16
@@ -19,38 +19,38 @@ def over_time(seen: Sequence[Observed]) -> Values:
     values: Values = []
     pooled: dict[tuple[str, str], list[float]] = {}
     for i, one in enumerate(seen):
-        series = bridged(one.position_nm)
-        length = len(series) // WINDOWS
-        blocks = series[: WINDOWS * length].reshape(WINDOWS, length, 3)
-        means = blocks.mean(axis=1)
-        logs = np.log(np.maximum(blocks.var(axis=1), 1e-12))
-        quiet_length = max(4, round(QUIET_S / one.frame_s))
-        pieces = max(1, len(series) // quiet_length)
-        short = series[: pieces * quiet_length].reshape(pieces, quiet_length, 3)
-        quiet = np.log(np.maximum(short.var(axis=1), 1e-12))
-        kurtosis_like = logs.std(axis=0)
+        series = one.bridged_nm
+        frames = series.shape[1]
+        length = frames // WINDOWS
+        blocks = series[:, : WINDOWS * length].reshape(3, WINDOWS, length)
+        means = blocks.mean(axis=2)
+        logs = np.log(np.maximum(blocks.var(axis=2), 1e-12))
+        quiet_length = min(max(4, round(QUIET_S / one.frame_s)), frames)
+        pieces = frames // quiet_length
+        short = series[:, : pieces * quiet_length].reshape(3, pieces, quiet_length)
+        quiet = np.log(np.maximum(short.var(axis=2), 1e-12))
         edges = np.linspace(0.0, one.duration_s, WINDOWS + 1)
         for axis, name in enumerate(AXES):
             spread = _stderr_of_window(one, axis, length)
-            trend = _slope(means[:, axis]) / spread
-            walk, at = _largest_step(means[:, axis])
+            trend = _slope(means[axis]) / spread
+            walk, at = _largest_step(means[axis])
             half = (float(edges[at]), float(edges[-1]))
-            change, changed = _largest_step(logs[:, axis])
-            lowest = int(np.argmin(quiet[:, axis]))
+            change, changed = _largest_step(logs[axis])
+            lowest = int(np.argmin(quiet[axis]))
             when = (lowest * quiet_length * one.frame_s, (lowest + 1) * quiet_length * one.frame_s)
-            far = int(np.argmax(np.abs(means[:, axis])))
+            far = int(np.argmax(np.abs(means[axis])))
             window = (float(edges[far]), float(edges[far + 1]))
             later = (float(edges[changed]), float(edges[-1]))
             found = [
                 (Look("mean_trend", name, (i,)), trend),
                 (Look("mean_step", name, (i,), time_s=half), walk / spread),
                 (Look("mean_excursion", name, (i,), time_s=window),
-                 float(np.max(np.abs(means[:, axis]))) / spread),
-                (Look("variance_trend", name, (i,)), _slope(logs[:, axis])),
+                 float(np.max(np.abs(means[axis]))) / spread),
+                (Look("variance_trend", name, (i,)), _slope(logs[axis])),
                 (Look("variance_step", name, (i,), time_s=later), change),
-                (Look("variance_spread", name, (i,)), float(kurtosis_like[axis])),
+                (Look("variance_spread", name, (i,)), float(logs[axis].std())),
                 (Look("quietest_second", name, (i,), time_s=when),
-                 float(quiet[lowest, axis] - np.median(quiet[:, axis]))),
+                 float(quiet[axis, lowest] - np.median(quiet[axis]))),
             ]  # fmt: skip
             values += found
             for look, value in found[:1] + found[3:4]:
@@ -93,10 +93,10 @@ def irreversibility(seen: Sequence[Observed]) -> Values:
     """⟨x²(t) x(t+m) − x(t) x²(t+m)⟩ at the lag of half decay; zero for reversible motion."""
     values: Values = []
     for i, one in enumerate(seen):
-        series = bridged(one.position_nm)
-        series = series / series.std(axis=0)
+        series = one.bridged_nm
+        series = series / series.std(axis=1, keepdims=True)
         for axis, name in enumerate(AXES):
-            x = series[:, axis]
+            x = series[axis]
             ratio = float(np.mean(x[1:] * x[:-1]))
             lag = 1 if ratio < 0.5 else min(int(np.log(0.5) / np.log(ratio)) + 1, len(x) // 8)
             value = float(np.mean(x[lag:] * x[:-lag] * (x[:-lag] - x[lag:])))

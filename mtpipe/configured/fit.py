@@ -24,7 +24,7 @@ from mtpipe.errors import FitError
 from mtpipe.experiment.description import Experiment
 from mtpipe.physics.camera import FloatArray
 
-MOST_ROUNDS = 40
+MOST_ROUNDS = 15
 # Where the predicted rise of ln likelihood is below this, the fit has arrived.
 ARRIVED = 1e-3
 FORCE_GRID_PN = np.geomspace(0.01, 150.0, 45)

@@ -40,7 +40,7 @@ LEAST_HEIGHT_STDERR_NM = 0.1
 DIFFERENCE = 1e-3
 LEAST_POWER = 1e-6
 # Forces that stand for a plateau during which the force changes, and how fast it settles.
-COURSE_POINTS, FINE_POINTS, SETTLING_SHARE = 8, 256, 1 / 6
+COURSE_POINTS, FINE_POINTS, SETTLING_SHARE = 5, 256, 1 / 6
 
 
 @dataclass(frozen=True)

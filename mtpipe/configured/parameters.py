@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 from dataclasses import replace
+from functools import partial
 
 from mtpipe.configured.model import Parameter
 from mtpipe.experiment.description import Experiment, Triple
@@ -15,6 +16,9 @@ UNKNOWN_LN = 1.5
 STATED_SIGMAS = 6.0
 LARGEST_NOISE_NM2 = 1e6
 AXES = ("x", "y", "z")
+
+# How far theory of z's own motion is trusted, relative; and from plateau to plateau.
+UPWARD_FRICTION_STDERR, UPWARD_VARIANCE_STDERR = 0.03, 0.02
 
 
 def stated_parameters(setup: Setup) -> tuple[Parameter, ...]:
@@ -52,7 +56,7 @@ def noise_parameters(start_nm: Triple) -> tuple[Parameter, ...]:
             LARGEST_NOISE_NM2,
             max(0.02 * start_nm[axis] ** 2, 1e-3),
             None,
-            _noise(axis),
+            partial(_noise, axis),
         )
         for axis, name in enumerate(AXES)
     )
@@ -61,22 +65,20 @@ def noise_parameters(start_nm: Triple) -> tuple[Parameter, ...]:
 def z_zero_parameter(stderr_nm: float) -> Parameter:
     """Error of the height's zero, common to all plateaus."""
 
-    def change(experiment: Experiment, value: float) -> Experiment:
-        return replace(experiment, optics=replace(experiment.optics, z_zero_nm=value))
-
     return Parameter(
-        "z zero", "nm", 0.0, -10 * stderr_nm, 10 * stderr_nm, 0.1, (0.0, stderr_nm), change
+        "z zero", "nm", 0.0, -10 * stderr_nm, 10 * stderr_nm, 0.1, (0.0, stderr_nm), _z_zero
     )
 
 
-def _noise(axis: int) -> Callable[[Experiment, float], Experiment]:
-    def change(experiment: Experiment, value: float) -> Experiment:
-        noise = list(experiment.tracker.noise_nm)
-        noise[axis] = math.sqrt(max(value, 0.0))
-        tracker = replace(experiment.tracker, noise_nm=(noise[0], noise[1], noise[2]))
-        return replace(experiment, tracker=tracker)
+def _noise(axis: int, experiment: Experiment, value: float) -> Experiment:
+    noise = list(experiment.tracker.noise_nm)
+    noise[axis] = math.sqrt(max(value, 0.0))
+    tracker = replace(experiment.tracker, noise_nm=(noise[0], noise[1], noise[2]))
+    return replace(experiment, tracker=tracker)
 
-    return change
+
+def _z_zero(experiment: Experiment, value: float) -> Experiment:
+    return replace(experiment, optics=replace(experiment.optics, z_zero_nm=value))
 
 
 def _radius(experiment: Experiment, ln_factor: float) -> Experiment:
@@ -100,3 +102,23 @@ def _persistence(experiment: Experiment, ln_factor: float) -> Experiment:
     chain = experiment.chain
     value = chain.persistence_length_nm * math.exp(ln_factor)
     return replace(experiment, chain=replace(chain, persistence_length_nm=value))
+
+
+def allowance_parameters() -> tuple[Parameter, ...]:
+    """How far z may be from theory (`Allowance`)."""
+
+    def friction(experiment: Experiment, ln_factor: float) -> Experiment:
+        allowance = replace(experiment.allowance, upward_friction=math.exp(ln_factor))
+        return replace(experiment, allowance=allowance)
+
+    def variance(experiment: Experiment, ln_factor: float) -> Experiment:
+        allowance = replace(experiment.allowance, upward_variance=math.exp(ln_factor))
+        return replace(experiment, allowance=allowance)
+
+    return tuple(
+        Parameter(name, "", 0.0, -6 * error, 6 * error, 1e-3, (0.0, error), change, kind="ln")
+        for name, error, change in (
+            ("allowed friction of z", UPWARD_FRICTION_STDERR, friction),
+            ("allowed variance of z", UPWARD_VARIANCE_STDERR, variance),
+        )
+    )

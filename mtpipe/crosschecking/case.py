@@ -10,8 +10,14 @@ import numpy as np
 from mtpipe.configured.data import plateau_data, whitening
 from mtpipe.configured.fit import ConfiguredFit, fit_configured
 from mtpipe.configured.model import ConfiguredModel, Subtraction
-from mtpipe.configured.parameters import noise_parameters, stated_parameters, z_zero_parameter
+from mtpipe.configured.parameters import (
+    allowance_parameters,
+    noise_parameters,
+    stated_parameters,
+    z_zero_parameter,
+)
 from mtpipe.drift.combine import combined
+from mtpipe.drift.lowpass import coefficients
 from mtpipe.errors import FitError, RecordingError
 from mtpipe.experiment.description import Experiment, Rest, Triple
 from mtpipe.experiment.from_setup import experiment_of
@@ -27,6 +33,8 @@ Z_ZERO_STDERR_NM = 0.3
 # Formulas of the chain that a setup may mean; it does not say, and the data choose.
 FORMULAS: tuple[Formula, ...] = ("marko-siggia", "bouchiat")
 FEWEST_FRAMES = 256
+# The stage's motion is measured from this part of the cutoff of its subtraction to half of it.
+STAGE_BELOW = 16.0
 
 
 @dataclass(frozen=True, eq=False)
@@ -39,7 +47,9 @@ class Case:
     positions_nm : per plateau (n, 3), drift subtracted, NaN where lost or mistracked.
     references_nm : per plateau (n, 3), what is left of the reference beads' mean once the drift
         that was subtracted is taken off; None without references.
-    gaps : frames between the starts of successive plateaus and the end of the one before.
+    starts : frame number at which each plateau starts.
+    phi : per plateau, prewhitening of each axis.
+    stage_nm_per_root_s : per axis, the stage's random walk near the cutoff of its subtraction.
     """
 
     bead: str
@@ -51,6 +61,7 @@ class Case:
     phi: tuple[tuple[float, ...], ...]
     fit: ConfiguredFit
     notices: tuple[Notice, ...]
+    stage_nm_per_root_s: Triple = (0.0, 0.0, 0.0)
 
     @property
     def frame_s(self) -> float:
@@ -67,10 +78,17 @@ def prepare(recording: Recording, bead: str) -> Case:
 
     Raises
     ------
-    RecordingError : z was not recorded, or its zero is not the surface.
+    RecordingError : z was not recorded, or its zero is not the surface, or slow motion was removed
+        by a high-pass.
     SetupError : a value without which nothing can be simulated is unknown.
     FitError : no plateau is long enough, or nothing fits.
     """
+    if recording.drift is not None and recording.drift.method == "highpass":
+        raise RecordingError(
+            f"bead {bead} has lost its own slow motion with the drift",
+            where=recording.name,
+            mend='Subtract reference beads instead ([drift] method = "reference").',
+        )
     if math.isinf(recording.z_zero_stderr_nm.get(bead, 0.0)):
         raise RecordingError(f"bead {bead} has no heights above the surface", where=recording.name)
     rate = recording.setup.camera.frame_rate_hz.value
@@ -105,22 +123,26 @@ def prepare(recording: Recording, bead: str) -> Case:
         *stated_parameters(recording.setup),
         *(noise_parameters((2.0, 2.0, 3.0)) if noise else ()),
         z_zero_parameter(zero),
+        *allowance_parameters(),
     )
+    subtraction = subtraction_of(recording)
+    reference = _reference_mean(recording)
     fits = []
     for formula in FORMULAS:
         experiment = replace(base, rests=rests, chain=replace(base.chain, formula=formula))
-        model = ConfiguredModel(data, experiment, parameters, subtraction_of(recording))
+        model = ConfiguredModel(data, experiment, parameters, subtraction)
         fits.append(fit_configured(model))
     return Case(
         bead,
         recording.name,
         tuple(kept),
         tuple(positions),
-        _references(recording, kept),
+        None if reference is None else _left_of_reference(recording, reference, kept),
         tuple(starts),
         phi,
         max(fits, key=lambda fit: fit.log_likelihood),
         notices,
+        (0.0, 0.0, 0.0) if reference is None else _stage(reference, subtraction, 1 / frame_s),
     )
 
 
@@ -146,13 +168,14 @@ def _finite(value: float) -> float:
     return value if math.isfinite(value) else 0.0
 
 
-def _references(recording: Recording, plateaus: list[Plateau]) -> tuple[FloatArray, ...] | None:
+def _reference_mean(recording: Recording) -> FloatArray | None:
+    """(n, 3) weighted mean of the reference beads in use; None without."""
     drift = recording.drift
     used = [use for use in drift.references if use.used] if drift else []
-    if drift is None or not used:
+    if not used:
         return None
     rate = float(1 / np.median(np.diff(recording.time_s)))
-    mean = np.column_stack(
+    return np.column_stack(
         [
             combined(
                 [recording.positions_nm[use.bead][:, axis] for use in used],
@@ -162,7 +185,14 @@ def _references(recording: Recording, plateaus: list[Plateau]) -> tuple[FloatArr
             for axis in range(3)
         ]
     )
-    rest = mean - drift.subtracted_nm
+
+
+def _left_of_reference(
+    recording: Recording, mean: FloatArray, plateaus: list[Plateau]
+) -> tuple[FloatArray, ...]:
+    """Per plateau (n, 3), on the camera's grid: the references without what was subtracted."""
+    subtracted = 0.0 if recording.drift is None else recording.drift.subtracted_nm
+    rest = mean - subtracted
     found = []
     for plateau in plateaus:
         rows = slice(plateau.start, plateau.stop)
@@ -171,6 +201,27 @@ def _references(recording: Recording, plateaus: list[Plateau]) -> tuple[FloatArr
         grid[frame] = rest[rows]
         found.append(grid)
     return tuple(found)
+
+
+def _stage(mean_nm: FloatArray, subtraction: Subtraction, rate_hz: float) -> Triple:
+    """Random walk of the stage in nm/√s per axis, from the reference below each cutoff.
+
+    Only there can it be told from tracking noise, and only about there is any of it left in the
+    traces. A random walk of σ nm/√s has σ² rate/(2πf)² per cosine coefficient.
+    """
+    found = [0.0, 0.0, 0.0]
+    for axis, cutoff in enumerate(subtraction.cutoff_hz):
+        known = np.flatnonzero(np.isfinite(mean_nm[:, axis]))
+        if cutoff is None or len(known) < FEWEST_FRAMES:
+            continue
+        found_here = coefficients(mean_nm[known[0] : known[-1] + 1, axis])
+        frequency = np.arange(len(found_here)) * rate_hz / (2 * len(found_here))
+        below = (frequency > cutoff / STAGE_BELOW) & (frequency < cutoff / 2)
+        if below.any():
+            power = found_here[below] ** 2 - subtraction.noise_nm[axis] ** 2
+            walk = float(np.mean(power * (2 * np.pi * frequency[below]) ** 2)) / rate_hz
+            found[axis] = math.sqrt(max(walk, 0.0))
+    return found[0], found[1], found[2]
 
 
 def described(case: Case) -> Experiment:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable
 from dataclasses import dataclass
 
@@ -14,6 +15,7 @@ from mtpipe.configured.data import PlateauData, plateau_data
 from mtpipe.configured.fit import nearby_fit
 from mtpipe.configured.model import Expectation, changed_spectra
 from mtpipe.crosschecking.case import Case
+from mtpipe.crosschecking.curves import Curve, CurveSet
 from mtpipe.crosschecking.nulls import Nulls, Together, together
 from mtpipe.crosschecking.twin import Twin, TwinMaker
 from mtpipe.physics.camera import FloatArray
@@ -35,7 +37,7 @@ class BeadCheck:
     ----------
     looks : (statistics,) what was looked at. observed : the recording's values.
     simulated : (simulations, statistics). p_values : of each look by itself.
-    overall : all looks together.
+    overall : all looks together. curves : to draw; empty where not asked for.
     """
 
     case: Case
@@ -44,6 +46,7 @@ class BeadCheck:
     simulated: FloatArray
     p_values: FloatArray
     overall: Together
+    curves: tuple[Curve, ...] = ()
 
     @property
     def p_value(self) -> float:
@@ -56,18 +59,32 @@ def check_bead(
     random: np.random.Generator,
     *,
     rounds: tuple[int, ...] = ROUNDS,
+    with_curves: bool = False,
     progress: Callable[[int, int], None] | None = None,
 ) -> BeadCheck:
-    """Compare a bead with simulations of the experiment fitted to it."""
+    """Compare a bead with simulations of the experiment fitted to it.
+
+    Parameters
+    ----------
+    random : of the simulations.
+    rounds : numbers of simulations after which it may be clear what comes out.
+    with_curves : keep the curves of the first round's simulations.
+    progress : called with (simulations done, of how many in this round).
+    """
     battery = _Battery(case)
-    looks, observed = battery.recorded()
+    recorded = battery.recorded()
+    looks, observed = battery.looks(recorded)
     upper = np.array([_is_upper(look) for look in looks])
     pooled = np.array([look.pooled for look in looks])
     maker = TwinMaker(case)
     simulated: list[FloatArray] = []
+    curves = CurveSet(recorded) if with_curves else None
     for goal in rounds:
         while len(simulated) < goal:
-            simulated.append(battery.simulated(maker.draw(random)))
+            twin = battery.simulated(maker.draw(random))
+            simulated.append(battery.looks(twin)[1])
+            if curves is not None and len(simulated) <= rounds[0]:
+                curves.add(twin)
             if progress is not None:
                 progress(len(simulated), goal)
         nulls = Nulls(np.array(simulated), upper)
@@ -75,7 +92,15 @@ def check_bead(
         overall = together(p_values, nulls.own_p_values(), [pooled, ~pooled])
         if overall.p_value > CLEARLY_CONSISTENT or overall.p_value < CLEARLY_NOT:
             break
-    return BeadCheck(case, looks, observed, np.array(simulated), p_values, overall)
+    return BeadCheck(
+        case,
+        looks,
+        observed,
+        np.array(simulated),
+        p_values,
+        overall,
+        () if curves is None else curves.curves(),
+    )
 
 
 def _is_upper(look: Look) -> bool:
@@ -90,33 +115,34 @@ class _Battery:
         self.projection = _projections(case)
         self.edges_hz: FloatArray | None = None
         cutoffs = case.fit.model.subtraction.cutoff_hz
-        self.above_hz = [CLEAR_OF_CUTOFF * (cutoff or 0.0) for cutoff in cutoffs]
+        # subtracted frame by frame, nothing is left of the reference
+        self.above_hz = [CLEAR_OF_CUTOFF * (math.inf if c is None else c) for c in cutoffs]
 
-    def recorded(self) -> tuple[tuple[Look, ...], FloatArray]:
+    def recorded(self) -> list[Observed]:
+        """The recording, as the battery looks at it."""
         case = self.case
-        values = self._all(
+        return self._observed(
             case.positions_nm, case.references_nm, case.fit.model.data, case.fit.expected
         )
-        return tuple(look for look, _ in values), np.array([value for _, value in values])
 
-    def simulated(self, other: Twin) -> FloatArray:
+    def simulated(self, twin: Twin) -> list[Observed]:
+        """A simulation, reduced and fitted as the recording was."""
         case = self.case
         data = tuple(
             plateau_data(x, case.frame_s, phi)
-            for x, phi in zip(other.positions_nm, case.phi, strict=True)
+            for x, phi in zip(twin.positions_nm, case.phi, strict=True)
         )
         expected = nearby_fit(case.fit, data)
-        values = self._all(other.positions_nm, other.references_nm, data, expected)
-        return np.array([value for _, value in values])
+        return self._observed(twin.positions_nm, twin.references_nm, data, expected)
 
-    def _all(
+    def _observed(
         self,
         positions: tuple[FloatArray, ...],
         references: tuple[FloatArray, ...] | None,
         data: tuple[PlateauData, ...],
         expected: list[Expectation],
-    ) -> list[tuple[Look, float]]:
-        seen = [
+    ) -> list[Observed]:
+        return [
             Observed(
                 position,
                 None if references is None else references[i],
@@ -126,10 +152,13 @@ class _Battery:
             )
             for i, position in enumerate(positions)
         ]
+
+    def looks(self, seen: list[Observed]) -> tuple[tuple[Look, ...], FloatArray]:
+        """All looks, and their values."""
         if self.edges_hz is None:
             self.edges_hz = spectral.band_edges_hz(seen)
         single = [whitened(one) for one in seen]
-        return [
+        values = [
             *spectral.bands(seen, self.edges_hz),
             *spectral.lines(seen, single),
             *spectral.between_axes(seen),
@@ -141,6 +170,7 @@ class _Battery:
             *agreement.per_trace(seen, self.projection),
             *agreement.extensions(seen),
         ]
+        return tuple(look for look, _ in values), np.array([value for _, value in values])
 
 
 def _projections(case: Case) -> list[list[FloatArray]]:

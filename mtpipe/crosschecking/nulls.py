@@ -39,54 +39,56 @@ class Nulls:
         """How many."""
         return len(self.values)
 
-    def quantile_scores(self, observed: FloatArray) -> FloatArray:
-        """Standard normal scores of observed values (statistics,), before finite numbers count."""
-        mean, spread = self._mean(), self._spread()
-        return _normal_score((observed - mean) / spread, self._skewness())
-
     def p_values(self, observed: FloatArray) -> FloatArray:
         """(statistics,) p-value of each, two-sided where both ways are odd."""
         s = self.simulations
-        score = self.quantile_scores(observed) / np.sqrt(1 + 1 / s)
-        return self._tail(score, s - 1)
+        mean = self.values.mean(axis=0)
+        deviation = self.values - mean
+        square, cube = np.sum(deviation**2, axis=0), np.sum(deviation**3, axis=0)
+        return self._p_values(observed - mean, square, cube, s)
 
     def own_p_values(self) -> FloatArray:
         """(simulations, statistics) p-values of each simulation judged by all the others."""
         s = self.simulations
-        deviation = (self.values - self._mean()) * s / (s - 1)
-        total = self._spread() ** 2 * (s - 1)
-        spread = np.sqrt(np.maximum(total - deviation**2 * (s - 1) / s, 1e-12 * total) / (s - 2))
-        score = _normal_score(deviation / spread, self._skewness()) / np.sqrt(1 + 1 / (s - 1))
-        return self._tail(score, s - 2)
+        deviation = self.values - self.values.mean(axis=0)
+        square, cube = np.sum(deviation**2, axis=0), np.sum(deviation**3, axis=0)
+        # sums about the mean of the others, which is moved by −deviation/(s − 1)
+        moved = deviation / (s - 1)
+        others_square = square - deviation**2 - (s - 1) * moved**2
+        others_cube = (
+            cube - deviation**3 + 3 * moved * (square - deviation**2) - 2 * (s - 1) * moved**3
+        )
+        return self._p_values(deviation + moved, others_square, others_cube, s - 1)
 
-    def _mean(self) -> FloatArray:
-        return np.asarray(self.values.mean(axis=0))
-
-    def _spread(self) -> FloatArray:
-        spread = self.values.std(axis=0, ddof=1)
-        return np.asarray(np.maximum(spread, 1e-9 * (1 + np.abs(self._mean()))))
-
-    def _skewness(self) -> FloatArray:
-        s = self.simulations
-        raw = np.mean(((self.values - self._mean()) / self._spread()) ** 3, axis=0)
+    def _p_values(
+        self, deviation: FloatArray, square: FloatArray, cube: FloatArray, s: int
+    ) -> FloatArray:
+        """p-values of deviations from the mean of s values, given the sums of their powers."""
+        least = (1e-9 * (1 + np.abs(self.values).max(axis=0))) ** 2
+        variance = np.maximum(square / (s - 1), least)
+        raw = cube / s / variance**1.5
         shrunk = raw * s / (s + SYMMETRIC_BEFOREHAND)
-        return np.asarray(np.clip(shrunk, -LARGEST_SKEWNESS, LARGEST_SKEWNESS))
-
-    def _tail(self, score: FloatArray, freedom: int) -> FloatArray:
-        one = stats.t.sf(score, freedom)
-        both = 2 * stats.t.sf(np.abs(score), freedom)
+        skewness = np.clip(shrunk, -LARGEST_SKEWNESS, LARGEST_SKEWNESS)
+        score = _normal_score(deviation / np.sqrt(variance), skewness) / np.sqrt(1 + 1 / s)
+        one = stats.t.sf(score, s - 1)
+        both = 2 * stats.t.sf(np.abs(score), s - 1)
         return np.asarray(np.clip(np.where(self.upper, one, both), SMALLEST_P, 1.0))
 
 
 def _normal_score(standardised: FloatArray, skewness: FloatArray) -> FloatArray:
-    """Standard normal scores of values of mean 0, spread 1 and a skewness (Pearson type III)."""
+    """Standard normal scores of values of mean 0, spread 1 and a skewness (Pearson type III).
+
+    That law ends on its short side. Where it does is not known from few values, so on that side no
+    score is larger than that of a normal law.
+    """
     skewed = np.abs(skewness) > LEAST_SKEWNESS
     g = np.where(skewed, np.abs(skewness), 1.0)
     sign = np.where(skewness < 0, -1.0, 1.0)
     # Wilson & Hilferty 1931: the cube root of a gamma variate is nearly normal, far into the tails
     shape = 4 / g**2
-    level = np.maximum(1 + sign * standardised * g / 2, 1e-3)
-    score = sign * (np.cbrt(level) - 1 + 1 / (9 * shape)) * 3 * np.sqrt(shape)
+    level = np.maximum(1 + sign * standardised * g / 2, 0.0)
+    score = (np.cbrt(level) - 1 + 1 / (9 * shape)) * 3 * np.sqrt(shape)
+    score = sign * np.maximum(score, np.minimum(sign * standardised, 0.0))
     return np.asarray(np.where(skewed, score, standardised))
 
 

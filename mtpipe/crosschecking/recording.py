@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import hashlib
+import itertools
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 import pandas as pd
@@ -12,10 +13,16 @@ import pandas as pd
 from mtpipe.crosschecking.case import prepare
 from mtpipe.crosschecking.check import BeadCheck, check_bead
 from mtpipe.errors import MtpipeError
+from mtpipe.processes import executor
 from mtpipe.recording import Recording
 
 Progress = Callable[[int, int], None]
 INTERVAL_95 = (0.025, 0.975)
+COLUMNS = (
+    "bead", "statistic", "axis", "plateau", "magnet_mm", "band_low_hz", "band_high_hz",
+    "time_low_s", "time_high_s", "value", "simulated_median", "simulated_low", "simulated_high",
+    "p_value", "extrapolated", "simulations", "bead_p_value",
+)  # fmt: skip
 
 
 @dataclass(frozen=True)
@@ -41,11 +48,17 @@ class CrossCheck:
         of the row alone; `bead_p_value` that of the whole bead, all looks accounted for.
         `extrapolated`: smaller than the number of simulations supports without a fitted tail.
         """
-        return pd.DataFrame([row for check in self.beads.values() for row in _rows(check)])
+        rows = [row for check in self.beads.values() for row in _rows(check)]
+        table = pd.DataFrame(rows, columns=list(COLUMNS))
+        return table.astype({"plateau": "Int64"})
 
 
 def crosscheck(
-    recording: Recording, *, seed: int = 0, progress: Progress | None = None
+    recording: Recording,
+    *,
+    seed: int = 0,
+    workers: int = 1,
+    progress: Progress | None = None,
 ) -> CrossCheck:
     """Compare every tethered bead of a recording with simulations of the configured experiment.
 
@@ -53,20 +66,46 @@ def crosscheck(
     ----------
     recording : with the drift subtracted (`mtpipe.subtract_drift`).
     seed : of the simulations; each bead's own derives from it.
+    workers : processes, over which beads are spread. More than one needs the usual guard
+        `if __name__ == "__main__":` in a script that calls this.
     progress : called with (beads done, of how many).
     """
+    beads = recording.tethered
+    say = progress or (lambda done, total: None)
+    say(0, len(beads))
     checks: dict[str, BeadCheck] = {}
     refused: dict[str, str] = {}
-    for i, bead in enumerate(recording.tethered):
-        if progress is not None:
-            progress(i, len(recording.tethered))
-        try:
-            checks[bead] = check_bead(prepare(recording, bead), bead_generator(seed, bead))
-        except MtpipeError as error:
-            refused[bead] = str(error)
-    if progress is not None:
-        progress(len(recording.tethered), len(recording.tethered))
+    with executor(min(workers, len(beads))) as pool:
+        done = itertools.count(1)
+        futures = {}
+        for bead in beads:
+            futures[bead] = pool.submit(_check, _alone(recording, bead), bead, seed)
+            futures[bead].add_done_callback(lambda _: say(next(done), len(beads)))
+        for bead, future in futures.items():
+            outcome = future.result()
+            if isinstance(outcome, BeadCheck):
+                checks[bead] = outcome
+            else:
+                refused[bead] = outcome
     return CrossCheck(recording.name, checks, refused)
+
+
+def _check(recording: Recording, bead: str, seed: int) -> BeadCheck | str:
+    """The check of a bead, or in words why there is none."""
+    try:
+        case = prepare(recording, bead)
+        return check_bead(case, bead_generator(seed, bead), with_curves=True)
+    except MtpipeError as error:
+        return str(error)
+
+
+def _alone(recording: Recording, bead: str) -> Recording:
+    """The recording with this tethered bead only, which is all that its check reads."""
+    kept = (bead, *recording.setup.beads.reference)
+    return replace(
+        recording,
+        positions_nm={name: xyz for name, xyz in recording.positions_nm.items() if name in kept},
+    )
 
 
 def bead_generator(seed: int, bead: str) -> np.random.Generator:

@@ -1,28 +1,34 @@
 """The simulated counterpart of a recorded bead: same plateaus, same camera, same lost frames.
 
 The whole recording is simulated, moves of the magnets included, so that a plateau begins where the
-one before left the bead. The reference's noise goes through the same low-pass as in the recording
-and is subtracted. The stage itself is left out: below the cutoff it is subtracted, above it is less
-than the noise that the subtraction adds, by the choice of the cutoff.
+one before left the bead. Bead and reference share a stage that moves at random as in the recording;
+the reference, with its noise, goes through the same low-pass and is subtracted.
 """
 
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
-from mtpipe.configured.model import LEAST_HEIGHT_STDERR_NM
+from mtpipe.configured.model import LEAST_HEIGHT_STDERR_NM, force_course
+from mtpipe.configured.parameters import UPWARD_FRICTION_STDERR, UPWARD_VARIANCE_STDERR
 from mtpipe.crosschecking.case import Case, described
 from mtpipe.drift.lowpass import low_pass
+from mtpipe.experiment.description import Allowance, Experiment
 from mtpipe.experiment.state import bead_state
 from mtpipe.physics.camera import FloatArray
 from mtpipe.simulation.linear import simulate_motion
+from mtpipe.simulation.readout import kept_frames, recorded, reference_motion
 
 # Moves are cut into stretches of constant force, and longer ones need not be simulated whole.
 MOVE_PIECES = 4
 LONGEST_MOVE_S = 30.0
+# Stretches of constant force that stand for a plateau during which it changes.
+COURSE_PIECES = 24
+# Points of equal weight with unit variance and no correlation.
+VARIANTS = ((1.4, 0.0), (-1.4, 0.0), (0.0, 1.4), (0.0, -1.4))
 
 
 @dataclass(frozen=True, eq=False)
@@ -39,44 +45,79 @@ class TwinMaker:
     def __init__(self, case: Case) -> None:
         self.case = case
         self.experiment = described(case)
-        stretches, self.slices = _timetable(case)
-        self.stretches = [(bead_state(self.experiment, force), n) for force, n in stretches]
+        # where frames are dropped, more have to be simulated than the file has
+        self.stretch = 1 / (1 - self.experiment.clock.dropped_share)
+        stretches, self.slices = _timetable(case, self.experiment, self.stretch)
+        # what theory of z is not trusted to, every simulation has otherwise
+        self.variants = [
+            [(bead_state(other, force), n) for force, n in stretches]
+            for other in _varied(self.experiment)
+        ]
+        self.force_pN = np.repeat([force for force, _ in stretches], [n for _, n in stretches])
 
     def draw(self, random: np.random.Generator) -> Twin:
         """Simulate once."""
         case, experiment = self.case, self.experiment
-        motion = simulate_motion(self.stretches, experiment.camera, random)
-        motion += np.asarray(experiment.tracker.noise_nm) * random.normal(size=motion.shape)
-        motion[:, 2] += experiment.optics.z_zero_nm
+        chosen = random.integers(len(self.variants), size=len(self.variants[0]))
+        stretches = [self.variants[k][i] for i, k in enumerate(chosen)]
+        motion = simulate_motion(stretches, experiment.camera, random)
+        motion = recorded(motion, self.force_pN, experiment, random)
+        own = reference_motion(experiment, len(motion), random)
         rest = np.zeros_like(motion)
         subtraction = case.fit.model.subtraction
         rate = 1 / case.frame_s
         for axis in range(3):
-            size = subtraction.noise_nm[axis]
-            if size == 0:
+            noise_nm, cutoff_hz = subtraction.noise_nm[axis], subtraction.cutoff_hz[axis]
+            walk_nm = case.stage_nm_per_root_s[axis] if cutoff_hz is not None else 0.0
+            if noise_nm == 0 and walk_nm == 0 and not own[:, axis].any():
                 continue
-            noise = size * random.normal(size=len(motion))
-            slow = low_pass(noise, rate, subtraction.cutoff_hz[axis])
-            motion[:, axis] -= slow
-            rest[:, axis] = noise - slow
+            stage = walk_nm * math.sqrt(case.frame_s) * np.cumsum(random.normal(size=len(motion)))
+            reference = stage + own[:, axis] + noise_nm * random.normal(size=len(motion))
+            slow = low_pass(reference, rate, cutoff_hz)
+            motion[:, axis] += stage - slow
+            rest[:, axis] = reference - slow
         positions = []
         references = []
-        for piece, recorded in zip(self.slices, case.positions_nm, strict=True):
-            seen = np.where(np.isfinite(recorded), motion[piece], np.nan)
+        dropped = experiment.clock.dropped_share
+        for piece, real in zip(self.slices, case.positions_nm, strict=True):
+            rows = np.minimum(kept_frames(len(real), dropped, random), piece.stop - piece.start - 1)
+            seen = np.where(np.isfinite(real), motion[piece][rows], np.nan)
             # the fit does not believe heights better than this, so neither may the simulation be
             seen[:, 2] += LEAST_HEIGHT_STDERR_NM * random.normal()
             positions.append(seen)
-            references.append(rest[piece])
+            references.append(rest[piece][rows])
         return Twin(tuple(positions), None if case.references_nm is None else tuple(references))
 
 
-def _timetable(case: Case) -> tuple[list[tuple[float, int]], list[slice]]:
-    """Stretches (force, frames) of the recording, and where its plateaus lie in them."""
+def _varied(experiment: Experiment) -> list[Experiment]:
+    """The experiment with z's friction and variance off by up to what is allowed."""
+    allowance = experiment.allowance
+    return [
+        replace(
+            experiment,
+            allowance=Allowance(
+                allowance.upward_friction * math.exp(a * UPWARD_FRICTION_STDERR),
+                allowance.upward_variance * math.exp(b * UPWARD_VARIANCE_STDERR),
+            ),
+        )
+        for a, b in VARIANTS
+    ]
+
+
+def _timetable(
+    case: Case, experiment: Experiment, stretch: float
+) -> tuple[list[tuple[float, int]], list[slice]]:
+    """Stretches (force, frames) of the recording, and where its plateaus lie in them.
+
+    Parameters
+    ----------
+    stretch : how many times longer a plateau is simulated than it was recorded.
+    """
     forces = [float(f) for f in case.fit.force_pN]
     stretches: list[tuple[float, int]] = []
     slices: list[slice] = []
     at = 0
-    for i, (start, recorded) in enumerate(zip(case.starts, case.positions_nm, strict=True)):
+    for i, (start, real) in enumerate(zip(case.starts, case.positions_nm, strict=True)):
         if i:
             gap = start - case.starts[i - 1] - len(case.positions_nm[i - 1])
             gap = min(max(gap, 0), round(LONGEST_MOVE_S / case.frame_s))
@@ -86,7 +127,12 @@ def _timetable(case: Case) -> tuple[list[tuple[float, int]], list[slice]]:
                 force = forces[i - 1] * math.exp(ratio * (k + 0.5) / len(pieces))
                 stretches.append((force, frames))
             at += gap
-        stretches.append((forces[i], len(recorded)))
-        slices.append(slice(at, at + len(recorded)))
-        at += len(recorded)
+        frames = len(real) if stretch == 1 else math.ceil(1.05 * stretch * len(real)) + 50
+        change = experiment.magnets.relative_change
+        parts = COURSE_PIECES if change else 1
+        course = force_course(experiment.magnets.course, parts) if change else np.zeros(1)
+        for part, rows in zip(course, np.array_split(np.arange(frames), parts), strict=True):
+            stretches.append((forces[i] * (1 + change * float(part)), len(rows)))
+        slices.append(slice(at, at + frames))
+        at += frames
     return stretches, slices

@@ -15,7 +15,7 @@ def _hypotheses(experiment: Experiment, evidence: Evidence) -> list[Hypothesis]:
         return []
     forces = sorted(evidence.force_pN)
     found = []
-    for force in forces[1:-1] or forces:
+    for force in forces[1:-1:2] or forces:
         start = replace(experiment, hopping=Hopping(STEP_NM, force, RATE_HZ))
         bounds = (0.5 * forces[0], 2 * forces[-1])
         found.append(

@@ -149,6 +149,18 @@ class Clock:
 
 
 @dataclass(frozen=True)
+class Allowance:
+    """How far z's own motion is from what theory says: factors on its friction and its variance.
+
+    One, but for fits and simulations that may not trust theory further than it holds: Brenner's
+    series, the chain's formula and time steps of other simulators are good to some percent in z.
+    """
+
+    upward_friction: float = 1.0
+    upward_variance: float = 1.0
+
+
+@dataclass(frozen=True)
 class Rest:
     """A plateau: the magnets rest at a position, and pull with a force for so many frames."""
 
@@ -184,3 +196,4 @@ class Experiment:
     magnets: Magnets = Magnets()
     hopping: Hopping | None = None
     clock: Clock = Clock()
+    allowance: Allowance = Allowance()

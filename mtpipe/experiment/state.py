@@ -101,7 +101,8 @@ def bead_state(experiment: Experiment, force_pN: float) -> BeadState:
     # heights where the bead spends its time; the outermost are not below the surface
     heights = np.maximum(extension + np.sqrt(variance) * _HEIGHTS, LEAST_SHARE * extension)
     motion = LinearMotion(stiffness, _friction(experiment, heights, len(stiffness)), readout)
-    axial = _axial(experiment, force_pN, extension, straight)
+    allowed = straight * experiment.allowance.upward_variance
+    axial = _axial(experiment, force_pN, extension, allowed)
     return BeadState(force_pN, extension, motion, normal_modes(motion, energy), bending, axial)
 
 
@@ -171,6 +172,7 @@ def _axial(
         wall=fluid.wall,
         upright=True,
     )
+    friction = friction * experiment.allowance.upward_friction
     mobility = np.array(np.broadcast_to(1 / friction, height.shape))
     density = weight / (height[1] - height[0])
     return AxialMotion(height, density, mobility, fluid.thermal_energy_pN_nm)

@@ -44,19 +44,11 @@ class AxialMotion:
     @functools.cached_property
     def modes(self) -> tuple[FloatArray, FloatArray]:
         """Relaxation times (modes,) in s, slowest first, and the variance of each in nm²."""
-        between = np.sqrt(self.mobility_nm_per_s_pN[1:] * self.mobility_nm_per_s_pN[:-1])
-        rate = self.thermal_energy_pN_nm * between / self.step_nm**2
-        uphill = np.sqrt(self.density[1:] / self.density[:-1])
-        diagonal = np.zeros_like(self.density)
-        diagonal[:-1] += rate * uphill
-        diagonal[1:] += rate / uphill
-        n = len(self.density)
+        diagonal, beside = self._relaxation
         rates, vectors = eigh_tridiagonal(
-            diagonal, -rate, select="i", select_range=(1, min(MODES, n - 1))
+            diagonal, beside, select="i", select_range=(1, min(MODES, len(diagonal) - 1))
         )
-        weight = np.sqrt(self.density * self.step_nm)
-        mean = float(np.sum(weight**2 * self.height_nm))
-        deviation = self.height_nm - mean
+        weight, deviation = self._weight, self._deviation_nm
         variance = (vectors.T @ (weight * deviation)) ** 2
         # all faster modes as one: the variance left, and the speed at which correlation begins to
         # fall, which is the mean diffusivity
@@ -68,3 +60,45 @@ class AxialMotion:
             np.append(1 / rates, 1 / fastest),
             np.append(variance, max(left, 0.0)),
         )
+
+    def third_cumulant_nm3(self, exposure_s: float) -> float:
+        """Third cumulant of the mean height over an exposure.
+
+        Three times within the exposure, in order, are joined by two relaxations.
+        """
+        rates, vectors = eigh_tridiagonal(*self._relaxation)
+        weight, deviation = self._weight, self._deviation_nm
+        # an exposure of a hundredth of a relaxation time is none
+        relaxations = np.maximum(rates[1:] * exposure_s, 0.01)
+        reached = vectors[:, 1:].T @ (weight * deviation)
+        turned = vectors[:, 1:].T @ (deviation[:, None] * vectors[:, 1:])
+        one, other = np.meshgrid(relaxations, relaxations, indexing="ij")
+        return float(6 * reached @ (turned * _two_relaxations(one, other)) @ reached)
+
+    @property
+    def _weight(self) -> FloatArray:
+        """(n,) the eigenvector of equilibrium."""
+        return np.asarray(np.sqrt(self.density * self.step_nm))
+
+    @property
+    def _deviation_nm(self) -> FloatArray:
+        return np.asarray(self.height_nm - float(np.sum(self._weight**2 * self.height_nm)))
+
+    @property
+    def _relaxation(self) -> tuple[FloatArray, FloatArray]:
+        """Diagonal (n,) and what is beside it (n - 1,) of the symmetric matrix of rates."""
+        between = np.sqrt(self.mobility_nm_per_s_pN[1:] * self.mobility_nm_per_s_pN[:-1])
+        rate = self.thermal_energy_pN_nm * between / self.step_nm**2
+        uphill = np.sqrt(self.density[1:] / self.density[:-1])
+        diagonal = np.zeros_like(self.density)
+        diagonal[:-1] += rate * uphill
+        diagonal[1:] += rate / uphill
+        return diagonal, -rate
+
+
+def _two_relaxations(a: FloatArray, b: FloatArray) -> FloatArray:
+    """∫∫ (1 − s − t) e^(−a s − b t) over s, t ≥ 0 with s + t ≤ 1."""
+    apart = np.where(np.abs(b - a) < 1e-4 * a, 1e-4 * a, b - a)
+    b = a + apart
+    late = np.exp(-a) / a**2 - np.exp(-b) / b**2
+    return np.asarray(1 / (a * b) - (a + b) / (a * b) ** 2 + late / apart)

@@ -72,6 +72,24 @@ COLUMNS: Mapping[str, tuple[str, ...]] = {
         *("offset_nm", "force_low_pN", "force_high_pN"),
         *("points", "chi2", "dof", "p_value", "recommended"),
     ),
+    "crosscheck.parquet": (
+        *("bead", "statistic", "axis", "plateau", "magnet_mm", "band_low_hz", "band_high_hz"),
+        *("time_low_s", "time_high_s", "value"),
+        *("simulated_median", "simulated_low", "simulated_high"),
+        *("p_value", "extrapolated", "simulations", "bead_p_value"),
+    ),
+    "details/crosscheck_spectrum.parquet": (
+        *("bead", "plateau", "axis", "frequency_hz", "power_nm2_per_hz"),
+        *("simulated_nm2_per_hz", "simulated_low_nm2_per_hz", "simulated_high_nm2_per_hz"),
+    ),
+    "details/crosscheck_histogram.parquet": (
+        *("bead", "plateau", "axis", "deviation_nm", "density_per_nm"),
+        *("simulated_per_nm", "simulated_low_per_nm", "simulated_high_per_nm"),
+    ),
+    "details/crosscheck_allan.parquet": (
+        *("bead", "plateau", "axis", "averaged_s", "variance_nm2"),
+        *("simulated_nm2", "simulated_low_nm2", "simulated_high_nm2"),
+    ),
 }  # fmt: skip
 
 
@@ -94,6 +112,10 @@ class RunFolder:
     references: pd.DataFrame
     posteriors: pd.DataFrame
     force_extension: pd.DataFrame
+    crosscheck: pd.DataFrame
+    crosscheck_spectrum: pd.DataFrame
+    crosscheck_histogram: pd.DataFrame
+    crosscheck_allan: pd.DataFrame
 
     def notices_of(self, bead: str) -> tuple[Notice, ...]:
         """The notices that concern one bead."""

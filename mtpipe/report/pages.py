@@ -15,7 +15,7 @@ from typing import Any
 from jinja2 import Environment, PackageLoader, StrictUndefined
 
 from mtpipe.files import folder_written_whole
-from mtpipe.report import rows, rows_drift, rows_methods, words
+from mtpipe.report import rows, rows_crosscheck, rows_drift, rows_methods, words
 from mtpipe.report.captions import agreement_caption, trace_captions
 from mtpipe.report.figures_agreement import agreement_figure
 from mtpipe.report.figures_bead import (
@@ -23,6 +23,7 @@ from mtpipe.report.figures_bead import (
     traces_figure,
     valid_range,
 )
+from mtpipe.report.figures_crosscheck import curves_figure, map_figure
 from mtpipe.report.figures_run import drift_figure, forces_figure
 from mtpipe.report.figures_trace import posterior_figure, spectrum_figure
 from mtpipe.report.folder import RunFolder, read_run_folder, records
@@ -169,10 +170,14 @@ def _bead_page(run: RunFolder, row: rows.BeadRow) -> dict[str, Any]:
         )
         if (key := f"{plateau}/{axis}") in forces
     }
+    checked = rows_crosscheck.crosscheck_rows(run, bead)
+    if checked.done:
+        figures["crosscheck"] = map_figure(checked)
     usable = [key for key, force in forces.items() if force["status"] != "refused"]
     figures = {name: figure for name, figure in figures.items() if figure["data"]}
     return {
         "row": row,
+        "checked": checked,
         "plateaus": plateaus,
         "methods": methods,
         "by_method": by_method,
@@ -188,7 +193,11 @@ def _bead_page(run: RunFolder, row: rows.BeadRow) -> dict[str, Any]:
         "charts": {
             "arrays": arrays.packed(),
             "figures": figures,
-            "choices": {"spectrum": spectra, "posterior": posteriors},
+            "choices": {
+                "spectrum": spectra,
+                "posterior": posteriors,
+                "crosscheck": _crosscheck_curves(arrays, run, bead),
+            },
             "captions": {
                 f"{p.plateau}/{a.axis}": trace_captions(
                     forces[f"{p.plateau}/{a.axis}"],
@@ -202,6 +211,22 @@ def _bead_page(run: RunFolder, row: rows.BeadRow) -> dict[str, Any]:
         },
         "drawn": figures,
         "axes": [axis for axis in "xyz" if any(key.endswith(axis) for key in forces)],
+    }
+
+
+def _crosscheck_curves(arrays: Arrays, run: RunFolder, bead: str) -> dict[str, Any]:
+    """Recorded and simulated curves, by plateau and axis."""
+    parts = [
+        {
+            f"{plateau}/{axis}": table
+            for (plateau, axis), table in whole[whole["bead"] == bead].groupby(["plateau", "axis"])
+        }
+        for whole in (run.crosscheck_spectrum, run.crosscheck_histogram, run.crosscheck_allan)
+    ]
+    return {
+        key: curves_figure(arrays, [part[key] for part in parts], key.split("/")[1])
+        for key in parts[0]
+        if all(key in part for part in parts)
     }
 
 

@@ -3,23 +3,26 @@
 A step solves the motion linearised at the bead's height exactly, so steps may be a fifth of the
 relaxation time (local linearisation, Ozaki 1992). Where a frame holds too many relaxation times for
 that, only the mean over the exposure is seen, which is nearly Gaussian: then the relaxation modes
-are drawn, each exactly.
+are drawn, each exactly, and their sum is bent to the skewness that the mean has.
 """
 
 from __future__ import annotations
 
+import functools
 import math
 
 import numpy as np
-from scipy import interpolate
+from scipy import interpolate, optimize
 
 from mtpipe.physics.axial import AxialMotion
-from mtpipe.physics.camera import Camera, FloatArray
+from mtpipe.physics.camera import Camera, FloatArray, frame_variance
 from mtpipe.physics.langevin import mode_path
 
 STEP_RELAXATIONS = 0.2
 MOST_STEPS = 150
 TABLE = 512
+# A parabola of a Gaussian variable, monotonic where it matters, is no more skewed than this.
+MOST_SKEWED = 1.5
 
 
 def simulate_heights(
@@ -42,10 +45,10 @@ def simulate_heights(
         # so long after one another, instantaneous heights know nothing of each other
         return _drawn(motion, frames, random), mean
     if steps > MOST_STEPS:
-        heights = np.full(frames, mean)
+        heights = np.zeros(frames)
         for tau, one in zip(tau_s, variance, strict=True):
             heights += math.sqrt(one) * mode_path(float(tau), camera, frames, random).averages[0]
-        return heights, mean
+        return mean + _skewed(heights, *_averaged(motion, camera)), mean
     from mtpipe.simulation.axial_steps import averaged_heights
 
     steps = max(steps, 2)
@@ -57,8 +60,7 @@ def simulate_heights(
             steps += 1
             exposed = max(1, round(steps * camera.exposure_s / camera.frame_s))
     low, high = float(motion.height_nm[0]), float(motion.height_nm[-1])
-    table = np.linspace(low, high, TABLE)
-    move, spread = _tables(motion, table, camera.frame_s / steps)
+    move, spread = _tables(motion, camera.frame_s / steps)
     if start_nm is None:
         start_nm = float(_drawn(motion, 1, random)[0])
     heights, end = averaged_heights(
@@ -82,10 +84,35 @@ def _drawn(motion: AxialMotion, count: int, random: np.random.Generator) -> Floa
     return np.asarray(drawn + motion.step_nm / 2)
 
 
-def _tables(
-    motion: AxialMotion, table_nm: FloatArray, step_s: float
-) -> tuple[FloatArray, FloatArray]:
-    """Mean move and spread of one step, at each height of a table."""
+@functools.lru_cache(maxsize=128)
+def _averaged(motion: AxialMotion, camera: Camera) -> tuple[float, float]:
+    """Variance and third cumulant of heights averaged over an exposure."""
+    variance = sum(
+        float(frame_variance(one, tau, camera)) for tau, one in zip(*motion.modes, strict=True)
+    )
+    return variance, motion.third_cumulant_nm3(camera.exposure_s)
+
+
+def _skewed(gaussian: FloatArray, variance: float, third: float) -> FloatArray:
+    """A Gaussian series of this variance bent so that it has this third cumulant as well.
+
+    Of y = c (g + b (g² − σ²)) the variance is c² (σ² + 2 b² σ⁴), and the third cumulant
+    c³ (6 b σ⁴ + 8 b³ σ⁶).
+    """
+    if variance <= 0:
+        return gaussian
+    skewness = float(np.clip(third / variance**1.5, -MOST_SKEWED, MOST_SKEWED))
+    bend = optimize.brentq(
+        lambda b: (6 * b + 8 * b**3) / (1 + 2 * b**2) ** 1.5 - skewness, -0.5, 0.5
+    )
+    unit = gaussian / math.sqrt(variance)
+    return np.asarray(math.sqrt(variance / (1 + 2 * bend**2)) * (unit + bend * (unit**2 - 1)))
+
+
+@functools.lru_cache(maxsize=128)
+def _tables(motion: AxialMotion, step_s: float) -> tuple[FloatArray, FloatArray]:
+    """(TABLE,) mean move and spread of one step, at heights from the lowest to the highest."""
+    table_nm = np.linspace(float(motion.height_nm[0]), float(motion.height_nm[-1]), TABLE)
     energy = motion.thermal_energy_pN_nm
     log_density = interpolate.CubicSpline(motion.height_nm, np.log(motion.density))
     mobility = interpolate.CubicSpline(motion.height_nm, motion.mobility_nm_per_s_pN)

@@ -9,9 +9,11 @@ swings, and moves itself in the chain's potential (`mtpipe.simulation.axial`). W
 
 from __future__ import annotations
 
+import functools
 import itertools
 import math
 from collections.abc import Sequence
+from dataclasses import dataclass
 
 import numpy as np
 from scipy.sparse.csgraph import connected_components
@@ -71,6 +73,60 @@ def _mean(state: BeadState) -> FloatArray:
     return mean
 
 
+@dataclass(frozen=True, eq=False)
+class _Product:
+    """Two modes whose product moves z, by `weight`; `offset` is taken off its mean."""
+
+    first: int
+    second: int
+    weight: float
+    offset: float
+
+
+@dataclass(frozen=True, eq=False)
+class _Plan:
+    """What of a state and a camera does not change from simulation to simulation.
+
+    Attributes
+    ----------
+    amplitude_nm : (3, d). blocks : modes that bend z together, the parts in which an exposure is
+        averaged for them, and their products. within : `_within_parts` of all products.
+    """
+
+    amplitude_nm: FloatArray
+    blocks: tuple[tuple[tuple[int, ...], int, tuple[_Product, ...]], ...]
+    within: tuple[float, float]
+
+
+@functools.lru_cache(maxsize=128)
+def _plan(state: BeadState, camera: Camera) -> _Plan:
+    modes = state.modes
+    q = modes.quadratic(state.bending)
+    q = np.where(np.abs(q) > ROUNDING * np.abs(q).max(), q, 0.0)
+    amplitude = modes.amplitude_nm
+    amplitude = np.where(np.abs(amplitude) > ROUNDING * np.abs(amplitude).max(), amplitude, 0.0)
+    within = np.zeros(2)
+    blocks = []
+    for block in _blocks(q):
+        if state.upward in block:
+            continue
+        # the mode that bends z most sets how finely its square is followed
+        leading = max(block, key=lambda i: abs(q[i, i]))
+        part_count = _parts(camera.exposure_s / float(modes.tau_s[leading]))
+        products = []
+        for i, j in itertools.combinations_with_replacement(block, 2):
+            if q[i, j] == 0:
+                continue
+            weight = float(q[i, j]) * (0.5 if i == j else 1.0)
+            taus = float(modes.tau_s[i]), float(modes.tau_s[j])
+            within += (2 if i == j else 1) * weight**2 * _within_parts(taus, camera, part_count)
+            # the mean of what the square has within a part is taken off here already
+            kept = blur_factor(camera.exposure_s / part_count / taus[0]) if i == j else 0.0
+            products.append(_Product(i, j, weight, float(kept)))
+        blocks.append((tuple(block), part_count, tuple(products)))
+    return _Plan(amplitude, tuple(blocks), (float(within[0]), float(within[1])))
+
+
 def _stretch(
     state: BeadState,
     camera: Camera,
@@ -79,25 +135,14 @@ def _stretch(
     start: FloatArray | None,
 ) -> tuple[FloatArray, FloatArray]:
     """(frames, 3) motion, and the modes at its end."""
-    modes = state.modes
-    q = modes.quadratic(state.bending)
-    q = np.where(np.abs(q) > ROUNDING * np.abs(q).max(), q, 0.0)
-    amplitude = modes.amplitude_nm
-    amplitude = np.where(np.abs(amplitude) > ROUNDING * np.abs(amplitude).max(), amplitude, 0.0)
+    plan, modes, up = _plan(state, camera), state.modes, state.upward
     recorded = np.zeros((3, frames))
     end = np.empty(len(modes.tau_s))
-    up = state.upward
     of_one = float(modes.shape[UP, up])
     before = None if start is None else state.extension_nm + of_one * float(start[up])
     recorded[2], last = simulate_heights(state.axial, camera, frames, random, before)
     end[up] = (last - state.extension_nm) / of_one
-    within = np.zeros(2)
-    for block in _blocks(q):
-        if up in block:
-            continue
-        # the mode that bends z most sets how finely its square is followed
-        leading = max(block, key=lambda i: abs(q[i, i]))
-        part_count = _parts(camera.exposure_s / float(modes.tau_s[leading]))
+    for block, part_count, products in plan.blocks:
         paths = {
             i: mode_path(
                 float(modes.tau_s[i]),
@@ -112,20 +157,12 @@ def _stretch(
         for i in block:
             end[i] = paths[i].end
             mean = paths[i].averages.mean(axis=0)
-            for axis in np.flatnonzero(amplitude[:, i]):
-                recorded[axis] += amplitude[axis, i] * mean
-        for i, j in itertools.combinations_with_replacement(block, 2):
-            if q[i, j] == 0:
-                continue
-            product = np.mean(paths[i].averages * paths[j].averages, axis=0)
-            if i == j:
-                # the mean of what the square has within a part is taken off here already
-                product -= float(blur_factor(camera.exposure_s / part_count / modes.tau_s[i]))
-            weight = q[i, j] * (0.5 if i == j else 1.0)
-            recorded[2] += weight * product
-            taus = float(modes.tau_s[i]), float(modes.tau_s[j])
-            within += (2 if i == j else 1) * weight**2 * _within_parts(taus, camera, part_count)
-    recorded[2] += _moving_average(float(within[0]), float(within[1]), frames, random)
+            for axis in np.flatnonzero(plan.amplitude_nm[:, i]):
+                recorded[axis] += plan.amplitude_nm[axis, i] * mean
+        for one in products:
+            averages = paths[one.first].averages * paths[one.second].averages
+            recorded[2] += one.weight * (np.mean(averages, axis=0) - one.offset)
+    recorded[2] += _moving_average(*plan.within, frames, random)
     return recorded.T, end
 
 

@@ -1,0 +1,223 @@
+"""Why a recording is not what its configured experiment would have given.
+
+Effects of the catalogue are fitted one at a time to all traces together; the one that gains most is
+kept if it earns its parameters, and the search goes on from there until the battery no longer
+objects or nothing helps. Each effect kept is then asked again whether the others could do without
+it. Effects that the recording cannot tell from the one named are listed beside it.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from scipy import special
+
+from mtpipe.configured.data import PlateauData, plateau_data
+from mtpipe.configured.fit import ConfiguredFit, fit_configured
+from mtpipe.crosschecking.case import FORMULAS, Case
+from mtpipe.crosschecking.check import BeadCheck, check_bead
+from mtpipe.diagnosis.hypotheses import Tried, try_effects, with_hypothesis
+from mtpipe.effects.catalogue import catalogue
+from mtpipe.effects.effect import Effect, Evidence
+from mtpipe.errors import FitError
+from mtpipe.physics.camera import FloatArray
+
+# Chance of a false alarm that is accepted per bead.
+ALARM_P = 0.004
+# Net gain (nats, BIC) from which an effect is seen although the battery is silent, and from which
+# one is kept at all; the catalogue has about 20 entries, which costs 3 nats by itself.
+SEEN_NATS, KEPT_NATS = 9.0, 6.0
+# Two effects whose likelihoods differ by less cannot be told apart.
+ALIKE_NATS = 3.0
+MOST_EFFECTS = 3
+LINE_P = 1e-3
+# An effect is named beside an unexplained rest only if it explains most of what was odd.
+MOST_OF_IT = 0.7
+Progress = Callable[[str], None]
+
+
+@dataclass(frozen=True, eq=False)
+class Named:
+    """An effect that is named.
+
+    Attributes
+    ----------
+    tried : its fit, the effects named before it included.
+    equivalent : names of effects that the recording cannot tell from it.
+    p_before, p_after : of the battery without and with it.
+    heldout_gain : ln likelihood gained on time that was not fitted, in nats.
+    """
+
+    tried: Tried
+    equivalent: tuple[str, ...]
+    p_before: float
+    p_after: float
+    heldout_gain: float
+
+
+@dataclass(frozen=True, eq=False)
+class Explanation:
+    """What was found about one bead.
+
+    Attributes
+    ----------
+    before : check against the configured experiment. after : with the effects named.
+    verdict : "consistent", "explained" or "unexplained".
+    nearest : the best effect that was rejected, where the verdict is "unexplained".
+    """
+
+    before: BeadCheck
+    after: BeadCheck
+    named: tuple[Named, ...]
+    verdict: str
+    nearest: Tried | None
+
+    @property
+    def fit(self) -> ConfiguredFit:
+        """The fit with the effects named."""
+        return self.after.case.fit
+
+
+def explain(
+    case: Case,
+    random: np.random.Generator,
+    *,
+    effects: Sequence[Effect] | None = None,
+    progress: Progress | None = None,
+) -> Explanation:
+    """Cross-check a bead and, where it differs from its simulation, look for the cause."""
+    say = progress or (lambda step: None)
+    effects = catalogue() if effects is None else effects
+    say("comparing with simulations")
+    before = check = check_bead(case, random)
+    fit, named = case.fit, list[Named]()
+    nearest: Tried | None = None
+    odd = check.p_value < ALARM_P
+    while len(named) < MOST_EFFECTS:
+        if named and check.p_value >= ALARM_P:
+            break
+        say("trying effects")
+        tried = sorted(
+            try_effects(fit, effects, evidence_of(check)), key=lambda one: one.net, reverse=True
+        )
+        if not tried or tried[0].net < (KEPT_NATS if odd else SEEN_NATS):
+            nearest = tried[0] if tried else None
+            break
+        best = tried[0]
+        fit = best_formula(best.fit)
+        say(f"checking with {best.effect.name}")
+        following = check_bead(replace(case, fit=fit), random)
+        alike = tuple(t.effect.name for t in tried[1:] if best.net - t.net < ALIKE_NATS)
+        gained = heldout_gain(case, check.case.fit, fit)
+        named.append(Named(best, alike, check.p_value, following.p_value, gained))
+        check, odd = following, True
+    named, check = _without_superfluous(case, named, check, random)
+    consistent = not named and before.p_value >= ALARM_P
+    verdict = "consistent" if consistent else "unexplained"
+    if named and check.p_value >= ALARM_P:
+        verdict = "explained"
+    elif named and explained_share(before, check) < MOST_OF_IT:
+        nearest, named, check = named[0].tried, [], before
+    return Explanation(before, check, tuple(named), verdict, nearest)
+
+
+def evidence_of(check: BeadCheck) -> Evidence:
+    """Lines and forces that the battery shows, for the hypotheses to begin with."""
+    found: list[tuple[float, float]] = []
+    for look, p in zip(check.looks, check.p_values, strict=True):
+        if look.statistic == "line" and p < LINE_P and look.band_hz is not None:
+            found.append((float(p), float(np.mean(look.band_hz))))
+    distinct: list[float] = []
+    for _, frequency in sorted(found):
+        if all(abs(frequency - other) > 0.02 * other + 0.1 for other in distinct):
+            distinct.append(frequency)
+    return Evidence(tuple(distinct[:3]), tuple(float(f) for f in check.case.fit.force_pN))
+
+
+def best_formula(fit: ConfiguredFit) -> ConfiguredFit:
+    """The same effects with the other formula of the chain, if that fits better."""
+    best = fit
+    for formula in FORMULAS:
+        chain = fit.model.experiment.chain
+        if chain.formula == formula or chain.formula.startswith("extensible"):
+            continue
+        experiment = replace(fit.model.experiment, chain=replace(chain, formula=formula))
+        try:
+            other = fit_configured(replace(fit.model, experiment=experiment), fit.theta)
+        except (FitError, ValueError):
+            continue
+        if other.log_likelihood > best.log_likelihood:
+            best = other
+    return best
+
+
+def _without_superfluous(
+    case: Case, named: list[Named], check: BeadCheck, random: np.random.Generator
+) -> tuple[list[Named], BeadCheck]:
+    """Drop effects that the ones named after them made needless."""
+    for one in named[:-1]:
+        rest = [other for other in named if other is not one]
+        fit = case.fit
+        try:
+            for other in rest:
+                fit = with_hypothesis(fit, other.tried.hypothesis)
+        except (FitError, ValueError):
+            continue
+        if check.case.fit.log_likelihood - fit.log_likelihood - one.tried.penalty < KEPT_NATS:
+            again = check_bead(replace(case, fit=fit), random)
+            if again.p_value >= min(ALARM_P, check.p_value):
+                return _without_superfluous(case, rest, again, random)
+    return named, check
+
+
+def excess(fit: ConfiguredFit) -> float:
+    """ln likelihood that is missing to a spectrum that fits as well as chance allows."""
+    total = 0.0
+    for data, model in zip(fit.model.data, fit.expected, strict=True):
+        n = data.spectrum.ordinates[:, None]
+        power = np.diagonal(data.spectrum.power, axis1=1, axis2=2)
+        ratio = power / np.diagonal(model.power, axis1=1, axis2=2)
+        missing = n * (ratio - 1 - np.log(np.maximum(ratio, 1e-12)))
+        total += float(np.sum(missing - n * (np.log(n) - special.digamma(n))))
+        pull = (data.mean_nm[2] - model.extension_nm) / model.extension_stderr_nm
+        total += 0.5 * (pull**2 - 1)
+        cross = data.spectrum.power - model.power
+        for a, b in ((0, 1), (0, 2), (1, 2)):
+            size = model.power[:, a, a] * model.power[:, b, b]
+            total += float(np.sum(n[:, 0] * cross[:, a, b] ** 2 / size - 0.5))
+    return total
+
+
+def explained_share(before: BeadCheck, after: BeadCheck) -> float:
+    """Share of the misfit that is gone."""
+    first, last = excess(before.case.fit), excess(after.case.fit)
+    return 0.0 if first <= 0 else 1 - max(last, 0.0) / first
+
+
+def heldout_gain(case: Case, without: ConfiguredFit, with_it: ConfiguredFit) -> float:
+    """ln likelihood gained by an effect on the half of every plateau that was not fitted, and
+    exchanged; nan where the halves are too short.
+    """
+    halves = []
+    for first in (True, False):
+        data: list[PlateauData] = []
+        for position, phi in zip(case.positions_nm, case.phi, strict=True):
+            middle = len(position) // 2
+            piece: FloatArray = position[:middle] if first else position[middle:]
+            try:
+                data.append(plateau_data(piece, case.frame_s, phi))
+            except FitError:
+                return float("nan")
+        halves.append(tuple(data))
+    gain = 0.0
+    for fitted, left in ((0, 1), (1, 0)):
+        for fit, sign in ((with_it, 1), (without, -1)):
+            try:
+                half = fit_configured(replace(fit.model, data=halves[fitted]), fit.theta)
+                other = replace(fit.model, data=halves[left])
+                gain += sign * other.log_likelihood(other.all_expected(half.theta), half.theta)
+            except (FitError, ValueError):
+                return float("nan")
+    return gain

@@ -1,0 +1,210 @@
+"""`mismatch.json` (FORMATS section 4): what was found, as plain data and as sentences."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from mtpipe.battery.look import Look
+from mtpipe.crosschecking.case import prepare
+from mtpipe.crosschecking.check import BeadCheck
+from mtpipe.crosschecking.recording import bead_generator
+from mtpipe.diagnosis.explain import Explanation, Named, explain
+from mtpipe.errors import MtpipeError
+from mtpipe.physics.camera import FloatArray
+from mtpipe.recording import Recording
+
+SCHEMA = "mtpipe.mismatch/1"
+MOST_PLACES = 8
+PLACE_P = 1e-3
+Progress = Callable[[str, int, int], None]
+
+
+@dataclass(frozen=True)
+class Mismatch:
+    """The diagnosis of a recording, FORMATS section 4 as an object.
+
+    Attributes
+    ----------
+    recording : its name.
+    beads : what was found about each tethered bead that could be simulated.
+    refused : why the others could not.
+    """
+
+    recording: str
+    beads: Mapping[str, Explanation]
+    refused: Mapping[str, str]
+
+    def as_dict(self) -> dict[str, Any]:
+        """The content of `mismatch.json`."""
+        return {
+            "schema": SCHEMA,
+            "recording": self.recording,
+            "beads": {bead: _bead(found) for bead, found in self.beads.items()},
+        }
+
+
+def diagnose(recording: Recording, *, seed: int = 0, progress: Progress | None = None) -> Mismatch:
+    """Cross-check every tethered bead and explain what differs from its simulation.
+
+    Parameters
+    ----------
+    recording : with the drift subtracted (`mtpipe.subtract_drift`).
+    seed : of the simulations.
+    progress : called with (step, beads done, of how many).
+    """
+    found: dict[str, Explanation] = {}
+    refused: dict[str, str] = {}
+    total = len(recording.tethered)
+    for i, bead in enumerate(recording.tethered):
+
+        def say(step: str, i: int = i, bead: str = bead) -> None:
+            if progress is not None:
+                progress(f"{bead}: {step}", i, total)
+
+        try:
+            found[bead] = explain(
+                prepare(recording, bead), bead_generator(seed, bead), progress=say
+            )
+        except MtpipeError as error:
+            refused[bead] = str(error)
+    return Mismatch(recording.name, found, refused)
+
+
+def _bead(found: Explanation) -> dict[str, Any]:
+    return {
+        "verdict": found.verdict,
+        "located": [] if found.verdict == "consistent" else located(found.before),
+        "effects": [_effect(found, one) for one in found.named],
+        "forces": _forces(found),
+        "nearest": None if found.nearest is None else found.nearest.effect.name,
+        "p_value": found.before.p_value,
+    }
+
+
+def located(check: BeadCheck) -> list[dict[str, Any]]:
+    """The most significant looks, one per statistic and axis, best first."""
+    places: list[dict[str, Any]] = []
+    seen: set[tuple[str, str]] = set()
+    for i in np.argsort(check.p_values):
+        look, p = check.looks[int(i)], float(check.p_values[int(i)])
+        if len(places) == MOST_PLACES or (p > PLACE_P and places):
+            break
+        if (look.statistic, look.axis) in seen:
+            continue
+        seen.add((look.statistic, look.axis))
+        places.append(
+            {
+                "axis": look.axis,
+                "plateaus": [check.case.plateaus[k].number for k in _concerned(check, look)],
+                "band_hz": None if look.band_hz is None else list(look.band_hz),
+                "time_s": None if look.time_s is None else list(look.time_s),
+                "statistic": look.statistic,
+                "p_value": p,
+            }
+        )
+    return places
+
+
+def _concerned(check: BeadCheck, look: Look) -> tuple[int, ...]:
+    """Plateaus that a look is about; of a pooled one those that show it by themselves, or all."""
+    if not look.pooled:
+        return look.plateaus
+    alone = {
+        other.plateaus[0]
+        for other, p in zip(check.looks, check.p_values, strict=True)
+        if not other.pooled
+        and other.statistic == look.statistic
+        and other.axis == look.axis
+        and (look.band_hz is None or other.band_hz == look.band_hz)
+        and p < 0.01
+    }
+    return tuple(sorted(alone)) or look.plateaus
+
+
+def _effect(found: Explanation, one: Named) -> dict[str, Any]:
+    tried = one.tried
+    fit = found.fit
+    names = {parameter.name: k for k, parameter in enumerate(fit.model.parameters)}
+    errors = np.sqrt(np.maximum(np.diag(fit.covariance), 0.0))
+    parameters = {}
+    for parameter in tried.hypothesis.parameters:
+        at = fit.model.plateaus + names[parameter.name]
+        value, error = float(fit.theta[at]), float(errors[at])
+        parameters[parameter.name] = {
+            "value": parameter.value(value),
+            "stderr": parameter.stderr(value, error),
+            "unit": parameter.unit,
+        }
+    return {
+        "effect": tried.effect.name,
+        "sentence": sentence(found, one),
+        "parameters": parameters,
+        "delta_bic": -2 * tried.net,
+        "heldout_gain_nats": one.heldout_gain if math.isfinite(one.heldout_gain) else None,
+        "p_before": one.p_before,
+        "p_after": one.p_after,
+        "equivalent": list(one.equivalent),
+    }
+
+
+def sentence(found: Explanation, one: Named) -> str:
+    """What, where, how strong, and what leaving it out did to the force."""
+    places = located(found.before)
+    where = f"{_where(places[0])}: " if places else ""
+    fit = found.fit
+    cause = one.tried.effect.cause(fit.model.described(fit.theta))
+    before, after = found.before.case.fit.force_pN, fit.force_pN
+    change = before / after - 1
+    worst = float(change[int(np.argmax(np.abs(change)))])
+    if abs(worst) < 0.005:
+        consequence = "leaving it out changes no force by more than 0.5 %"
+    else:
+        kind = "raised" if worst > 0 else "lowered"
+        typical = float(np.median(np.abs(change)))
+        consequence = (
+            f"leaving it out {kind} forces by up to {abs(worst):.1%} ({typical:.1%} in the middle)"
+        )
+    agrees = (
+        "with it the recording agrees with its simulation"
+        if found.verdict == "explained"
+        else "with it the recording is nearer to its simulation, but still differs"
+    )
+    also = f" Equally possible: {', '.join(one.equivalent)}." if one.equivalent else ""
+    return (
+        f"{where}{cause}; {consequence}; {agrees} (p {one.p_before:.1g} → {one.p_after:.2g}).{also}"
+    )
+
+
+def _where(place: dict[str, Any]) -> str:
+    axis = f"{' and '.join(place['axis'])}" if place["axis"] else "all axes"
+    band = place["band_hz"]
+    frequencies = "" if band is None else f", {band[0]:.2g}–{band[1]:.3g} Hz"
+    plateaus = ", ".join(str(p) for p in place["plateaus"])
+    return f"{axis}{frequencies}, plateau{'s' if len(place['plateaus']) > 1 else ''} {plateaus}"
+
+
+def _forces(found: Explanation) -> list[dict[str, Any]]:
+    before, after = found.before.case.fit, found.fit
+    rows = []
+    for i, plateau in enumerate(found.before.case.plateaus):
+        rows.append(
+            {
+                "plateau": plateau.number,
+                "magnet_mm": plateau.magnet_mm,
+                "force_pN": _number(after.force_pN, i),
+                "stderr_pN": _number(after.force_stderr_pN, i),
+                "force_before_pN": _number(before.force_pN, i),
+                "stderr_before_pN": _number(before.force_stderr_pN, i),
+            }
+        )
+    return rows
+
+
+def _number(values: FloatArray, i: int) -> float | None:
+    value = float(values[i])
+    return value if math.isfinite(value) else None

@@ -1,0 +1,86 @@
+"""The cross-check in words: what a statistic looks at, where, and what a p-value means."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
+
+from mtpipe.report import words
+
+# Per statistic: the line of the map it belongs to, and what is compared. Lines of bands are named
+# after their frequencies.
+STATISTICS: Mapping[str, tuple[str, str]] = {
+    "psd_band": ("", "power"),
+    "line": ("narrow lines", "the strongest narrow line"),
+    "allan_variance": ("Allan variance", "Allan variance (ln nm²)"),
+    "correlation": ("correlation", "correlation of the two axes"),
+    "reference_coherence": ("reference bead", "motion in common with the reference beads"),
+    "mean_trend": ("mean over time", "drift of the mean"),
+    "mean_step": ("mean over time", "largest step of the mean"),
+    "mean_excursion": ("mean over time", "largest excursion of the mean"),
+    "variance_trend": ("variance over time", "trend of the variance"),
+    "variance_step": ("variance over time", "largest step of the variance"),
+    "variance_spread": ("variance over time", "variation of the variance"),
+    "quietest_second": ("variance over time", "variance of the quietest second"),
+    "irreversibility": ("direction of time", "difference between forwards and backwards in time"),
+    "skewness": ("shape", "skewness of the positions"),
+    "kurtosis": ("shape", "kurtosis of the positions"),
+    "stiffness": ("stiffness", "stiffness by itself (ln, against the fit of all)"),
+    "friction": ("friction", "friction by itself (ln, against the fit of all)"),
+    "stiffness_along_series": ("stiffness", "trend of the stiffness along the series"),
+    "friction_along_series": ("friction", "trend of the friction along the series"),
+    "extension": ("extension", "mean extension against the chain (standard errors)"),
+}
+CONSISTENT, MISMATCH = 0.05, 0.01
+
+
+def line_of(row: Mapping[str, Any]) -> str:
+    """The line of the map that a row of the table belongs to, without its axis."""
+    line = STATISTICS.get(row["statistic"], (words.label(str(row["statistic"])), ""))[0]
+    return line or f"{band(row)} Hz"
+
+
+def band(row: Mapping[str, Any]) -> str:
+    """The frequencies of a row."""
+    return f"{words.number(row['band_low_hz'], 2)} – {words.number(row['band_high_hz'], 2)}"
+
+
+def verdict(p_value: float, looks: int, simulations: int) -> str:
+    """The p-value of all looks together, in a sentence."""
+    p = words.number(p_value, 2)
+    basis = f"{looks} looks together, beside {simulations} simulations"
+    if p_value >= CONSISTENT:
+        return f"Consistent with the configured experiment: p = {p} ({basis})."
+    once = words.number(round(1 / p_value, -len(str(int(1 / p_value))) + 2), 3)
+    often = f"of {once} recordings that behave as configured, one looks as odd"
+    if p_value >= MISMATCH:
+        return f"No clear mismatch: p = {p}; {often} ({basis})."
+    if p_value < 1 / (simulations + 1):
+        often = "fewer than one in as many recordings as were simulated looks as odd"
+    said = "This bead does not behave as the configured experiment should"
+    return f"{said}: p = {p}; {often} ({basis})."
+
+
+def look(row: Mapping[str, Any]) -> str:
+    """One row of the table in a sentence."""
+    statistic = str(row["statistic"])
+    what = STATISTICS.get(statistic, ("", words.label(statistic)))[1]
+    parts = [str(row["axis"])]
+    parts.append("all plateaus together" if row["plateau"] is None else f"plateau {row['plateau']}")
+    if words.is_number(row["band_low_hz"]):
+        parts.append(f"{band(row)} Hz")
+    if words.is_number(row["time_low_s"]):
+        parts.append(
+            f"{words.number(row['time_low_s'], 3)} – {words.number(row['time_high_s'], 3)} s"
+        )
+    side = "above" if row["value"] > row["simulated_median"] else "below"
+    spread = f"{_short(row['simulated_low'])} to {_short(row['simulated_high'])}"
+    sentence = (
+        f"{', '.join(parts)}: {what} is {side} what is simulated, {_short(row['value'])} "
+        f"instead of {spread} (p = {words.number(row['p_value'], 2)}"
+    )
+    return sentence + (", by the tail fitted to the simulations)." if row["extrapolated"] else ").")
+
+
+def _short(value: Any) -> str:
+    return words.number(value, 3)

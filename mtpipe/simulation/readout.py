@@ -1,0 +1,104 @@
+"""From simulated motion to recorded positions: the later steps of a recording, played in time.
+
+The same steps as `mtpipe.experiment.readout` has as covariances, in the same order.
+"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mtpipe.experiment.description import Experiment, Hopping
+from mtpipe.experiment.readout import hopping_moments
+from mtpipe.physics.camera import Camera, FloatArray
+from mtpipe.physics.langevin import simulate_mode
+
+HOP_PARTS = 24
+
+
+def recorded(
+    motion_nm: FloatArray, force_pN: FloatArray, experiment: Experiment, random: np.random.Generator
+) -> FloatArray:
+    """(frames, 3) positions as recorded, without stage, reference and lost frames.
+
+    Parameters
+    ----------
+    motion_nm : (frames, 3) averaged over each exposure. force_pN : (frames,) that acts.
+    """
+    camera, frames = experiment.camera, len(motion_nm)
+    seen = motion_nm
+    if experiment.hopping is not None:
+        energy = experiment.fluid.thermal_energy_pN_nm
+        seen = seen.copy()
+        seen[:, 2] += hops(experiment.hopping, force_pN, energy, camera, random)
+    seen = seen @ experiment.optics.matrix.T
+    walk = np.asarray(experiment.stage.unsubtracted_nm_per_root_s)
+    if walk.any():
+        steps = math.sqrt(camera.frame_s) * walk * random.normal(size=(frames, 3))
+        seen = seen + np.cumsum(steps, axis=0)
+    time_s = camera.frame_s * np.arange(frames)[:, None]
+    for line in experiment.stage.lines:
+        phase = 2 * np.pi * random.random()
+        wave = np.sin(2 * np.pi * line.frequency_hz * time_s + phase)
+        seen = seen + np.asarray(line.amplitude_nm) * wave
+    seen = seen + np.asarray(experiment.tracker.noise_nm) * random.normal(size=seen.shape)
+    seen[:, 2] += experiment.optics.z_zero_nm
+    return np.asarray(seen)
+
+
+def hops(
+    hopping: Hopping,
+    force_pN: FloatArray,
+    thermal_energy_pN_nm: float,
+    camera: Camera,
+    random: np.random.Generator,
+) -> FloatArray:
+    """(frames,) what hopping adds to z, averaged over each exposure.
+
+    The state is drawn at equal parts of each frame by the exact probability to have changed since
+    the last, so that the rates may be anything; within a part it counts as constant.
+    """
+    frames = len(force_pN)
+    exposed = max(1, round(HOP_PARTS * camera.exposure_s / camera.frame_s))
+    part_s = camera.frame_s / HOP_PARTS
+    stay = np.empty(frames)
+    share = np.empty(frames)
+    for force in np.unique(force_pN):
+        here = force_pN == force
+        _, tau_s, mean = hopping_moments(hopping, float(force), thermal_energy_pN_nm)
+        stay[here] = math.exp(-part_s / tau_s)
+        share[here] = mean / hopping.step_nm if hopping.step_nm else 0.0
+    keeps = random.random((frames, HOP_PARTS)) < stay[:, None]
+    drawn = random.random((frames, HOP_PARTS)) < share[:, None]
+    keeps[0, 0] = False
+    # a part in which nothing is drawn anew is in the state of the last that was
+    last = np.maximum.accumulate(np.where(keeps.ravel(), -1, np.arange(keeps.size)))
+    state = drawn.ravel()[last].reshape(frames, HOP_PARTS)
+    return np.asarray(hopping.step_nm * state[:, :exposed].mean(axis=1))
+
+
+def reference_motion(
+    experiment: Experiment, frames: int, random: np.random.Generator
+) -> FloatArray:
+    """(frames, 3) motion of the reference bead by itself, as recorded."""
+    stage = experiment.stage
+    return np.column_stack(
+        [
+            simulate_mode(size**2, stage.reference_s, experiment.camera, frames, random)
+            if size > 0
+            else np.zeros(frames)
+            for size in stage.reference_nm
+        ]
+    )
+
+
+def kept_frames(
+    frames: int, dropped_share: float, random: np.random.Generator
+) -> NDArray[np.int64]:
+    """(frames,) which of the camera's frames the file's rows are, when frames are dropped."""
+    if dropped_share <= 0:
+        return np.arange(frames)
+    gaps = random.geometric(1 - dropped_share, size=frames)
+    return np.asarray(np.cumsum(gaps) - gaps[0])
