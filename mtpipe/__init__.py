@@ -21,6 +21,7 @@ __version__ = "0.1.0"
 if TYPE_CHECKING:
     from mtpipe.calibration import Calibration, calibrate
     from mtpipe.crosschecking.recording import CrossCheck, crosscheck
+    from mtpipe.diagnosis.mismatch import Mismatch, diagnose
     from mtpipe.drift import subtract_drift
     from mtpipe.errors import FitError, MtpipeError, RecordingError, SetupError
     from mtpipe.estimate import Estimate
@@ -36,6 +37,7 @@ if TYPE_CHECKING:
 
 _HOME = {
     "METHODS": "methods",
+    "Mismatch": "diagnosis.mismatch",
     "Calibration": "calibration",
     "Estimate": "estimate",
     "FitError": "errors",
@@ -51,6 +53,7 @@ _HOME = {
     "CrossCheck": "crosschecking.recording",
     "calibrate": "calibration",
     "crosscheck": "crosschecking.recording",
+    "diagnose": "diagnosis.mismatch",
     "fit_by_method": "methods",
     "fit_trace": "fit.trace",
     "force_extension": "tether_curves",
@@ -67,6 +70,7 @@ __all__ = [
     "CrossCheck",
     "Estimate",
     "FitError",
+    "Mismatch",
     "MtpipeError",
     "Plateau",
     "Posterior",
@@ -78,6 +82,7 @@ __all__ = [
     "TraceFit",
     "calibrate",
     "crosscheck",
+    "diagnose",
     "fit_by_method",
     "fit_trace",
     "force_extension",

@@ -19,7 +19,8 @@ from mtpipe.configured.fit import ConfiguredFit, fit_configured
 from mtpipe.crosschecking.case import FORMULAS, Case
 from mtpipe.crosschecking.check import BeadCheck, check_bead
 from mtpipe.diagnosis.hypotheses import Tried, try_effects, with_hypothesis
-from mtpipe.effects.catalogue import catalogue
+from mtpipe.effects.catalogue import CORRECTIONS, catalogue
+from mtpipe.effects.correction import Correction
 from mtpipe.effects.effect import Effect, Evidence
 from mtpipe.errors import FitError
 from mtpipe.physics.camera import FloatArray
@@ -35,6 +36,8 @@ MOST_EFFECTS = 3
 LINE_P = 1e-3
 # An effect is named beside an unexplained rest only if it explains most of what was odd.
 MOST_OF_IT = 0.7
+# A correction is kept where ln p falls to this share.
+MOST_OF_THE_ODDITY = 0.5
 Progress = Callable[[str], None]
 
 
@@ -44,17 +47,23 @@ class Named:
 
     Attributes
     ----------
-    tried : its fit, the effects named before it included.
+    found : its fit, the effects named before it included, or the correction of the traces.
     equivalent : names of effects that the recording cannot tell from it.
     p_before, p_after : of the battery without and with it.
-    heldout_gain : ln likelihood gained on time that was not fitted, in nats.
+    heldout_gain : ln likelihood gained on time that was not fitted, in nats; nan where the effect
+        is none of the spectrum's.
     """
 
-    tried: Tried
+    found: Tried | Correction
     equivalent: tuple[str, ...]
     p_before: float
     p_after: float
     heldout_gain: float
+
+    @property
+    def name(self) -> str:
+        """As FORMATS section 5 has it."""
+        return self.found.effect.name if isinstance(self.found, Tried) else self.found.name
 
 
 @dataclass(frozen=True, eq=False)
@@ -81,20 +90,28 @@ class Explanation:
 
 
 def explain(
-    case: Case,
+    before: BeadCheck,
     random: np.random.Generator,
     *,
     effects: Sequence[Effect] | None = None,
     progress: Progress | None = None,
 ) -> Explanation:
-    """Cross-check a bead and, where it differs from its simulation, look for the cause."""
+    """Look for the cause of what differs from the simulation.
+
+    Parameters
+    ----------
+    before : the bead's cross-check. effects : default: the whole catalogue.
+    """
     say = progress or (lambda step: None)
     effects = catalogue() if effects is None else effects
-    say("comparing with simulations")
-    before = check = check_bead(case, random)
-    fit, named = case.fit, list[Named]()
+    check, named = before, list[Named]()
     nearest: Tried | None = None
     odd = check.p_value < ALARM_P
+    if odd:
+        say("looking at the course of time")
+        check = _corrected(check, named, random)
+    case = check.case
+    fit = case.fit
     while len(named) < MOST_EFFECTS:
         if named and check.p_value >= ALARM_P:
             break
@@ -119,8 +136,22 @@ def explain(
     if named and check.p_value >= ALARM_P:
         verdict = "explained"
     elif named and explained_share(before, check) < MOST_OF_IT:
-        nearest, named, check = named[0].tried, [], before
+        first = next((one.found for one in named if isinstance(one.found, Tried)), None)
+        nearest, named, check = first or nearest, [], before
     return Explanation(before, check, tuple(named), verdict, nearest)
+
+
+def _corrected(check: BeadCheck, named: list[Named], random: np.random.Generator) -> BeadCheck:
+    """Take off what is seen in time and not in spectra, as far as the battery objects less then."""
+    for find in CORRECTIONS:
+        found = find(check)
+        if found is None:
+            continue
+        after = check_bead(found.case, random)
+        if after.p_value >= ALARM_P or after.p_value > check.p_value**MOST_OF_THE_ODDITY:
+            named.append(Named(found, (), check.p_value, after.p_value, float("nan")))
+            check = after
+    return check
 
 
 def evidence_of(check: BeadCheck) -> Evidence:
@@ -158,14 +189,17 @@ def _without_superfluous(
 ) -> tuple[list[Named], BeadCheck]:
     """Drop effects that the ones named after them made needless."""
     for one in named[:-1]:
+        if not isinstance(one.found, Tried):
+            continue
         rest = [other for other in named if other is not one]
         fit = case.fit
         try:
             for other in rest:
-                fit = with_hypothesis(fit, other.tried.hypothesis)
+                if isinstance(other.found, Tried):
+                    fit = with_hypothesis(fit, other.found.hypothesis)
         except (FitError, ValueError):
             continue
-        if check.case.fit.log_likelihood - fit.log_likelihood - one.tried.penalty < KEPT_NATS:
+        if check.case.fit.log_likelihood - fit.log_likelihood - one.found.penalty < KEPT_NATS:
             again = check_bead(replace(case, fit=fit), random)
             if again.p_value >= min(ALARM_P, check.p_value):
                 return _without_superfluous(case, rest, again, random)

@@ -11,9 +11,11 @@ import numpy as np
 
 from mtpipe.battery.look import Look
 from mtpipe.crosschecking.case import prepare
-from mtpipe.crosschecking.check import BeadCheck
+from mtpipe.crosschecking.check import BeadCheck, check_bead
 from mtpipe.crosschecking.recording import bead_generator
 from mtpipe.diagnosis.explain import Explanation, Named, explain
+from mtpipe.diagnosis.hypotheses import Tried
+from mtpipe.effects.correction import Strength
 from mtpipe.errors import MtpipeError
 from mtpipe.physics.camera import FloatArray
 from mtpipe.recording import Recording
@@ -67,9 +69,10 @@ def diagnose(recording: Recording, *, seed: int = 0, progress: Progress | None =
                 progress(f"{bead}: {step}", i, total)
 
         try:
-            found[bead] = explain(
-                prepare(recording, bead), bead_generator(seed, bead), progress=say
-            )
+            random = bead_generator(seed, bead)
+            say("comparing with simulations")
+            check = check_bead(prepare(recording, bead), random)
+            found[bead] = explain(check, random, progress=say)
         except MtpipeError as error:
             refused[bead] = str(error)
     return Mismatch(recording.name, found, refused)
@@ -127,24 +130,18 @@ def _concerned(check: BeadCheck, look: Look) -> tuple[int, ...]:
 
 
 def _effect(found: Explanation, one: Named) -> dict[str, Any]:
-    tried = one.tried
-    fit = found.fit
-    names = {parameter.name: k for k, parameter in enumerate(fit.model.parameters)}
-    errors = np.sqrt(np.maximum(np.diag(fit.covariance), 0.0))
-    parameters = {}
-    for parameter in tried.hypothesis.parameters:
-        at = fit.model.plateaus + names[parameter.name]
-        value, error = float(fit.theta[at]), float(errors[at])
-        parameters[parameter.name] = {
-            "value": parameter.value(value),
-            "stderr": parameter.stderr(value, error),
-            "unit": parameter.unit,
-        }
     return {
-        "effect": tried.effect.name,
+        "effect": one.name,
         "sentence": sentence(found, one),
-        "parameters": parameters,
-        "delta_bic": -2 * tried.net,
+        "parameters": {
+            strength.name: {
+                "value": strength.value,
+                "stderr": strength.stderr,
+                "unit": strength.unit,
+            }
+            for strength in _strengths(found, one)
+        },
+        "delta_bic": -2 * one.found.net if isinstance(one.found, Tried) else None,
         "heldout_gain_nats": one.heldout_gain if math.isfinite(one.heldout_gain) else None,
         "p_before": one.p_before,
         "p_after": one.p_after,
@@ -152,12 +149,36 @@ def _effect(found: Explanation, one: Named) -> dict[str, Any]:
     }
 
 
+def _strengths(found: Explanation, one: Named) -> list[Strength]:
+    if not isinstance(one.found, Tried):
+        return list(one.found.strengths)
+    fit = found.fit
+    names = {parameter.name: k for k, parameter in enumerate(fit.model.parameters)}
+    errors = np.sqrt(np.maximum(np.diag(fit.covariance), 0.0))
+    strengths = []
+    for parameter in one.found.hypothesis.parameters:
+        at = fit.model.plateaus + names[parameter.name]
+        value, error = float(fit.theta[at]), float(errors[at])
+        strengths.append(
+            Strength(
+                parameter.name,
+                float(parameter.value(value)),
+                float(parameter.stderr(value, error)),
+                parameter.unit,
+            )
+        )
+    return strengths
+
+
 def sentence(found: Explanation, one: Named) -> str:
     """What, where, how strong, and what leaving it out did to the force."""
     places = located(found.before)
     where = f"{_where(places[0])}: " if places else ""
     fit = found.fit
-    cause = one.tried.effect.cause(fit.model.described(fit.theta))
+    if isinstance(one.found, Tried):
+        cause = one.found.effect.cause(fit.model.described(fit.theta))
+    else:
+        cause = one.found.cause
     before, after = found.before.case.fit.force_pN, fit.force_pN
     change = before / after - 1
     worst = float(change[int(np.argmax(np.abs(change)))])

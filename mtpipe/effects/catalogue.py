@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from importlib.metadata import entry_points
 
+from mtpipe.crosschecking.check import BeadCheck
 from mtpipe.effects import (
     axial_scale,
     bead_radius,
@@ -27,6 +29,7 @@ from mtpipe.effects import (
     viscosity,
     wall_drag,
 )
+from mtpipe.effects.correction import Correction
 from mtpipe.effects.effect import Effect
 
 GROUP = "mtpipe.effects"
@@ -56,6 +59,9 @@ OWN: tuple[Effect, ...] = tuple(
         force_drift,
     )
 )
+
+# Effects that are no change of a spectrum but are seen in the traces and taken off them.
+CORRECTIONS: tuple[Callable[[BeadCheck], Correction | None], ...] = ()
 
 
 def catalogue() -> tuple[Effect, ...]:

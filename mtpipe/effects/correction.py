@@ -1,0 +1,38 @@
+"""Effects that are seen in time or in the distribution of positions, and not as a spectrum.
+
+They are found by their own sign in the traces and taken off them (stuck stretches blanked, a
+tracker's response undone); what is left is fitted and checked again, which shows whether that was
+all.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from mtpipe.crosschecking.case import Case
+
+
+@dataclass(frozen=True)
+class Strength:
+    """One parameter of an effect, with its standard error."""
+
+    name: str
+    value: float
+    stderr: float
+    unit: str
+
+
+@dataclass(frozen=True, eq=False)
+class Correction:
+    """An effect found in the traces.
+
+    Attributes
+    ----------
+    name : as FORMATS section 5 has it. case : with the effect taken off, fitted again.
+    strengths : its parameters. cause : what it is, as in `Effect`.
+    """
+
+    name: str
+    case: Case
+    strengths: tuple[Strength, ...]
+    cause: str
