@@ -65,12 +65,15 @@ class ConfiguredFit:
         return np.asarray(self.force_pN * relative)
 
 
-def fit_configured(model: ConfiguredModel, start: FloatArray | None = None) -> ConfiguredFit:
+def fit_configured(
+    model: ConfiguredModel, start: FloatArray | None = None, *, rounds: int = MOST_ROUNDS
+) -> ConfiguredFit:
     """Fit.
 
     Parameters
     ----------
     start : θ to begin from; None: the forces that suit each plateau best by themselves.
+    rounds : at most so many steps.
 
     Raises
     ------
@@ -80,7 +83,7 @@ def fit_configured(model: ConfiguredModel, start: FloatArray | None = None) -> C
     expected = model.all_expected(theta)
     value = model.log_likelihood(expected, theta)
     damping, converged = 1e-3, False
-    for _ in range(MOST_ROUNDS):
+    for _ in range(rounds):
         derivatives = slopes(model, theta, expected)
         gradient = gradient_of(model, model.data, theta, expected, derivatives)
         information = information_of(model, expected, derivatives)

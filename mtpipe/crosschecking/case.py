@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -32,6 +33,9 @@ from mtpipe.traces import traces_of
 Z_ZERO_STDERR_NM = 0.3
 # Formulas of the chain that a setup may mean; it does not say, and the data choose.
 FORMULAS: tuple[Formula, ...] = ("marko-siggia", "bouchiat")
+# Nats by which a later formula has to fit better than the first, which the baseline is stated with
+# (te Velthuis et al. 2010).
+OTHER_FORMULA_NATS = 10.0
 FEWEST_FRAMES = 256
 # The stage's motion is measured from this part of the cutoff of its subtraction to half of it.
 STAGE_BELOW = 16.0
@@ -47,6 +51,7 @@ class Case:
     positions_nm : per plateau (n, 3), drift subtracted, NaN where lost or mistracked.
     references_nm : per plateau (n, 3), what is left of the reference beads' mean once the drift
         that was subtracted is taken off; None without references.
+    camera_offset_nm : per plateau (n, 2), what x and y lack to the camera's own coordinates.
     starts : frame number at which each plateau starts.
     phi : per plateau, prewhitening of each axis.
     stage_nm_per_root_s : per axis, the stage's random walk near the cutoff of its subtraction.
@@ -57,6 +62,7 @@ class Case:
     plateaus: tuple[Plateau, ...]
     positions_nm: tuple[FloatArray, ...]
     references_nm: tuple[FloatArray, ...] | None
+    camera_offset_nm: tuple[FloatArray, ...]
     starts: tuple[int, ...]
     phi: tuple[tuple[float, ...], ...]
     fit: ConfiguredFit
@@ -138,12 +144,19 @@ def prepare(recording: Recording, bead: str) -> Case:
         tuple(kept),
         tuple(positions),
         None if reference is None else _left_of_reference(recording, reference, kept),
+        _subtracted(recording, kept),
         tuple(starts),
         phi,
-        max(fits, key=lambda fit: fit.log_likelihood),
+        preferred_formula(fits[0], fits[1:]),
         notices,
         (0.0, 0.0, 0.0) if reference is None else _stage(reference, subtraction, 1 / frame_s),
     )
+
+
+def preferred_formula(first: ConfiguredFit, others: Sequence[ConfiguredFit]) -> ConfiguredFit:
+    """The best fit, where another formula than the first is asked for by the data."""
+    best = max(others, key=lambda fit: fit.log_likelihood, default=first)
+    return best if best.log_likelihood > first.log_likelihood + OTHER_FORMULA_NATS else first
 
 
 def subtraction_of(recording: Recording) -> Subtraction:
@@ -192,15 +205,23 @@ def _left_of_reference(
 ) -> tuple[FloatArray, ...]:
     """Per plateau (n, 3), on the camera's grid: the references without what was subtracted."""
     subtracted = 0.0 if recording.drift is None else recording.drift.subtracted_nm
-    rest = mean - subtracted
-    found = []
-    for plateau in plateaus:
-        rows = slice(plateau.start, plateau.stop)
-        frame = recording.frame[rows] - recording.frame[plateau.start]
-        grid = np.full((int(frame[-1]) + 1, 3), np.nan)
-        grid[frame] = rest[rows]
-        found.append(grid)
-    return tuple(found)
+    return tuple(_on_grid(recording, mean - subtracted, plateau) for plateau in plateaus)
+
+
+def _subtracted(recording: Recording, plateaus: list[Plateau]) -> tuple[FloatArray, ...]:
+    """Per plateau (n, 2), on the camera's grid: the drift subtracted along x and y."""
+    drift = recording.drift
+    lateral = np.zeros((len(recording.time_s), 2)) if drift is None else drift.subtracted_nm[:, :2]
+    return tuple(_on_grid(recording, lateral, plateau) for plateau in plateaus)
+
+
+def _on_grid(recording: Recording, series: FloatArray, plateau: Plateau) -> FloatArray:
+    """A plateau of a series (n, axes) on the camera's grid, NaN where no frame is."""
+    rows = slice(plateau.start, plateau.stop)
+    frame = recording.frame[rows] - recording.frame[plateau.start]
+    grid = np.full((int(frame[-1]) + 1, series.shape[1]), np.nan)
+    grid[frame] = series[rows]
+    return grid
 
 
 def _stage(mean_nm: FloatArray, subtraction: Subtraction, rate_hz: float) -> Triple:

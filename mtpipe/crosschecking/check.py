@@ -146,6 +146,7 @@ class _Battery:
             Observed(
                 position,
                 None if references is None else references[i],
+                self.case.camera_offset_nm[i],
                 data[i],
                 expected[i],
                 self.case.frame_s,
@@ -167,6 +168,8 @@ class _Battery:
             *temporal.irreversibility(seen),
             *shape.moments(seen),
             *shape.allan(seen),
+            *shape.fractional_pixel(seen),
+            *shape.lost_frames(seen),
             *agreement.per_trace(seen, self.projection),
             *agreement.extensions(seen),
         ]

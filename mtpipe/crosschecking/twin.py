@@ -82,6 +82,7 @@ class TwinMaker:
         for piece, real in zip(self.slices, case.positions_nm, strict=True):
             rows = np.minimum(kept_frames(len(real), dropped, random), piece.stop - piece.start - 1)
             seen = np.where(np.isfinite(real), motion[piece][rows], np.nan)
+            seen[:, :2] += np.nanmean(real[:, :2], axis=0)
             # the fit does not believe heights better than this, so neither may the simulation be
             seen[:, 2] += LEAST_HEIGHT_STDERR_NM * random.normal()
             positions.append(seen)

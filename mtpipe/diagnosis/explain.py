@@ -16,7 +16,7 @@ from scipy import special
 
 from mtpipe.configured.data import PlateauData, plateau_data
 from mtpipe.configured.fit import ConfiguredFit, fit_configured
-from mtpipe.crosschecking.case import FORMULAS, Case
+from mtpipe.crosschecking.case import FORMULAS, Case, preferred_formula
 from mtpipe.crosschecking.check import BeadCheck, check_bead
 from mtpipe.diagnosis.hypotheses import Tried, try_effects, with_hypothesis
 from mtpipe.effects.catalogue import CORRECTIONS, catalogue
@@ -24,6 +24,7 @@ from mtpipe.effects.correction import Correction
 from mtpipe.effects.effect import Effect, Evidence
 from mtpipe.errors import FitError
 from mtpipe.physics.camera import FloatArray
+from mtpipe.physics.tether import Formula
 
 # Chance of a false alarm that is accepted per bead.
 ALARM_P = 0.004
@@ -116,9 +117,7 @@ def explain(
         if named and check.p_value >= ALARM_P:
             break
         say("trying effects")
-        tried = sorted(
-            try_effects(fit, effects, evidence_of(check)), key=lambda one: one.net, reverse=True
-        )
+        tried = try_effects(fit, effects, evidence_of(check))
         if not tried or tried[0].net < (KEPT_NATS if odd else SEEN_NATS):
             nearest = tried[0] if tried else None
             break
@@ -168,20 +167,20 @@ def evidence_of(check: BeadCheck) -> Evidence:
 
 
 def best_formula(fit: ConfiguredFit) -> ConfiguredFit:
-    """The same effects with the other formula of the chain, if that fits better."""
-    best = fit
+    """The same effects with the chain's formula that the data ask for."""
+    chain = fit.model.experiment.chain
+    if chain.formula.startswith("extensible"):
+        return fit
+    fits: dict[Formula, ConfiguredFit] = {chain.formula: fit}
     for formula in FORMULAS:
-        chain = fit.model.experiment.chain
-        if chain.formula == formula or chain.formula.startswith("extensible"):
-            continue
-        experiment = replace(fit.model.experiment, chain=replace(chain, formula=formula))
-        try:
-            other = fit_configured(replace(fit.model, experiment=experiment), fit.theta)
-        except (FitError, ValueError):
-            continue
-        if other.log_likelihood > best.log_likelihood:
-            best = other
-    return best
+        if formula != chain.formula:
+            other = replace(fit.model.experiment, chain=replace(chain, formula=formula))
+            try:
+                fits[formula] = fit_configured(replace(fit.model, experiment=other), fit.theta)
+            except (FitError, ValueError):
+                continue
+    first = fits.pop(FORMULAS[0], fit)
+    return preferred_formula(first, list(fits.values()))
 
 
 def _without_superfluous(

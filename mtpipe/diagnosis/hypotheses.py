@@ -2,14 +2,18 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
 
-from mtpipe.configured.fit import ConfiguredFit, fit_configured
+from mtpipe.configured.fit import MOST_ROUNDS, ConfiguredFit, fit_configured
 from mtpipe.effects.effect import Effect, Evidence, Hypothesis
 from mtpipe.errors import FitError
+
+FIRST_ROUNDS = 4
+# A hypothesis that has gained less than the best by this many nats, and by this share, is left.
+WORTHWHILE_NATS, WORTHWHILE_SHARE = 30.0, 0.6
 
 
 @dataclass(frozen=True, eq=False)
@@ -36,7 +40,9 @@ class Tried:
         return self.gain - self.penalty
 
 
-def with_hypothesis(fit: ConfiguredFit, hypothesis: Hypothesis) -> ConfiguredFit:
+def with_hypothesis(
+    fit: ConfiguredFit, hypothesis: Hypothesis, *, rounds: int = MOST_ROUNDS
+) -> ConfiguredFit:
     """Fit a hypothesis, beginning where the fit without it stands."""
     model = replace(
         fit.model,
@@ -44,28 +50,46 @@ def with_hypothesis(fit: ConfiguredFit, hypothesis: Hypothesis) -> ConfiguredFit
         parameters=(*fit.model.parameters, *hypothesis.parameters),
     )
     start = np.concatenate([fit.theta, [p.start for p in hypothesis.parameters]])
-    return fit_configured(model, start)
+    return fit_configured(model, start, rounds=rounds)
 
 
-def try_effects(
-    fit: ConfiguredFit, effects: Sequence[Effect], evidence: Evidence
-) -> Iterator[Tried]:
-    """Fit every effect that applies, each with the best of its hypotheses."""
+def try_effects(fit: ConfiguredFit, effects: Sequence[Effect], evidence: Evidence) -> list[Tried]:
+    """Fit every effect that applies, each with the best of its hypotheses; best first.
+
+    All begin with a few steps; those that have gained something like the best are then fitted to
+    the end, the others stay where they are.
+    """
     ordinates = sum(float(data.spectrum.ordinates.sum()) * 3 for data in fit.model.data)
     taken = {parameter.name for parameter in fit.model.parameters}
+    begun: list[Tried] = []
     for effect in effects:
-        best: Tried | None = None
         for hypothesis in effect.hypotheses(fit.model.experiment, evidence):
             if taken & {parameter.name for parameter in hypothesis.parameters}:
                 continue
             try:
-                fitted = with_hypothesis(fit, hypothesis)
+                fitted = with_hypothesis(fit, hypothesis, rounds=FIRST_ROUNDS)
             except (FitError, ValueError, np.linalg.LinAlgError):
                 continue
+            penalty = 0.5 * len(hypothesis.parameters) * float(np.log(ordinates))
             gain = fitted.log_likelihood - fit.log_likelihood
-            if best is None or gain > best.gain:
-                penalty = 0.5 * len(hypothesis.parameters) * float(np.log(ordinates))
-                first = len(fit.model.parameters)
-                best = Tried(effect, hypothesis, fitted, gain, penalty, first)
-        if best is not None:
-            yield best
+            begun.append(
+                Tried(effect, hypothesis, fitted, gain, penalty, len(fit.model.parameters))
+            )
+    best = max((one.gain for one in begun), default=0.0)
+    worthwhile = best - max(WORTHWHILE_NATS, WORTHWHILE_SHARE * best)
+    ended = [_ended(one, fit) if one.gain > worthwhile else one for one in begun]
+    strongest: dict[str, Tried] = {}
+    for one in ended:
+        if one.effect.name not in strongest or one.gain > strongest[one.effect.name].gain:
+            strongest[one.effect.name] = one
+    return sorted(strongest.values(), key=lambda one: one.net, reverse=True)
+
+
+def _ended(one: Tried, without: ConfiguredFit) -> Tried:
+    if one.fit.converged:
+        return one
+    try:
+        fitted = fit_configured(one.fit.model, one.fit.theta)
+    except (FitError, ValueError, np.linalg.LinAlgError):
+        return one
+    return replace(one, fit=fitted, gain=fitted.log_likelihood - without.log_likelihood)
