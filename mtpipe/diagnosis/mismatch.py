@@ -84,8 +84,6 @@ def _bead(found: Explanation) -> dict[str, Any]:
         "located": [] if found.verdict == "consistent" else located(found.before),
         "effects": [_effect(found, one) for one in found.named],
         "forces": _forces(found),
-        "nearest": None if found.nearest is None else found.nearest.effect.name,
-        "p_value": found.before.p_value,
     }
 
 
@@ -141,7 +139,7 @@ def _effect(found: Explanation, one: Named) -> dict[str, Any]:
             }
             for strength in _strengths(found, one)
         },
-        "delta_bic": -2 * one.found.net if isinstance(one.found, Tried) else None,
+        "delta_bic": float(-2 * one.found.net) if isinstance(one.found, Tried) else None,
         "heldout_gain_nats": one.heldout_gain if math.isfinite(one.heldout_gain) else None,
         "p_before": one.p_before,
         "p_after": one.p_after,
@@ -152,22 +150,24 @@ def _effect(found: Explanation, one: Named) -> dict[str, Any]:
 def _strengths(found: Explanation, one: Named) -> list[Strength]:
     if not isinstance(one.found, Tried):
         return list(one.found.strengths)
-    fit = found.fit
-    names = {parameter.name: k for k, parameter in enumerate(fit.model.parameters)}
-    errors = np.sqrt(np.maximum(np.diag(fit.covariance), 0.0))
-    strengths = []
-    for parameter in one.found.hypothesis.parameters:
-        at = fit.model.plateaus + names[parameter.name]
-        value, error = float(fit.theta[at]), float(errors[at])
-        strengths.append(
-            Strength(
-                parameter.name,
-                float(parameter.value(value)),
-                float(parameter.stderr(value, error)),
-                parameter.unit,
-            )
-        )
-    return strengths
+    fit, first = found.fit, found.fit.model.plateaus
+    effect = one.found.effect
+    here = effect.strengths(fit.model.described(fit.theta))
+    covariance = fit.covariance[first:, first:]
+    slopes = np.zeros((len(here), len(fit.model.parameters)))
+    for k, parameter in enumerate(fit.model.parameters):
+        theta = fit.theta.copy()
+        step = parameter.step if theta[first + k] + parameter.step <= parameter.upper else (
+            -parameter.step
+        )  # fmt: skip
+        theta[first + k] += step
+        there = effect.strengths(fit.model.described(theta))
+        slopes[:, k] = [(b[1] - a[1]) / step for a, b in zip(here, there, strict=True)]
+    errors = np.sqrt(np.maximum(np.einsum("ik,kl,il->i", slopes, covariance, slopes), 0.0))
+    return [
+        Strength(name, float(value), float(error), unit)
+        for (name, value, unit), error in zip(here, errors, strict=True)
+    ]
 
 
 def sentence(found: Explanation, one: Named) -> str:

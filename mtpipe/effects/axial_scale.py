@@ -25,4 +25,5 @@ EFFECT = Effect(
     "axial_scale",
     _hypotheses,
     lambda experiment: f"z is recorded {experiment.optics.axial_scale:.3f} times as large as it is",
+    lambda experiment: [("factor", experiment.optics.axial_scale, "")],
 )

@@ -20,4 +20,5 @@ EFFECT = Effect(
     "bead_radius",
     _hypotheses,
     lambda experiment: f"the bead's radius is {experiment.bead.radius_nm:.0f} nm",
+    lambda experiment: [("radius_nm", experiment.bead.radius_nm, "nm")],
 )

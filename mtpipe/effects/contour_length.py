@@ -26,4 +26,5 @@ EFFECT = Effect(
     "contour_length",
     _hypotheses,
     lambda experiment: f"the tether's contour is {experiment.chain.contour_length_nm:.0f} nm long",
+    lambda experiment: [("contour_length_nm", experiment.chain.contour_length_nm, "nm")],
 )

@@ -32,4 +32,12 @@ def _cause(experiment: Experiment) -> str:
     )
 
 
-EFFECT = Effect("drift", _hypotheses, _cause)
+EFFECT = Effect(
+    "drift",
+    _hypotheses,
+    _cause,
+    lambda experiment: [
+        (f"walk_{a}_nm_per_root_s", v, "nm/√s")
+        for a, v in zip("xyz", experiment.stage.unsubtracted_nm_per_root_s, strict=True)
+    ],
+)

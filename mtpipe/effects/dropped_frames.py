@@ -23,4 +23,5 @@ EFFECT = Effect(
     lambda experiment: (
         f"{experiment.clock.dropped_share:.1%} of the frames are missing without a gap in the file"
     ),
+    lambda experiment: [("share", experiment.clock.dropped_share, "")],
 )

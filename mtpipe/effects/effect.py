@@ -48,11 +48,13 @@ class Effect:
         differ in where their parameters start, or in kind.
     cause : what the changed experiment has, in words that continue "…: ", given the experiment
         with the effect at its fitted strength.
+    strengths : name, value and unit of what is reported of such an experiment.
     """
 
     name: str
     hypotheses: Callable[[Experiment, Evidence], Sequence[Hypothesis]]
     cause: Callable[[Experiment], str]
+    strengths: Callable[[Experiment], Sequence[tuple[str, float, str]]]
 
 
 Change = Callable[[Experiment, float], Experiment]

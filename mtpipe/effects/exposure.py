@@ -45,4 +45,5 @@ EFFECT = Effect(
         f"the camera exposes for {1e3 * experiment.camera.exposure_s:.3g} ms of each "
         f"{1e3 * experiment.camera.frame_s:.3g} ms"
     ),
+    lambda experiment: [("exposure_s", experiment.camera.exposure_s, "s")],
 )

@@ -29,4 +29,5 @@ EFFECT = Effect(
         "the tether itself stretches, with a modulus of "
         f"{experiment.chain.stretch_modulus_pN or 0.0:.0f} pN"
     ),
+    lambda experiment: [("stretch_modulus_pN", experiment.chain.stretch_modulus_pN or 0.0, "pN")],
 )

@@ -28,4 +28,5 @@ EFFECT = Effect(
         "the camera's axes are turned against the field's by "
         f"{abs(math.degrees(experiment.optics.angle_rad)):.1f}°"
     ),
+    lambda experiment: [("angle_deg", math.degrees(experiment.optics.angle_rad), "°")],
 )

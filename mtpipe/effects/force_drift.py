@@ -30,4 +30,5 @@ EFFECT = Effect(
         f"the force changes by {experiment.magnets.relative_change:+.1%} during each plateau "
         f"({experiment.magnets.course})"
     ),
+    lambda experiment: [("relative_change", experiment.magnets.relative_change, "")],
 )

@@ -49,4 +49,15 @@ def _cause(experiment: Experiment) -> str:
     )
 
 
-EFFECT = Effect("hopping", _hypotheses, _cause)
+def _strengths(experiment: Experiment) -> list[tuple[str, float, str]]:
+    hopping = experiment.hopping
+    if hopping is None:
+        return []
+    return [
+        ("step_nm", hopping.step_nm, "nm"),
+        ("half_force_pN", hopping.half_force_pN, "pN"),
+        ("rate_hz", hopping.rate_hz, "Hz"),
+    ]
+
+
+EFFECT = Effect("hopping", _hypotheses, _cause, _strengths)

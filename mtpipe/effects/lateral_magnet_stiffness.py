@@ -30,4 +30,7 @@ EFFECT = Effect(
         "the magnets hold the bead sideways, with a stiffness of the force over "
         f"{1 / max(experiment.magnets.sideways_per_nm, 1e-12) / 1e3:.3g} µm"
     ),
+    lambda experiment: [
+        ("stiffness_over_force_per_mm", experiment.magnets.sideways_per_nm / PER_NM, "1/mm")
+    ],
 )

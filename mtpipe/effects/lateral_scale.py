@@ -24,4 +24,5 @@ EFFECT = Effect(
     lambda experiment: (
         f"x and y are recorded {experiment.optics.lateral_scale:.3f} times as large as they are"
     ),
+    lambda experiment: [("factor", experiment.optics.lateral_scale, "")],
 )

@@ -30,4 +30,7 @@ EFFECT = Effect(
         "the field holds the bead's axis with a torque stiffness of only "
         f"{experiment.magnets.alignment_pN_nm or 0.0:.2g} pN nm/rad"
     ),
+    lambda experiment: [
+        ("torque_stiffness_pN_nm", experiment.magnets.alignment_pN_nm or 0.0, "pN nm/rad")
+    ],
 )

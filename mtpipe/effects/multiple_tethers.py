@@ -25,4 +25,7 @@ EFFECT = Effect(
         "more than one molecule holds the bead: the tether is as stiff as if its persistence "
         f"length were {experiment.chain.persistence_length_nm:.1f} nm"
     ),
+    lambda experiment: [
+        ("equivalent_persistence_length_nm", experiment.chain.persistence_length_nm, "nm")
+    ],
 )

@@ -31,4 +31,5 @@ EFFECT = Effect(
         f"the tether is attached {experiment.bead.offset_nm:.0f} nm off the bead's axis, so that "
         f"the recorded height lacks {experiment.bead.radius_nm - experiment.bead.lever_nm:.0f} nm"
     ),
+    lambda experiment: [("offset_nm", experiment.bead.offset_nm, "nm")],
 )

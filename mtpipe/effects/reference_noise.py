@@ -48,4 +48,15 @@ def _cause(experiment: Experiment) -> str:
     )
 
 
-EFFECT = Effect("reference_noise", _hypotheses, _cause)
+EFFECT = Effect(
+    "reference_noise",
+    _hypotheses,
+    _cause,
+    lambda experiment: (
+        [
+            (f"motion_{a}_nm", v, "nm")
+            for a, v in zip("xyz", experiment.stage.reference_nm, strict=True)
+        ]
+        + [("relaxation_s", experiment.stage.reference_s, "s")]
+    ),
+)

@@ -16,4 +16,5 @@ EFFECT = Effect(
     "rotation_coupling",
     _hypotheses,
     lambda experiment: "the bead's rotation couples to its motion across the field",
+    lambda experiment: [],
 )

@@ -43,4 +43,15 @@ def _cause(experiment: Experiment) -> str:
     )
 
 
-EFFECT = Effect("vibration", _hypotheses, _cause)
+EFFECT = Effect(
+    "vibration",
+    _hypotheses,
+    _cause,
+    lambda experiment: (
+        [("line_hz", experiment.stage.lines[-1].frequency_hz, "Hz")]
+        + [
+            (f"amplitude_{a}_nm", v, "nm")
+            for a, v in zip("xyz", experiment.stage.lines[-1].amplitude_nm, strict=True)
+        ]
+    ),
+)

@@ -21,4 +21,5 @@ EFFECT = Effect(
     "viscosity",
     _hypotheses,
     lambda experiment: f"the buffer's viscosity is {experiment.fluid.viscosity_mPa_s:.3g} mPa s",
+    lambda experiment: [("viscosity_mPa_s", experiment.fluid.viscosity_mPa_s, "mPa s")],
 )

@@ -16,4 +16,5 @@ EFFECT = Effect(
     "wall_drag",
     _hypotheses,
     lambda experiment: "the surface raises the bead's friction, the more the lower it hangs",
+    lambda experiment: [],
 )
