@@ -23,12 +23,14 @@ class Observed:
     ----------
     position_nm : (n, 3) on the camera's grid, NaN where lost; drift subtracted.
     reference_nm : (n, 3) reference beads' mean without the drift that was subtracted, or None.
+    camera_offset_nm : (n, 2) to be added to x and y for the camera's own coordinates.
     data, expected : spectra and mean height, and what they should be.
     frame_s : frame interval.
     """
 
     position_nm: FloatArray
     reference_nm: FloatArray | None
+    camera_offset_nm: FloatArray
     data: PlateauData
     expected: Expectation
     frame_s: float
