@@ -15,6 +15,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import asdict, dataclass
 from datetime import UTC, datetime
 from pathlib import Path
+from typing import Any
 
 import pandas as pd
 
@@ -22,7 +23,8 @@ import mtpipe
 from mtpipe import tables
 from mtpipe.calibration import Calibration, calibrate
 from mtpipe.comparison import MethodResult, by_methods
-from mtpipe.crosschecking.recording import CrossCheck, crosscheck
+from mtpipe.crosschecking.recording import CrossCheck
+from mtpipe.diagnosis.mismatch import content, examine
 from mtpipe.drift import subtract_drift
 from mtpipe.errors import MtpipeError
 from mtpipe.extension_curve import ForceExtension
@@ -53,6 +55,7 @@ class Run:
     verdicts: tuple[BeadVerdict, ...]
     curves: dict[str, ForceExtension]
     checked: CrossCheck | None
+    mismatch: dict[str, Any]
     seed: int
     started: str
     seconds: dict[str, float]
@@ -137,9 +140,9 @@ def run(
     verdicts = bead_verdicts(
         calibration, flags, curves, recording.setup, _reference_warnings(recording)
     ) + _left_out(recording)
-    checked = None
+    checked, mismatch = None, content(recording.name, {})
     if cross_check:
-        checked = crosscheck(
+        checked, mismatch = examine(
             recording,
             seed=seed,
             workers=workers,
@@ -154,6 +157,7 @@ def run(
         verdicts,
         curves,
         checked,
+        mismatch,
         seed,
         started,
         dict(clock.seconds),
@@ -228,6 +232,9 @@ def _write_tables(result: Run, raw: Recording, out: Path, title: str) -> None:
     write_atomically(out / "crosscheck.parquet", _parquet(tables.crosscheck_table(result.checked)))
     for name, table in details.items():
         write_atomically(out / "details" / f"{name}.parquet", _parquet(table))
+    named = {**result.mismatch, "recording": title}
+    text = json.dumps(named, indent=2, ensure_ascii=False, allow_nan=False)
+    write_atomically(out / "mismatch.json", text)
     write_atomically(out / "run.json", _run_json(result, title))
 
 

@@ -9,6 +9,7 @@ from scipy import fft
 
 from mtpipe.battery.look import Look, Values
 from mtpipe.battery.observed import AXES, Observed
+from mtpipe.physics.camera import FloatArray
 
 AVERAGES = (1, 4, 16, 64, 256)
 FEWEST_BLOCKS = 16
@@ -57,34 +58,37 @@ def allan(seen: Sequence[Observed]) -> Values:
     return values
 
 
-def fractional_pixel(seen: Sequence[Observed]) -> Values:
+def smooth_periods_nm(seen: Sequence[Observed]) -> FloatArray:
+    """(plateaus, 2) longest period that a Gaussian distribution as wide as this one hides, x and y.
+
+    Its amplitude of a period, exp(−q²σ²/2), is next to nothing well below its width.
+    """
+    spread = np.array([np.nanstd(one.position_nm[:, :2], axis=0) for one in seen])
+    return np.minimum(2 * np.pi * spread / SMOOTH_SPREADS, LONGEST_PERIOD_NM)
+
+
+def fractional_pixel(seen: Sequence[Observed], longest_nm: FloatArray) -> Values:
     """Strongest period in the distribution of x and y in the camera's own coordinates, in ln.
 
-    A smooth distribution has no amplitude exp(−q²σ²/2) at periods well below its width, so that
-    only plateaus that move over more than a pixel tell.
+    Parameters
+    ----------
+    longest_nm : from `smooth_periods_nm` of the recording. Plateaus that hardly cover a pixel have
+        no look.
     """
     values: Values = []
     periods = FOLD_NM / np.arange(1, FOLD_BINS // 2 + 1)
     for i, one in enumerate(seen):
         for axis, name in enumerate(AXES[:2]):
-            x = one.position_nm[:, axis]
-            there = np.isfinite(x)
-            spread = float(x[there].std())
-            longest = min(2 * np.pi * spread / SMOOTH_SPREADS, LONGEST_PERIOD_NM)
-            searched = (periods <= longest) & (periods >= SHORTEST_PERIOD_NM)
+            searched = (periods <= longest_nm[i, axis]) & (periods >= SHORTEST_PERIOD_NM)
             if not searched.any():
-                # there is nothing to see, and there must be a value: what chance alone would show
-                values.append(
-                    (Look("fractional_pixel", name, (i,)), -0.5 * float(np.log(there.sum())))
-                )
                 continue
-            camera = x[there] + one.camera_offset_nm[there, axis]
+            camera = one.position_nm[:, axis] + one.camera_offset_nm[:, axis]
+            camera = camera[np.isfinite(camera)]
             bins = (np.mod(camera, FOLD_NM) * (FOLD_BINS / FOLD_NM)).astype(np.int64) % FOLD_BINS
             counts = np.bincount(bins, minlength=FOLD_BINS)
             amplitude = np.abs(fft.rfft(counts.astype(float)))[1:] / len(camera)
-            values.append(
-                (Look("fractional_pixel", name, (i,)), float(np.log(amplitude[searched].max())))
-            )
+            value = float(np.log(amplitude[searched].max()))
+            values.append((Look("fractional_pixel", name, (i,)), value))
     return values
 
 

@@ -81,6 +81,16 @@ def _z_zero(experiment: Experiment, value: float) -> Experiment:
     return replace(experiment, optics=replace(experiment.optics, z_zero_nm=value))
 
 
+def _upward_friction(experiment: Experiment, ln_factor: float) -> Experiment:
+    allowance = replace(experiment.allowance, upward_friction=math.exp(ln_factor))
+    return replace(experiment, allowance=allowance)
+
+
+def _upward_variance(experiment: Experiment, ln_factor: float) -> Experiment:
+    allowance = replace(experiment.allowance, upward_variance=math.exp(ln_factor))
+    return replace(experiment, allowance=allowance)
+
+
 def _radius(experiment: Experiment, ln_factor: float) -> Experiment:
     bead = experiment.bead
     return replace(experiment, bead=replace(bead, radius_nm=bead.radius_nm * math.exp(ln_factor)))
@@ -106,19 +116,10 @@ def _persistence(experiment: Experiment, ln_factor: float) -> Experiment:
 
 def allowance_parameters() -> tuple[Parameter, ...]:
     """How far z may be from theory (`Allowance`)."""
-
-    def friction(experiment: Experiment, ln_factor: float) -> Experiment:
-        allowance = replace(experiment.allowance, upward_friction=math.exp(ln_factor))
-        return replace(experiment, allowance=allowance)
-
-    def variance(experiment: Experiment, ln_factor: float) -> Experiment:
-        allowance = replace(experiment.allowance, upward_variance=math.exp(ln_factor))
-        return replace(experiment, allowance=allowance)
-
     return tuple(
         Parameter(name, "", 0.0, -6 * error, 6 * error, 1e-3, (0.0, error), change, kind="ln")
         for name, error, change in (
-            ("allowed friction of z", UPWARD_FRICTION_STDERR, friction),
-            ("allowed variance of z", UPWARD_VARIANCE_STDERR, variance),
+            ("allowed friction of z", UPWARD_FRICTION_STDERR, _upward_friction),
+            ("allowed variance of z", UPWARD_VARIANCE_STDERR, _upward_variance),
         )
     )

@@ -55,6 +55,7 @@ class Case:
     starts : frame number at which each plateau starts.
     phi : per plateau, prewhitening of each axis.
     stage_nm_per_root_s : per axis, the stage's random walk near the cutoff of its subtraction.
+    pixel_nm : size of a pixel, or None where the setup does not state it.
     """
 
     bead: str
@@ -68,6 +69,7 @@ class Case:
     fit: ConfiguredFit
     notices: tuple[Notice, ...]
     stage_nm_per_root_s: Triple = (0.0, 0.0, 0.0)
+    pixel_nm: float | None = None
 
     @property
     def frame_s(self) -> float:
@@ -113,6 +115,7 @@ def prepare(recording: Recording, bead: str) -> Case:
         recording.setup, forces, FEWEST_FRAMES, noise_nm=(0.0, 0.0, 0.0), formula=FORMULAS[0]
     )
     frame_s = 1 / rate if rate else base.camera.frame_s
+    pixel = recording.setup.camera.pixel_size_nm
     phi = tuple(whitening(x, frame_s) for x in positions)
     data = tuple(plateau_data(x, frame_s, p) for x, p in zip(positions, phi, strict=True))
     rests = tuple(
@@ -150,6 +153,7 @@ def prepare(recording: Recording, bead: str) -> Case:
         preferred_formula(fits[0], fits[1:]),
         notices,
         (0.0, 0.0, 0.0) if reference is None else _stage(reference, subtraction, 1 / frame_s),
+        None if pixel is None else pixel.value,
     )
 
 

@@ -113,7 +113,9 @@ class _Battery:
     def __init__(self, case: Case) -> None:
         self.case = case
         self.projection = _projections(case)
+        # of the recording, which is looked at first
         self.edges_hz: FloatArray | None = None
+        self.periods_nm: FloatArray | None = None
         cutoffs = case.fit.model.subtraction.cutoff_hz
         # subtracted frame by frame, nothing is left of the reference
         self.above_hz = [CLEAR_OF_CUTOFF * (math.inf if c is None else c) for c in cutoffs]
@@ -156,8 +158,9 @@ class _Battery:
 
     def looks(self, seen: list[Observed]) -> tuple[tuple[Look, ...], FloatArray]:
         """All looks, and their values."""
-        if self.edges_hz is None:
+        if self.edges_hz is None or self.periods_nm is None:
             self.edges_hz = spectral.band_edges_hz(seen)
+            self.periods_nm = shape.smooth_periods_nm(seen)
         single = [whitened(one) for one in seen]
         values = [
             *spectral.bands(seen, self.edges_hz),
@@ -168,7 +171,7 @@ class _Battery:
             *temporal.irreversibility(seen),
             *shape.moments(seen),
             *shape.allan(seen),
-            *shape.fractional_pixel(seen),
+            *shape.fractional_pixel(seen, self.periods_nm),
             *shape.lost_frames(seen),
             *agreement.per_trace(seen, self.projection),
             *agreement.extensions(seen),

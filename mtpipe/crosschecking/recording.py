@@ -79,7 +79,7 @@ def crosscheck(
         done = itertools.count(1)
         futures = {}
         for bead in beads:
-            futures[bead] = pool.submit(_check, _alone(recording, bead), bead, seed)
+            futures[bead] = pool.submit(_check, alone(recording, bead), bead, seed)
             futures[bead].add_done_callback(lambda _: say(next(done), len(beads)))
         for bead, future in futures.items():
             outcome = future.result()
@@ -99,7 +99,7 @@ def _check(recording: Recording, bead: str, seed: int) -> BeadCheck | str:
         return str(error)
 
 
-def _alone(recording: Recording, bead: str) -> Recording:
+def alone(recording: Recording, bead: str) -> Recording:
     """The recording with this tethered bead only, which is all that its check reads."""
     kept = (bead, *recording.setup.beads.reference)
     return replace(

@@ -18,7 +18,7 @@ from mtpipe.configured.data import PlateauData, plateau_data
 from mtpipe.configured.fit import ConfiguredFit, fit_configured
 from mtpipe.crosschecking.case import FORMULAS, Case, preferred_formula
 from mtpipe.crosschecking.check import BeadCheck, check_bead
-from mtpipe.diagnosis.hypotheses import Tried, try_effects, with_hypothesis
+from mtpipe.diagnosis.hypotheses import Tried, together, try_effects
 from mtpipe.effects.catalogue import CORRECTIONS, catalogue
 from mtpipe.effects.correction import Correction
 from mtpipe.effects.effect import Effect, Evidence
@@ -187,21 +187,19 @@ def _without_superfluous(
     case: Case, named: list[Named], check: BeadCheck, random: np.random.Generator
 ) -> tuple[list[Named], BeadCheck]:
     """Drop effects that the ones named after them made needless."""
-    for one in named[:-1]:
-        if not isinstance(one.found, Tried):
-            continue
-        rest = [other for other in named if other is not one]
-        fit = case.fit
+    fitted = [one.found for one in named if isinstance(one.found, Tried)]
+    for one in fitted[:-1]:
+        rest = [other for other in fitted if other is not one]
         try:
-            for other in rest:
-                if isinstance(other.found, Tried):
-                    fit = with_hypothesis(fit, other.found.hypothesis)
-        except (FitError, ValueError):
+            fit = together(case.fit, rest, check.case.fit)
+        except (FitError, ValueError, IndexError):
             continue
-        if check.case.fit.log_likelihood - fit.log_likelihood - one.found.penalty < KEPT_NATS:
+        if check.case.fit.log_likelihood - fit.log_likelihood - one.penalty < KEPT_NATS:
             again = check_bead(replace(case, fit=fit), random)
             if again.p_value >= min(ALARM_P, check.p_value):
-                return _without_superfluous(case, rest, again, random)
+                left = [other for other in named if other.found is not one]
+                left[-1] = replace(left[-1], p_after=again.p_value)
+                return _without_superfluous(case, left, again, random)
     return named, check
 
 

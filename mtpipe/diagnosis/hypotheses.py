@@ -24,7 +24,7 @@ class Tried:
     ----------
     gain : rise of ln likelihood over the fit without the effect.
     penalty : what its parameters cost, half their number times ln of the number of ordinates (BIC).
-    first : index of the effect's first parameter among the model's.
+    evidence : that the hypotheses began with. index : which of them this is.
     """
 
     effect: Effect
@@ -32,7 +32,8 @@ class Tried:
     fit: ConfiguredFit
     gain: float
     penalty: float
-    first: int
+    evidence: Evidence
+    index: int
 
     @property
     def net(self) -> float:
@@ -53,6 +54,26 @@ def with_hypothesis(
     return fit_configured(model, start, rounds=rounds)
 
 
+def together(fit: ConfiguredFit, chosen: Sequence[Tried], start: ConfiguredFit) -> ConfiguredFit:
+    """Fit several effects at once, their parameters beginning where another fit has them."""
+    model = fit.model
+    for one in chosen:
+        hypotheses = one.effect.hypotheses(model.experiment, one.evidence)
+        hypothesis = hypotheses[min(one.index, len(hypotheses) - 1)]
+        model = replace(
+            model,
+            experiment=hypothesis.experiment,
+            parameters=(*model.parameters, *hypothesis.parameters),
+        )
+    plateaus = start.model.plateaus
+    known = {
+        parameter.name: float(value)
+        for parameter, value in zip(start.model.parameters, start.theta[plateaus:], strict=True)
+    }
+    values = [known.get(parameter.name, parameter.start) for parameter in model.parameters]
+    return fit_configured(model, np.concatenate([start.theta[:plateaus], values]))
+
+
 def try_effects(fit: ConfiguredFit, effects: Sequence[Effect], evidence: Evidence) -> list[Tried]:
     """Fit every effect that applies, each with the best of its hypotheses; best first.
 
@@ -63,7 +84,8 @@ def try_effects(fit: ConfiguredFit, effects: Sequence[Effect], evidence: Evidenc
     taken = {parameter.name for parameter in fit.model.parameters}
     begun: list[Tried] = []
     for effect in effects:
-        for hypothesis in effect.hypotheses(fit.model.experiment, evidence):
+        hypotheses = effect.hypotheses(fit.model.experiment, evidence)
+        for index, hypothesis in enumerate(hypotheses):
             if taken & {parameter.name for parameter in hypothesis.parameters}:
                 continue
             try:
@@ -72,9 +94,7 @@ def try_effects(fit: ConfiguredFit, effects: Sequence[Effect], evidence: Evidenc
                 continue
             penalty = 0.5 * len(hypothesis.parameters) * float(np.log(ordinates))
             gain = fitted.log_likelihood - fit.log_likelihood
-            begun.append(
-                Tried(effect, hypothesis, fitted, gain, penalty, len(fit.model.parameters))
-            )
+            begun.append(Tried(effect, hypothesis, fitted, gain, penalty, evidence, index))
     best = max((one.gain for one in begun), default=0.0)
     worthwhile = best - max(WORTHWHILE_NATS, WORTHWHILE_SHARE * best)
     ended = [_ended(one, fit) if one.gain > worthwhile else one for one in begun]

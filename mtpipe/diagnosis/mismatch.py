@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 import math
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
@@ -12,12 +13,13 @@ import numpy as np
 from mtpipe.battery.look import Look
 from mtpipe.crosschecking.case import prepare
 from mtpipe.crosschecking.check import BeadCheck, check_bead
-from mtpipe.crosschecking.recording import bead_generator
+from mtpipe.crosschecking.recording import CrossCheck, alone, bead_generator
 from mtpipe.diagnosis.explain import Explanation, Named, explain
 from mtpipe.diagnosis.hypotheses import Tried
 from mtpipe.effects.correction import Strength
 from mtpipe.errors import MtpipeError
 from mtpipe.physics.camera import FloatArray
+from mtpipe.processes import executor
 from mtpipe.recording import Recording
 
 SCHEMA = "mtpipe.mismatch/1"
@@ -43,11 +45,9 @@ class Mismatch:
 
     def as_dict(self) -> dict[str, Any]:
         """The content of `mismatch.json`."""
-        return {
-            "schema": SCHEMA,
-            "recording": self.recording,
-            "beads": {bead: _bead(found) for bead, found in self.beads.items()},
-        }
+        return content(
+            self.recording, {bead: bead_content(found) for bead, found in self.beads.items()}
+        )
 
 
 def diagnose(recording: Recording, *, seed: int = 0, progress: Progress | None = None) -> Mismatch:
@@ -78,7 +78,58 @@ def diagnose(recording: Recording, *, seed: int = 0, progress: Progress | None =
     return Mismatch(recording.name, found, refused)
 
 
-def _bead(found: Explanation) -> dict[str, Any]:
+def examine(
+    recording: Recording,
+    *,
+    seed: int = 0,
+    workers: int = 1,
+    progress: Callable[[int, int], None] | None = None,
+) -> tuple[CrossCheck, dict[str, Any]]:
+    """Cross-check and diagnosis of all beads, spread over processes.
+
+    Parameters, raises: as `mtpipe.crosscheck`.
+
+    Returns
+    -------
+    The cross-check, and the content of `mismatch.json`.
+    """
+    beads, say = recording.tethered, progress or (lambda done, total: None)
+    say(0, len(beads))
+    checks: dict[str, BeadCheck] = {}
+    refused: dict[str, str] = {}
+    found: dict[str, dict[str, Any]] = {}
+    with executor(min(workers, len(beads))) as pool:
+        done = itertools.count(1)
+        futures = {}
+        for bead in beads:
+            futures[bead] = pool.submit(_examined, alone(recording, bead), bead, seed)
+            futures[bead].add_done_callback(lambda _: say(next(done), len(beads)))
+        for bead, future in futures.items():
+            outcome = future.result()
+            if isinstance(outcome, str):
+                refused[bead] = outcome
+            else:
+                checks[bead], found[bead] = outcome
+    return CrossCheck(recording.name, checks, refused), content(recording.name, found)
+
+
+def _examined(recording: Recording, bead: str, seed: int) -> tuple[BeadCheck, dict[str, Any]] | str:
+    """Check and diagnosis of one bead, or in words why there is none."""
+    random = bead_generator(seed, bead)
+    try:
+        check = check_bead(prepare(recording, bead), random, with_curves=True)
+        return check, bead_content(explain(check, random))
+    except MtpipeError as error:
+        return str(error)
+
+
+def content(recording: str, beads: Mapping[str, dict[str, Any]]) -> dict[str, Any]:
+    """`mismatch.json` from what was found about each bead."""
+    return {"schema": SCHEMA, "recording": recording, "beads": dict(beads)}
+
+
+def bead_content(found: Explanation) -> dict[str, Any]:
+    """What `mismatch.json` says of one bead."""
     return {
         "verdict": found.verdict,
         "located": [] if found.verdict == "consistent" else located(found.before),

@@ -22,8 +22,10 @@ from mtpipe.effects import (
     magnetic_alignment,
     multiple_tethers,
     off_center_attachment,
+    pixel_locking,
     reference_noise,
     rotation_coupling,
+    surface_sticking,
     tracking_noise,
     vibration,
     viscosity,
@@ -60,8 +62,12 @@ OWN: tuple[Effect, ...] = tuple(
     )
 )
 
-# Effects that are no change of a spectrum but are seen in the traces and taken off them.
-CORRECTIONS: tuple[Callable[[BeadCheck], Correction | None], ...] = ()
+# Effects that are no change of a spectrum but are seen in the traces and taken off them; a stuck
+# bead crowds places within the pixel, so sticking comes first.
+CORRECTIONS: tuple[Callable[[BeadCheck], Correction | None], ...] = (
+    surface_sticking.find,
+    pixel_locking.find,
+)
 
 
 def catalogue() -> tuple[Effect, ...]:

@@ -14,6 +14,8 @@ STATISTICS: Mapping[str, tuple[str, str]] = {
     "line": ("narrow lines", "the strongest narrow line"),
     "allan_variance": ("Allan variance", "Allan variance (ln nm²)"),
     "correlation": ("correlation", "correlation of the two axes"),
+    "fractional_pixel": ("pixels", "strongest period of the positions (ln)"),
+    "lost_frames": ("lost frames", "distance from the mean before lost frames (ln)"),
     "reference_coherence": ("reference bead", "motion in common with the reference beads"),
     "mean_trend": ("mean over time", "drift of the mean"),
     "mean_step": ("mean over time", "largest step of the mean"),
@@ -51,12 +53,14 @@ def verdict(p_value: float, looks: int, simulations: int) -> str:
     basis = f"{looks} looks together, beside {simulations} simulations"
     if p_value >= CONSISTENT:
         return f"Consistent with the configured experiment: p = {p} ({basis})."
-    once = words.number(round(1 / p_value, -len(str(int(1 / p_value))) + 2), 3)
+    once = words.number(1 / max(p_value, 1e-300), 2)
     often = f"of {once} recordings that behave as configured, one looks as odd"
     if p_value >= MISMATCH:
         return f"No clear mismatch: p = {p}; {often} ({basis})."
     if p_value < 1 / (simulations + 1):
-        often = "fewer than one in as many recordings as were simulated looks as odd"
+        often = (
+            "none of the simulations looks as odd, and how far out it is follows from their tail"
+        )
     said = "This bead does not behave as the configured experiment should"
     return f"{said}: p = {p}; {often} ({basis})."
 
@@ -67,7 +71,9 @@ def look(row: Mapping[str, Any]) -> str:
     what = STATISTICS.get(statistic, ("", words.label(statistic)))[1]
     parts = [str(row["axis"])]
     parts.append("all plateaus together" if row["plateau"] is None else f"plateau {row['plateau']}")
-    if words.is_number(row["band_low_hz"]):
+    if statistic == "line":
+        parts.append(f"{words.number((row['band_low_hz'] + row['band_high_hz']) / 2, 4)} Hz")
+    elif words.is_number(row["band_low_hz"]):
         parts.append(f"{band(row)} Hz")
     if words.is_number(row["time_low_s"]):
         parts.append(

@@ -173,6 +173,7 @@ def _bead_page(run: RunFolder, row: rows.BeadRow) -> dict[str, Any]:
     checked = rows_crosscheck.crosscheck_rows(run, bead)
     if checked.done:
         figures["crosscheck"] = map_figure(checked)
+    curves = _crosscheck_curves(arrays, run, bead)
     usable = [key for key, force in forces.items() if force["status"] != "refused"]
     figures = {name: figure for name, figure in figures.items() if figure["data"]}
     return {
@@ -196,7 +197,7 @@ def _bead_page(run: RunFolder, row: rows.BeadRow) -> dict[str, Any]:
             "choices": {
                 "spectrum": spectra,
                 "posterior": posteriors,
-                "crosscheck": _crosscheck_curves(arrays, run, bead),
+                "crosscheck": curves,
             },
             "captions": {
                 f"{p.plateau}/{a.axis}": trace_captions(

@@ -19,7 +19,7 @@ from mtpipe.physics.camera import Camera, FloatArray, frame_variance
 from mtpipe.physics.langevin import mode_path
 
 STEP_RELAXATIONS = 0.2
-MOST_STEPS = 150
+MOST_STEPS = 60
 TABLE = 512
 # A parabola of a Gaussian variable, monotonic where it matters, is no more skewed than this.
 MOST_SKEWED = 1.5
@@ -84,7 +84,7 @@ def _drawn(motion: AxialMotion, count: int, random: np.random.Generator) -> Floa
     return np.asarray(drawn + motion.step_nm / 2)
 
 
-@functools.lru_cache(maxsize=128)
+@functools.lru_cache(maxsize=1024)
 def _averaged(motion: AxialMotion, camera: Camera) -> tuple[float, float]:
     """Variance and third cumulant of heights averaged over an exposure."""
     variance = sum(
@@ -109,7 +109,7 @@ def _skewed(gaussian: FloatArray, variance: float, third: float) -> FloatArray:
     return np.asarray(math.sqrt(variance / (1 + 2 * bend**2)) * (unit + bend * (unit**2 - 1)))
 
 
-@functools.lru_cache(maxsize=128)
+@functools.lru_cache(maxsize=1024)
 def _tables(motion: AxialMotion, step_s: float) -> tuple[FloatArray, FloatArray]:
     """(TABLE,) mean move and spread of one step, at heights from the lowest to the highest."""
     table_nm = np.linspace(float(motion.height_nm[0]), float(motion.height_nm[-1]), TABLE)

@@ -98,7 +98,7 @@ class _Plan:
     within: tuple[float, float]
 
 
-@functools.lru_cache(maxsize=128)
+@functools.lru_cache(maxsize=1024)
 def _plan(state: BeadState, camera: Camera) -> _Plan:
     modes = state.modes
     q = modes.quadratic(state.bending)

@@ -1,0 +1,32 @@
+"""A case with other traces, as if they had been recorded: reduced and fitted again."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+from mtpipe.configured.data import plateau_data, whitening
+from mtpipe.configured.fit import fit_configured
+from mtpipe.crosschecking.case import FORMULAS, Case, preferred_formula
+from mtpipe.physics.camera import FloatArray
+
+
+def with_positions(case: Case, positions_nm: tuple[FloatArray, ...]) -> Case:
+    """The case with these traces, of the same plateaus and the same frames.
+
+    Parameters
+    ----------
+    positions_nm : per plateau (n, 3), NaN where lost.
+
+    Raises
+    ------
+    FitError : too few frames are left, or nothing fits.
+    """
+    phi = tuple(whitening(x, case.frame_s) for x in positions_nm)
+    data = tuple(plateau_data(x, case.frame_s, p) for x, p in zip(positions_nm, phi, strict=True))
+    fits = []
+    for formula in FORMULAS:
+        chain = replace(case.fit.model.experiment.chain, formula=formula)
+        experiment = replace(case.fit.model.experiment, chain=chain)
+        fits.append(fit_configured(replace(case.fit.model, data=data, experiment=experiment)))
+    fit = preferred_formula(fits[0], fits[1:])
+    return replace(case, positions_nm=positions_nm, phi=phi, fit=fit)
