@@ -98,9 +98,11 @@ class RunFolder:
     """Everything a report is drawn from; tables with the columns of docs/run-folder.md.
 
     `forces` are mtpipe's own, a row per trace; `others` those by other methods of the field.
+    `mismatch` is the diagnosis (FORMATS section 4).
     """
 
     run: Mapping[str, Any]
+    mismatch: Mapping[str, Any]
     setup: Setup
     notices: tuple[Notice, ...]
     forces: pd.DataFrame
@@ -130,7 +132,8 @@ def read_run_folder(folder: Path) -> RunFolder:
     RunFolderError : a file is missing or damaged, or lacks a column; names file and column.
     SetupError : the setup in `run.json` is none.
     """
-    run = _read_json(folder / "run.json")
+    needed = ("recording", "setup", "conditions", "drift", "notices")
+    run = _read_json(folder / "run.json", needed)
     tables = {name: _read_table(folder / name, columns) for name, columns in COLUMNS.items()}
     by_others = tables["forces.parquet"]["method"].isin(METHODS)
     others = tables["forces.parquet"][by_others]
@@ -138,6 +141,7 @@ def read_run_folder(folder: Path) -> RunFolder:
     return RunFolder(
         others=others,
         run=run,
+        mismatch=_read_json(folder / "mismatch.json", ("beads",)),
         setup=parse_setup(_experiment(run["setup"]), where=str(folder / "run.json")),
         notices=tuple(Notice(**notice) for notice in run["notices"]),
         **{Path(name).stem: table for name, table in tables.items()},
@@ -149,7 +153,7 @@ def records(table: pd.DataFrame) -> list[dict[str, Any]]:
     return [{str(key): value for key, value in row.items()} for row in table.to_dict("records")]
 
 
-def _read_json(path: Path) -> dict[str, Any]:
+def _read_json(path: Path, needed: tuple[str, ...]) -> dict[str, Any]:
     try:
         content = json.loads(path.read_text(encoding="utf-8"))
     except FileNotFoundError:
@@ -159,7 +163,6 @@ def _read_json(path: Path) -> dict[str, Any]:
         ) from None
     except (OSError, ValueError) as error:
         raise RunFolderError(f"cannot be read ({error}).", where=str(path)) from None
-    needed = ("recording", "setup", "conditions", "drift", "notices")
     missing = [key for key in needed if key not in content]
     if missing:
         raise RunFolderError(f"lacks {', '.join(missing)}.", where=str(path), mend=_AGAIN)

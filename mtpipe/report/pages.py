@@ -15,7 +15,7 @@ from typing import Any
 from jinja2 import Environment, PackageLoader, StrictUndefined
 
 from mtpipe.files import folder_written_whole
-from mtpipe.report import rows, rows_crosscheck, rows_drift, rows_methods, words
+from mtpipe.report import rows, rows_crosscheck, rows_diagnosis, rows_drift, rows_methods, words
 from mtpipe.report.captions import agreement_caption, trace_captions
 from mtpipe.report.figures_agreement import agreement_figure
 from mtpipe.report.figures_bead import (
@@ -179,6 +179,7 @@ def _bead_page(run: RunFolder, row: rows.BeadRow) -> dict[str, Any]:
     return {
         "row": row,
         "checked": checked,
+        "diagnosis": rows_diagnosis.diagnosis_rows(run, bead),
         "plateaus": plateaus,
         "methods": methods,
         "by_method": by_method,
