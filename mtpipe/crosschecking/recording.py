@@ -12,6 +12,7 @@ import pandas as pd
 
 from mtpipe.crosschecking.case import prepare
 from mtpipe.crosschecking.check import BeadCheck, check_bead
+from mtpipe.crosschecking.listed import with_listed
 from mtpipe.errors import MtpipeError
 from mtpipe.processes import executor
 from mtpipe.recording import Recording
@@ -93,7 +94,7 @@ def crosscheck(
 def _check(recording: Recording, bead: str, seed: int) -> BeadCheck | str:
     """The check of a bead, or in words why there is none."""
     try:
-        case = prepare(recording, bead)
+        case = with_listed(prepare(recording, bead), recording.setup)
         return check_bead(case, bead_generator(seed, bead), with_curves=True)
     except MtpipeError as error:
         return str(error)

@@ -105,6 +105,12 @@ def try_effects(fit: ConfiguredFit, effects: Sequence[Effect], evidence: Evidenc
     return sorted(strongest.values(), key=lambda one: one.net, reverse=True)
 
 
+def best_of(fit: ConfiguredFit, effect: Effect, evidence: Evidence) -> Tried | None:
+    """One effect with the best of its hypotheses; None where none applies or can be fitted."""
+    tried = try_effects(fit, [effect], evidence)
+    return tried[0] if tried else None
+
+
 def _ended(one: Tried, without: ConfiguredFit) -> Tried:
     if one.fit.converged:
         return one

@@ -13,6 +13,7 @@ import numpy as np
 from mtpipe.battery.look import Look
 from mtpipe.crosschecking.case import prepare
 from mtpipe.crosschecking.check import BeadCheck, check_bead
+from mtpipe.crosschecking.listed import with_listed
 from mtpipe.crosschecking.recording import CrossCheck, alone, bead_generator
 from mtpipe.diagnosis.explain import Explanation, Named, explain
 from mtpipe.diagnosis.hypotheses import Tried
@@ -71,7 +72,7 @@ def diagnose(recording: Recording, *, seed: int = 0, progress: Progress | None =
         try:
             random = bead_generator(seed, bead)
             say("comparing with simulations")
-            check = check_bead(prepare(recording, bead), random)
+            check = check_bead(with_listed(prepare(recording, bead), recording.setup), random)
             found[bead] = explain(check, random, progress=say)
         except MtpipeError as error:
             refused[bead] = str(error)
@@ -117,7 +118,9 @@ def _examined(recording: Recording, bead: str, seed: int) -> tuple[BeadCheck, di
     """Check and diagnosis of one bead, or in words why there is none."""
     random = bead_generator(seed, bead)
     try:
-        check = check_bead(prepare(recording, bead), random, with_curves=True)
+        check = check_bead(
+            with_listed(prepare(recording, bead), recording.setup), random, with_curves=True
+        )
         return check, bead_content(explain(check, random))
     except MtpipeError as error:
         return str(error)

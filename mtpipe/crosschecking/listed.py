@@ -1,0 +1,52 @@
+"""Effects that the setup lists belong to the configured experiment: they are fitted from the start.
+
+Three of them are part of the description itself (wall, rotation, tracking noise); the others come
+from the catalogue, each with the hypothesis that suits the data best, whatever its strength.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+
+from mtpipe.battery import spectral
+from mtpipe.battery.observed import Observed, whitened
+from mtpipe.crosschecking.case import Case
+from mtpipe.diagnosis.hypotheses import best_of
+from mtpipe.effects.catalogue import OWN
+from mtpipe.effects.effect import Evidence
+from mtpipe.experiment.from_setup import DESCRIBED
+from mtpipe.setup import Setup
+
+
+def with_listed(case: Case, setup: Setup) -> Case:
+    """The case with the setup's further effects fitted along."""
+    wanted = [e for e in OWN if e.name in setup.model.effects and e.name not in DESCRIBED]
+    for effect in wanted:
+        forces = tuple(float(f) for f in case.fit.force_pN)
+        lines = strongest_lines_hz(case) if effect.name == "vibration" else ()
+        tried = best_of(case.fit, effect, Evidence(lines, forces))
+        if tried is not None:
+            case = replace(case, fit=tried.fit)
+    return case
+
+
+def strongest_lines_hz(case: Case) -> tuple[float, ...]:
+    """The strongest narrow line of all axes and plateaus, be it chance or not."""
+    seen = [
+        Observed(position, None, offset, data, expected, case.frame_s)
+        for position, offset, data, expected in zip(
+            case.positions_nm,
+            case.camera_offset_nm,
+            case.fit.model.data,
+            case.fit.expected,
+            strict=True,
+        )
+    ]
+    found = [
+        (value, float(np.mean(look.band_hz)))
+        for look, value in spectral.lines(seen, [whitened(one) for one in seen])
+        if look.band_hz is not None and not look.pooled
+    ]
+    return (max(found)[1],) if found else ()
