@@ -83,6 +83,10 @@ def write_run_folder(folder: Path, *, good: int = 0, plateaus: int = 4) -> Path:
         "details/posteriors": pd.concat(
             [posterior(row, rng) for row in usable(forces) if row["status"] != "refused"]
         ),
+        "crosscheck": pd.concat(
+            [crosscheck(b, plateaus, rng) for b in beads if b != NO_Z], ignore_index=True
+        ),
+        **crosscheck_curves([b for b in beads if b != NO_Z], plateaus, rng),
         "details/force_extension": pd.DataFrame(
             [
                 fit_row(b, m)
@@ -95,7 +99,31 @@ def write_run_folder(folder: Path, *, good: int = 0, plateaus: int = 4) -> Path:
     for name, table in tables.items():
         table.to_parquet(folder / f"{name}.parquet")
     (folder / "run.json").write_text(json.dumps(run(forces)), encoding="utf-8")
+    (folder / "mismatch.json").write_text(json.dumps(mismatch(beads[0])), encoding="utf-8")
     return folder
+
+
+def mismatch(bead: str) -> dict[str, Any]:
+    effect = {
+        "effect": "viscosity",
+        "sentence": "x, 1–20 Hz, plateau 0: the buffer's viscosity is 1.2 mPa s; …",
+        "parameters": {"viscosity_mPa_s": {"value": 1.2, "stderr": 0.02, "unit": "mPa s"}},
+        "delta_bic": -80.0,
+        "heldout_gain_nats": 35.0,
+        "p_before": 1e-9,
+        "p_after": 0.4,
+        "equivalent": ["bead_radius"],
+    }
+    force = {
+        "plateau": 0,
+        "magnet_mm": 3.0,
+        "force_pN": 1.02,
+        "stderr_pN": 0.02,
+        "force_before_pN": 0.98,
+        "stderr_before_pN": 0.02,
+    }
+    found = {"verdict": "explained", "located": [], "effects": [effect], "forces": [force]}
+    return {"schema": "mtpipe.mismatch/1", "recording": "made up", "beads": {bead: found}}
 
 
 def usable(forces: pd.DataFrame) -> list[dict[str, Any]]:
@@ -222,6 +250,72 @@ def spectrum(row: dict[str, Any], rng: np.random.Generator) -> pd.DataFrame:
     return table.assign(bead=row["bead"], plateau=row["plateau"], axis=row["axis"])
 
 
+def crosscheck(bead: str, plateaus: int, rng: np.random.Generator) -> pd.DataFrame:
+    """Looks of a consistent bead; the first more has a line at 30 Hz in y of plateau 1."""
+    places = [(axis, p) for axis in "xyz" for p in (*range(plateaus), None)]
+    rows = [
+        {"statistic": statistic, "axis": axis, "plateau": p}
+        | {"band_low_hz": low, "band_high_hz": high, "time_low_s": since, "time_high_s": until}
+        for axis, p in places
+        for statistic, low, high, since, until in (
+            ("psd_band", 0.1, 3.0, np.nan, np.nan),
+            ("psd_band", 3.0, 60.0, np.nan, np.nan),
+            ("line", 29.9, 30.1, np.nan, np.nan),
+            ("mean_step", np.nan, np.nan, 20.0, 60.0),
+            ("skewness", np.nan, np.nan, np.nan, np.nan),
+        )
+    ]
+    table = pd.DataFrame(rows).astype({"plateau": "Int64"})
+    table["value"] = rng.normal(size=len(table))
+    table["p_value"] = rng.uniform(0.01, 1, len(table))
+    odd = (table["statistic"] == "line") & (table["axis"] == "y") & (table["plateau"] == 1)
+    if bead == "more0":
+        table.loc[odd.fillna(False), ["value", "p_value"]] = [9.5, 3e-9]
+    return table.assign(
+        bead=bead,
+        magnet_mm=np.where(table["plateau"].isna(), np.nan, 3.0),
+        simulated_median=0.0,
+        simulated_low=-1.9,
+        simulated_high=2.1,
+        extrapolated=table["p_value"] < 0.02,
+        simulations=48,
+        bead_p_value=2.4e-7 if bead == "more0" else 0.43,
+    )
+
+
+def crosscheck_curves(
+    beads: list[str], plateaus: int, rng: np.random.Generator
+) -> dict[str, pd.DataFrame]:
+    f = np.geomspace(0.05, 60, 40)
+    x = np.linspace(-400, 400, 36)
+    t = 2.0 ** np.arange(10) / RATE_HZ
+    curves = {
+        "spectrum": ("frequency_hz", f, "power", "nm2_per_hz", 400 / (1 + f**2)),
+        "histogram": ("deviation_nm", x, "density", "per_nm", np.exp(-((x / 100) ** 2) / 2) / 250),
+        "allan": ("averaged_s", t, "variance", "nm2", 9e3 * t / (t**2 + 0.1)),
+    }
+    return {
+        f"details/crosscheck_{kind}": pd.concat(
+            [
+                pd.DataFrame(
+                    {
+                        over: at,
+                        f"{quantity}_{unit}": expected * rng.normal(1, 0.05, len(at)),
+                        f"simulated_{unit}": expected,
+                        f"simulated_low_{unit}": expected * 0.9,
+                        f"simulated_high_{unit}": expected * 1.1,
+                    }
+                ).assign(bead=bead, plateau=plateau, axis=axis)
+                for bead in beads
+                for plateau in range(plateaus)
+                for axis in "xyz"
+            ],
+            ignore_index=True,
+        )
+        for kind, (over, at, quantity, unit, expected) in curves.items()
+    }
+
+
 def posterior(row: dict[str, Any], rng: np.random.Generator) -> pd.DataFrame:
     shift, other = rng.standard_normal((2, 1000))
     table = pd.DataFrame(
@@ -289,6 +383,7 @@ def run(forces: pd.DataFrame) -> dict[str, Any]:
         notice("reference_jumps", "caution", "Reference bead ref2 jumps by 48 nm and is left out."),
         notice("time_is_rounded", "info", "Times are rounded; frames were put on the 120 Hz grid."),
         notice("no_extension", "warning", "z was not recorded: there is no force.", NO_Z),
+        notice("not_crosschecked", "info", "It was not cross-checked: z is missing.", NO_Z),
     ]
     for row in forces[forces["flags"] != ""].to_dict("records"):
         where = row["bead"], row["plateau"], row["axis"]

@@ -3,10 +3,13 @@
 from __future__ import annotations
 
 import math
+import re
+from pathlib import Path
 
 import pytest
 
-from mtpipe.report import words
+from mtpipe.battery import spectral
+from mtpipe.report import crosscheck_words, words
 
 
 @pytest.mark.parametrize(
@@ -85,3 +88,44 @@ def test_names_sort_by_the_numbers_in_them() -> None:
 def test_flags_of_an_empty_cell() -> None:
     assert words.flags(None) == words.flags("") == []
     assert words.flags("a; b") == ["a", "b"]
+
+
+def look_row(**changes: object) -> dict[str, object]:
+    row: dict[str, object] = {"statistic": "psd_band", "axis": "x", "plateau": 3}
+    row |= {"band_low_hz": 0.3, "band_high_hz": 4.0, "time_low_s": None, "time_high_s": None}
+    row |= {"value": 5.1, "simulated_median": 0.1, "simulated_low": -1.9, "simulated_high": 2.1}
+    return row | {"p_value": 2e-5, "extrapolated": True} | changes
+
+
+def test_looks_of_the_cross_check_are_sentences() -> None:
+    assert crosscheck_words.look(look_row()) == (
+        "x, plateau 3, 0.3 – 4 Hz: power is above what is simulated, 5.1 instead of −1.9 to 2.1 "
+        "(p = 2.0 × 10⁻⁵, by the tail fitted to the simulations)."
+    )
+    line = look_row(statistic="line", plateau=None, band_low_hz=29.7, band_high_hz=29.9)
+    assert crosscheck_words.look(line).startswith(
+        "x, all plateaus together, 29.8 Hz: the strongest"
+    )
+    step = look_row(statistic="mean_step", band_low_hz=None, band_high_hz=None, time_low_s=20.0,
+                    time_high_s=60.0, value=-3.0, extrapolated=False)  # fmt: skip
+    assert "plateau 3, 20 – 60 s: largest step of the mean is below" in crosscheck_words.look(step)
+
+
+def test_every_statistic_of_the_battery_has_its_words() -> None:
+    named = set(crosscheck_words.STATISTICS)
+    source = Path(spectral.__file__).parent
+    said = {"line", "second_line", "stiffness_along_series", "friction_along_series"}
+    for file in source.glob("*.py"):
+        said |= set(re.findall(r'Look\("(\w+)"', file.read_text(encoding="utf-8")))
+    assert len(said) > 10
+    assert said <= named
+
+
+def test_the_p_value_of_all_looks_is_a_sentence() -> None:
+    assert crosscheck_words.verdict(0.43, 700, 48) == (
+        "Consistent with the configured experiment: p = 0.43 "
+        "(700 looks together, beside 48 simulations)."
+    )
+    assert "of 42 recordings" in crosscheck_words.verdict(0.024, 700, 120)
+    assert "does not behave" in crosscheck_words.verdict(0.0095, 700, 120)
+    assert "none of the simulations" in crosscheck_words.verdict(1e-9, 700, 48)

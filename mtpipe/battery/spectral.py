@@ -14,8 +14,8 @@ from mtpipe.physics.camera import FloatArray
 
 BANDS = 6
 FEWEST_ORDINATES = 2.0
-# Lines are looked for in cells of so many ordinates of the shortest plateau; tapered ordinates
-# spread a line over three.
+# Lines stand out of so many neighbours; tapered ordinates spread a line over three.
+NEIGHBOURS, TAPERED = 96, 4
 PAIRS = ((0, 1), (0, 2), (1, 2))
 
 
@@ -55,10 +55,10 @@ def bands(seen: Sequence[Observed], edges_hz: FloatArray) -> Values:
 
 
 def lines(seen: Sequence[Observed], spectra: Sequence[Whitened]) -> Values:
-    """Strongest single ordinate per axis and plateau, and of the mean over plateaus.
+    """The two strongest single ordinates per axis and plateau, and the strongest of the mean.
 
-    The first in the normal score that the largest of so many exponential variates has, the second
-    in ln.
+    A line stands out of its neighbours, whatever the level of the spectrum there. Of plateaus in
+    the normal score that the largest of so many exponential variates has, of the mean in ln.
     """
     values: Values = []
     coarsest = max(float(s.frequency_hz[0]) for s in spectra)
@@ -66,12 +66,16 @@ def lines(seen: Sequence[Observed], spectra: Sequence[Whitened]) -> Values:
         cells: list[FloatArray] = []
         for i, spectrum in enumerate(spectra):
             power = np.abs(spectrum.bead[axis]) ** 2
-            at = int(np.argmax(power[3:])) + 3
-            frequency, width = spectrum.frequency_hz[at], 2 * spectrum.frequency_hz[0]
-            band = (float(frequency - width), float(frequency + width))
-            values.append(
-                (Look("line", name, (i,), band), _score_of_largest(power[at], len(power)))
-            )
+            power /= _local_level(power)
+            left = power.copy()
+            left[:3] = 0.0
+            for statistic in ("line", "second_line"):
+                at = int(np.argmax(left))
+                frequency, width = spectrum.frequency_hz[at], 2 * spectrum.frequency_hz[0]
+                band = (float(frequency - width), float(frequency + width))
+                score = _score_of_largest(float(left[at]), len(power))
+                values.append((Look(statistic, name, (i,), band), score))
+                left[max(at - TAPERED, 0) : at + TAPERED + 1] = 0.0
             cell = np.floor(spectrum.frequency_hz / (2 * coarsest)).astype(int)
             cells.append(np.bincount(cell, power) / np.maximum(np.bincount(cell), 1))
         if len(seen) > 1:
@@ -85,12 +89,22 @@ def lines(seen: Sequence[Observed], spectra: Sequence[Whitened]) -> Values:
     return values
 
 
+def _local_level(power: FloatArray) -> FloatArray:
+    """(n,) mean of the ordinates about each, from their medians, which a line does not move."""
+    blocks = max(len(power) // NEIGHBOURS, 1)
+    parts = np.array_split(power, blocks)
+    centre = (np.arange(blocks) + 0.5) * len(power) / blocks
+    level = np.array([np.median(part) for part in parts]) / np.log(2)
+    return np.asarray(np.interp(np.arange(len(power)), centre, np.maximum(level, 1e-12)))
+
+
 def _score_of_largest(largest: float, count: int) -> float:
     """Normal score of the largest of so many exponential variates of mean 1."""
+    largest = max(largest, 0.1)
     log_p = np.log(count) - largest
     if largest < 30:
         log_p = np.log(-np.expm1(count * np.log1p(-np.exp(-largest))))
-    return float(-special.ndtri_exp(log_p))
+    return float(-special.ndtri_exp(min(log_p, -1e-12)))
 
 
 def between_axes(seen: Sequence[Observed]) -> Values:

@@ -27,6 +27,8 @@ from mtpipe.physics.camera import FloatArray
 MOST_ROUNDS = 15
 # Where the predicted rise of ln likelihood is below this, the fit has arrived.
 ARRIVED = 1e-3
+# One step changes ln of a power by no more than this, and leaves axes no more correlated than that.
+MOST_MOVED, MOST_CORRELATED = 2.0, 0.999
 FORCE_GRID_PN = np.geomspace(0.01, 150.0, 45)
 
 
@@ -244,22 +246,37 @@ def nearby_fit(fit: ConfiguredFit, data: Sequence[PlateauData]) -> list[Expectat
     model, theta = fit.model, fit.theta
     gradient = gradient_of(model, data, theta, fit.expected, fit.slopes)
     free = np.ones(len(theta), dtype=bool)
+    held = np.zeros(len(theta))
     for _ in range(len(theta)):
-        change = _step(gradient, fit.information, free, 0.0)
-        outside = free & (
-            (theta + change < model.lower - 1e-12) | (theta + change > model.upper + 1e-12)
-        )
+        change = held + _step(gradient - fit.information @ held, fit.information, free, 0.0)
+        within = np.clip(theta + change, model.lower, model.upper) - theta
+        outside = free & (np.abs(within - change) > 1e-12)
         if not outside.any():
             break
+        held[outside] = within[outside]
         free &= ~outside
     return [
         replace(
             here,
-            power=here.power + np.tensordot(change[s.rows], s.power, 1),
+            power=_moved(here.power, np.tensordot(change[s.rows], s.power, 1)),
             extension_nm=here.extension_nm + float(change[s.rows] @ s.extension_nm),
         )
         for here, s in zip(fit.expected, fit.slopes, strict=True)
     ]
+
+
+def _moved(power: FloatArray, change: FloatArray) -> FloatArray:
+    """Power matrices (n_bins, 3, 3) and a change of them, to first order, and positive."""
+    moved = power + change
+    axes = np.arange(power.shape[1])
+    before = power[:, axes, axes]
+    ratio = change[:, axes, axes] / before
+    moved[:, axes, axes] = before * np.exp(np.clip(ratio, -MOST_MOVED, MOST_MOVED))
+    size = np.sqrt(moved[:, axes, axes])
+    most = MOST_CORRELATED * size[:, :, None] * size[:, None, :]
+    moved = np.clip(moved, -most, most)
+    moved[:, axes, axes] = size**2
+    return np.asarray(moved)
 
 
 def _step(

@@ -31,7 +31,7 @@ from mtpipe.experiment.description import (
     Stage,
     Tracker,
 )
-from mtpipe.experiment.readout import readout
+from mtpipe.experiment.readout import force_course, readout
 from mtpipe.experiment.state import BeadState, bead_state, recorded_modes
 from mtpipe.physics.camera import FloatArray, power_spectrum
 
@@ -40,7 +40,7 @@ LEAST_HEIGHT_STDERR_NM = 0.1
 DIFFERENCE = 1e-3
 LEAST_POWER = 1e-6
 # Forces that stand for a plateau during which the force changes, and how fast it settles.
-COURSE_POINTS, FINE_POINTS, SETTLING_SHARE = 5, 256, 1 / 6
+COURSE_POINTS, FINE_POINTS = 5, 256
 
 
 @dataclass(frozen=True)
@@ -163,17 +163,21 @@ class ConfiguredModel:
         if change == 0:
             return self._expected_at(experiment, plateau, force_pN)
         data = self.data[plateau]
-        course = force_course(experiment.magnets.course, COURSE_POINTS) * change
+        course = force_course(experiment.magnets.course, FINE_POINTS)
+        nodes = np.linspace(course.min(), course.max(), COURSE_POINTS)
         each = [
-            self._expected_at(experiment, plateau, float(force_pN * (1 + part))) for part in course
+            self._expected_at(experiment, plateau, float(force_pN * (1 + change * node)))
+            for node in nodes
         ]
-        heights = np.array([one.extension_nm for one in each])
-        power = np.mean([one.power for one in each], axis=0)
+        # share of the time that counts for each node, linear between them
+        share = np.array([np.interp(course, nodes, row).mean() for row in np.eye(COURSE_POINTS)])
+        heights = np.interp(course, nodes, [one.extension_nm for one in each])
+        power = np.tensordot(share, [one.power for one in each], 1)
         power[:, 2, 2] += _power_of_course(heights, data) * data.spectrum.gain(2)
         return Expectation(
             power,
             float(heights.mean()),
-            float(np.mean([one.extension_stderr_nm for one in each])),
+            float(share @ [one.extension_stderr_nm for one in each]),
         )
 
     def _expected_at(self, experiment: Experiment, plateau: int, force_pN: float) -> Expectation:
@@ -250,21 +254,10 @@ class ConfiguredModel:
         )
 
 
-def force_course(course: str, points: int) -> FloatArray:
-    """Relative change of the force along a plateau, mean zero, one from beginning to end."""
-    time = (np.arange(points) + 0.5) / points
-    shape = time if course == "ramp" else 1 - np.exp(-time / SETTLING_SHARE)
-    return np.asarray(shape - shape.mean())
-
-
 def _power_of_course(heights_nm: FloatArray, data: PlateauData) -> FloatArray:
     """Power that a slow change of the mean height puts into each bin, nm²/Hz."""
-    fine = np.interp(
-        np.linspace(0, len(heights_nm) - 1, FINE_POINTS),
-        np.arange(len(heights_nm)),
-        heights_nm - heights_nm.mean(),
-    )
-    amplitude = np.fft.rfft(fine)[1:] / FINE_POINTS
+    # the last ordinate, at the Nyquist frequency of this grid, is half one
+    amplitude = np.fft.rfft(heights_nm - heights_nm.mean())[1:-1] / len(heights_nm)
     frequency = np.arange(1, len(amplitude) + 1) / data.duration_s
     power = 2 * np.abs(amplitude) ** 2 * data.duration_s
     falling = power[-1] * (frequency[-1] / data.spectrum.frequency_hz) ** 2

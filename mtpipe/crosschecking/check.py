@@ -26,7 +26,7 @@ CLEARLY_CONSISTENT, CLEARLY_NOT = 0.2, 1e-5
 # Twice its cutoff the low-pass of the drift takes 6 % of a motion's amplitude.
 CLEAR_OF_CUTOFF = 2.0
 # Statistics of which only large values are odd.
-UPPER = ("line", "mean_step", "mean_excursion", "variance_step", "variance_spread")
+UPPER = ("line", "second_line", "mean_step", "mean_excursion", "variance_step", "variance_spread")
 
 
 @dataclass(frozen=True, eq=False)

@@ -12,21 +12,20 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from mtpipe.configured.model import LEAST_HEIGHT_STDERR_NM, force_course
+from mtpipe.configured.model import LEAST_HEIGHT_STDERR_NM
 from mtpipe.configured.parameters import UPWARD_FRICTION_STDERR, UPWARD_VARIANCE_STDERR
 from mtpipe.crosschecking.case import Case, described
 from mtpipe.drift.lowpass import low_pass
 from mtpipe.experiment.description import Allowance, Experiment
+from mtpipe.experiment.readout import force_course
 from mtpipe.experiment.state import bead_state
 from mtpipe.physics.camera import FloatArray
 from mtpipe.simulation.linear import simulate_motion
-from mtpipe.simulation.readout import kept_frames, recorded, reference_motion
+from mtpipe.simulation.readout import COURSE_PIECES, kept_frames, recorded, reference_motion
 
 # Moves are cut into stretches of constant force, and longer ones need not be simulated whole.
 MOVE_PIECES = 4
 LONGEST_MOVE_S = 30.0
-# Stretches of constant force that stand for a plateau during which it changes.
-COURSE_PIECES = 24
 # Points of equal weight with unit variance and no correlation.
 VARIANTS = ((1.4, 0.0), (-1.4, 0.0), (0.0, 1.4), (0.0, -1.4))
 

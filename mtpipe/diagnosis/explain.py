@@ -15,7 +15,7 @@ import numpy as np
 from scipy import special
 
 from mtpipe.configured.data import PlateauData, plateau_data
-from mtpipe.configured.fit import ConfiguredFit, fit_configured
+from mtpipe.configured.fit import ConfiguredFit, first_guess, fit_configured
 from mtpipe.crosschecking.case import FORMULAS, Case, preferred_formula
 from mtpipe.crosschecking.check import BeadCheck, check_bead
 from mtpipe.diagnosis.hypotheses import Tried, together, try_effects
@@ -122,7 +122,7 @@ def explain(
             nearest = tried[0] if tried else None
             break
         best = tried[0]
-        fit = best_formula(best.fit)
+        fit = best_formula(begun_again(best.fit))
         say(f"checking with {best.effect.name}")
         following = check_bead(replace(case, fit=fit), random)
         alike = tuple(t.effect.name for t in tried[1:] if best.net - t.net < ALIKE_NATS)
@@ -164,6 +164,23 @@ def evidence_of(check: BeadCheck) -> Evidence:
         if all(abs(frequency - other) > 0.02 * other + 0.1 for other in distinct):
             distinct.append(frequency)
     return Evidence(tuple(distinct[:3]), tuple(float(f) for f in check.case.fit.force_pN))
+
+
+def begun_again(fit: ConfiguredFit) -> ConfiguredFit:
+    """The fit from forces found afresh, if it is better: the old ones suited the old experiment."""
+    values = fit.theta[fit.model.plateaus :]
+    parameters = tuple(
+        replace(parameter, start=float(value))
+        for parameter, value in zip(fit.model.parameters, values, strict=True)
+    )
+    model = replace(fit.model, parameters=parameters)
+    try:
+        fresh = fit_configured(model, first_guess(model))
+    except (FitError, ValueError):
+        return fit
+    if fresh.log_likelihood <= fit.log_likelihood:
+        return fit
+    return replace(fresh, model=fit.model)
 
 
 def best_formula(fit: ConfiguredFit) -> ConfiguredFit:

@@ -7,13 +7,15 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from mtpipe.configured.fit import MOST_ROUNDS, ConfiguredFit, fit_configured
+from mtpipe.configured.fit import MOST_ROUNDS, ConfiguredFit, first_guess, fit_configured
 from mtpipe.effects.effect import Effect, Evidence, Hypothesis
 from mtpipe.errors import FitError
 
 FIRST_ROUNDS = 4
 # A hypothesis that has gained less than the best by this many nats, and by this share, is left.
 WORTHWHILE_NATS, WORTHWHILE_SHARE = 30.0, 0.6
+# Recorded heights this many standard errors from the fitted ones are out of the tether's reach.
+FAR_FROM_IT = 100.0
 
 
 @dataclass(frozen=True, eq=False)
@@ -44,14 +46,28 @@ class Tried:
 def with_hypothesis(
     fit: ConfiguredFit, hypothesis: Hypothesis, *, rounds: int = MOST_ROUNDS
 ) -> ConfiguredFit:
-    """Fit a hypothesis, beginning where the fit without it stands."""
+    """Fit a hypothesis, beginning where the fit without it stands.
+
+    Where the experiment without it cannot reach the recorded heights its forces say nothing, and
+    the fit begins at those that suit each plateau with it.
+    """
     model = replace(
         fit.model,
         experiment=hypothesis.experiment,
         parameters=(*fit.model.parameters, *hypothesis.parameters),
     )
     start = np.concatenate([fit.theta, [p.start for p in hypothesis.parameters]])
+    if _farthest(fit) > FAR_FROM_IT:
+        start[: model.plateaus] = first_guess(model)[: model.plateaus]
     return fit_configured(model, start, rounds=rounds)
+
+
+def _farthest(fit: ConfiguredFit) -> float:
+    """Largest distance of a recorded mean height from the fitted one, in standard errors."""
+    return max(
+        abs(float(data.mean_nm[2]) - here.extension_nm) / here.extension_stderr_nm
+        for data, here in zip(fit.model.data, fit.expected, strict=True)
+    )
 
 
 def together(fit: ConfiguredFit, chosen: Sequence[Tried], start: ConfiguredFit) -> ConfiguredFit:

@@ -11,6 +11,7 @@ plateau could explain is taken out of it. The response is undone and the rest is
 
 from __future__ import annotations
 
+import functools
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -26,7 +27,9 @@ from mtpipe.physics.camera import FloatArray
 
 NAME = "pixel_locking"
 # Periods that are tried where the setup states no pixel.
-SHORTEST_NM, LONGEST_NM = 40.0, 500.0
+SHORTEST_NM, LONGEST_NM = 40.0, 400.0
+# A trace tells about a period where it is this wide, in radians of the period.
+LEAST_WIDTH = 0.7
 # Steps of 1/p, over what the spread of positions resolves.
 FINENESS = 0.08
 NEEDED_P = 1e-4
@@ -44,6 +47,11 @@ class Trace:
 
     raw_nm: FloatArray
     stage_nm: FloatArray
+
+    @functools.cached_property
+    def spread_nm(self) -> float:
+        """Standard deviation of the bead itself."""
+        return float(np.nanstd(self.raw_nm - self.stage_nm))
 
 
 @dataclass(frozen=True, eq=False)
@@ -147,10 +155,13 @@ def period(axes: Sequence[Sequence[Trace]], stated_nm: float | None) -> tuple[fl
         float(np.nanstd(np.concatenate([trace.raw_nm for trace in traces]))) for traces in axes
     )
     step = FINENESS / spread
-    looks = math.ceil((1 / SHORTEST_NM - 1 / LONGEST_NM) / step)
-    grid = np.linspace(1 / LONGEST_NM, 1 / SHORTEST_NM, looks + 1)
+    widest = min(max(trace.spread_nm for trace in traces) for traces in axes)
+    lowest = max(1 / LONGEST_NM, LEAST_WIDTH / (2 * np.pi * widest))
+    highest = max(1 / SHORTEST_NM, lowest)
+    looks = math.ceil((highest - lowest) / step)
+    grid = np.linspace(lowest, highest, looks + 1)
     best = float(grid[int(np.argmax([gain(inverse) for inverse in grid]))])
-    bounds = (best - step, best + step)
+    bounds = (max(best - step, lowest), best + step)
     found = optimize.minimize_scalar(
         lambda inverse: -gain(inverse), bounds=bounds, method="bounded"
     )
@@ -189,7 +200,8 @@ def undone(raw_nm: FloatArray, size_nm: FloatArray, period_nm: float) -> FloatAr
 def score(traces: Sequence[Trace], period_nm: float, size_nm: FloatArray) -> Score:
     """Derivative of ln likelihood by a further response, one of this size being undone."""
     slope, variance, information = np.zeros(2), np.zeros((2, 2)), np.zeros((2, 2))
-    for trace in traces:
+    width = LEAST_WIDTH * period_nm / (2 * np.pi)
+    for trace in [trace for trace in traces if trace.spread_nm >= width] or traces:
         each = _per_frame(trace, period_nm, size_nm)
         slope += each.sum(axis=1)
         information += each @ each.T

@@ -44,7 +44,7 @@ def experiment_of(
     stage: Stage | None = None,
     beads: int = 1,
     lost_share: float = 0.0,
-    formula: Formula = "bouchiat",
+    formula: Formula = "marko-siggia",
 ) -> tuple[Experiment, tuple[Notice, ...]]:
     """The experiment a setup describes, at these forces.
 

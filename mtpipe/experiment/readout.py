@@ -18,6 +18,8 @@ from mtpipe.physics.camera import Camera, FloatArray, frame_variance, lag_one_co
 
 # A random walk is a mode that relaxes within so many durations of the trace.
 WALK_DURATIONS = 20.0
+# A force that settles does so within this share of the plateau.
+SETTLING_SHARE = 1 / 6
 
 
 @dataclass(frozen=True, eq=False)
@@ -66,6 +68,13 @@ def readout(experiment: Experiment, state: BeadState, duration_s: float) -> Read
         white = white + lost
     recorded_extension = experiment.optics.axial_scale * extension + experiment.optics.z_zero_nm
     return Readout(tau_s, covariance, white, recorded_extension)
+
+
+def force_course(course: str, points: int) -> FloatArray:
+    """Relative change of the force along a plateau, mean zero, one from beginning to end."""
+    time = (np.arange(points) + 0.5) / points
+    shape = time if course == "ramp" else 1 - np.exp(-time / SETTLING_SHARE)
+    return np.asarray(shape - shape.mean())
 
 
 def hopping_moments(

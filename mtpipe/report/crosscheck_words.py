@@ -12,6 +12,7 @@ from mtpipe.report import words
 STATISTICS: Mapping[str, tuple[str, str]] = {
     "psd_band": ("", "power"),
     "line": ("narrow lines", "the strongest narrow line"),
+    "second_line": ("narrow lines", "the second strongest narrow line"),
     "allan_variance": ("Allan variance", "Allan variance (ln nm²)"),
     "correlation": ("correlation", "correlation of the two axes"),
     "fractional_pixel": ("pixels", "strongest period of the positions (ln)"),
@@ -71,7 +72,7 @@ def look(row: Mapping[str, Any]) -> str:
     what = STATISTICS.get(statistic, ("", words.label(statistic)))[1]
     parts = [str(row["axis"])]
     parts.append("all plateaus together" if row["plateau"] is None else f"plateau {row['plateau']}")
-    if statistic == "line":
+    if statistic in ("line", "second_line"):
         parts.append(f"{words.number((row['band_low_hz'] + row['band_high_hz']) / 2, 4)} Hz")
     elif words.is_number(row["band_low_hz"]):
         parts.append(f"{band(row)} Hz")

@@ -16,6 +16,8 @@ from mtpipe.physics.camera import Camera, FloatArray
 from mtpipe.physics.langevin import simulate_mode
 
 HOP_PARTS = 24
+# Stretches of constant force that stand for a plateau during which it changes.
+COURSE_PIECES = 24
 
 
 def recorded(

@@ -14,9 +14,11 @@ from dataclasses import dataclass
 from typing import Literal
 
 import numpy as np
+from numpy.typing import NDArray
 
 from mtpipe.experiment.description import Experiment
 from mtpipe.experiment.from_setup import experiment_of
+from mtpipe.experiment.readout import force_course
 from mtpipe.experiment.state import bead_state
 from mtpipe.notice import Notice
 from mtpipe.physics.camera import FloatArray
@@ -24,6 +26,7 @@ from mtpipe.plateaus import find_plateaus
 from mtpipe.recording import Recording
 from mtpipe.setup import Setup
 from mtpipe.simulation.linear import simulate_motion
+from mtpipe.simulation.readout import COURSE_PIECES, recorded, reference_motion
 
 Progress = Callable[[int, int], None]
 Engine = Literal["linear", "brownian"]
@@ -110,31 +113,37 @@ def simulate_experiment(
     """
     references = setup.beads.reference[: experiment.references]
     names = free_names(experiment.tethered, setup.beads.reference)
-    streams = np.random.default_rng(seed).spawn(1 + len(references) + len(names))
+    streams = np.random.default_rng(seed).spawn(2 + len(references) + len(names))
+    clock = streams.pop()
     table = timetable(experiment)
     frames = table.edges[-1]
     stage = stage_motion(experiment, frames, streams.pop(0))
     fixed: dict[str, FloatArray] = {}
     for i, name in enumerate(references):
         noise = experiment.tracker.reference_noise_nm
-        fixed[name] = _tracked(stage, _place(-1 - i), noise, experiment, streams.pop(0))
+        random = streams.pop(0)
+        own = reference_motion(experiment, frames, random) if i == 0 else 0.0
+        fixed[name] = _tracked(stage + own, _place(-1 - i), noise, experiment, random)
+    force_pN = np.repeat(table.force_pN, np.diff(table.edges))
     motion = _brownian(experiment, table) if engine == "brownian" else _linear(experiment, table)
     positions: dict[str, FloatArray] = {}
     for i, (name, random) in enumerate(zip(names, streams, strict=True)):
         if progress is not None:
             progress(i, len(names))
-        moved = motion(random) + stage + np.array([0.0, 0.0, experiment.optics.z_zero_nm])
-        noise = experiment.tracker.noise_nm
-        positions[name] = _tracked(moved, _place(i), noise, experiment, random)
+        seen = recorded(motion(random), force_pN, experiment, random) + stage
+        positions[name] = _tracked(seen, _place(i), (0.0, 0.0, 0.0), experiment, random)
+    everything = positions | fixed
+    rows = _rows(table, experiment.clock.dropped_share, clock)
+    frames = len(rows)
     time_s = np.asarray(experiment.camera.frame_s * np.arange(frames))
     return Recording(
         name="simulated",
         setup=setup,
         time_s=time_s,
         frame=np.arange(frames, dtype=np.int64),
-        positions_nm=positions | fixed,
-        magnet_mm=table.magnet_mm,
-        plateaus=find_plateaus(time_s, table.magnet_mm, setup.plateaus),
+        positions_nm={name: xyz[rows] for name, xyz in everything.items()},
+        magnet_mm=table.magnet_mm[rows],
+        plateaus=find_plateaus(time_s, table.magnet_mm[rows], setup.plateaus),
         notices=notices + _departures(experiment, engine),
     )
 
@@ -166,6 +175,12 @@ def _brownian(
     )
     frames = table.edges[-1]
     return lambda random: simulate_bead(bead, experiment.camera, frames, random).position_nm
+
+
+def _rows(table: Timetable, dropped_share: float, random: np.random.Generator) -> NDArray[np.int64]:
+    """The camera's frames that the file has; it counts them as if none were missing."""
+    frames = np.arange(table.edges[-1])
+    return frames if dropped_share <= 0 else frames[random.random(len(frames)) >= dropped_share]
 
 
 def _departures(experiment: Experiment, engine: Engine) -> tuple[Notice, ...]:
@@ -202,9 +217,13 @@ def timetable(experiment: Experiment) -> Timetable:
                 forces.append(before.force_pN * math.exp(ratio * (k + 0.5) / pieces))
                 numbers.append(-1)
         magnet.append(np.full(rest.frames, rest.magnet_mm))
-        edges.append(edges[-1] + rest.frames)
-        forces.append(rest.force_pN)
-        numbers.append(i)
+        change, course = experiment.magnets.relative_change, experiment.magnets.course
+        parts = COURSE_PIECES if change else 1
+        relative = change * force_course(course, parts) if change else np.zeros(1)
+        for part, rows in zip(relative, np.array_split(np.arange(rest.frames), parts), strict=True):
+            edges.append(edges[-1] + len(rows))
+            forces.append(rest.force_pN * (1 + float(part)))
+            numbers.append(i)
     return Timetable(np.concatenate(magnet), tuple(edges), tuple(forces), tuple(numbers))
 
 

@@ -1,0 +1,26 @@
+"""Persistence length other than configured, as at low salt (Baumann et al. 1997)."""
+
+import math
+
+from mtpipe.effects.effect import Effect, Hypothesis, factor, with_chain
+
+
+def _change(experiment, ln_factor):
+    length = experiment.chain.persistence_length_nm * math.exp(ln_factor)
+    return with_chain(experiment, persistence_length_nm=length)
+
+
+def _hypotheses(experiment, evidence):
+    return [Hypothesis(experiment, (factor("persistence length over configured", _change),))]
+
+
+EFFECT = Effect(
+    name="persistence_length",
+    hypotheses=_hypotheses,
+    cause=lambda experiment: (
+        f"the tether's persistence length is {experiment.chain.persistence_length_nm:.1f} nm"
+    ),
+    strengths=lambda experiment: [
+        ("persistence_length_nm", experiment.chain.persistence_length_nm, "nm")
+    ],
+)

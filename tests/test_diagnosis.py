@@ -1,0 +1,187 @@
+"""Concealed effects are named, a clean recording is left alone; `mismatch.json` is as agreed."""
+
+from __future__ import annotations
+
+import functools
+import json
+import math
+import re
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+import mtpipe
+from mtpipe.crosschecking.case import FORMULAS, prepare
+from mtpipe.crosschecking.check import check_bead
+from mtpipe.crosschecking.recording import bead_generator
+from mtpipe.diagnosis.explain import explain
+from mtpipe.diagnosis.mismatch import Mismatch
+from mtpipe.experiment.from_setup import experiment_of
+from mtpipe.setup import parse_setup
+from mtpipe.simulation.recording import simulate_experiment
+from tests.simulated import VISCOSITY_MPA_S, setup_content
+
+FORCES_PN, FRAMES = (0.8, 3.0, 10.0), 4096
+SETUP = parse_setup(
+    setup_content(model={"effects": ["wall_drag", "rotation_coupling", "tracking_noise"]})
+)
+AXIAL_SCALE, VISCOSITY_FACTOR = 0.9, 1.3
+# Keys of FORMATS section 4, and no others.
+BEAD = {"verdict", "located", "effects", "forces"}
+LOCATED = {"axis", "plateaus", "band_hz", "time_s", "statistic", "p_value"}
+EFFECT = {
+    "effect", "sentence", "parameters", "delta_bic", "heldout_gain_nats", "p_before", "p_after",
+    "equivalent",
+}  # fmt: skip
+PARAMETER = {"value", "stderr", "unit"}
+FORCE = {
+    "plateau", "magnet_mm", "force_pN", "stderr_pN", "force_before_pN", "stderr_before_pN",
+}  # fmt: skip
+
+
+def recording(concealed, seed):
+    """What the setup says is simulated, but for what is concealed; the drift is subtracted."""
+    experiment, _ = experiment_of(SETUP, FORCES_PN, FRAMES, formula=FORMULAS[0])
+    if concealed == "viscosity":
+        thick = VISCOSITY_FACTOR * VISCOSITY_MPA_S
+        experiment = replace(experiment, fluid=replace(experiment.fluid, viscosity_mPa_s=thick))
+    simulated = simulate_experiment(experiment, SETUP, seed)
+    if concealed == "axial_scale":
+        scale = np.array([1.0, 1.0, AXIAL_SCALE])
+        scaled = {bead: xyz * scale for bead, xyz in simulated.positions_nm.items()}
+        simulated = replace(simulated, positions_nm=scaled)
+    return mtpipe.subtract_drift(simulated)
+
+
+SEEDS = {"nothing": 1, "viscosity": 2, "axial_scale": 3}
+every_case = pytest.mark.parametrize("concealed", list(SEEDS))
+
+
+@functools.cache
+def mismatch(concealed):
+    """The diagnosis, once for all tests."""
+    found = mtpipe.diagnose(recording(concealed, SEEDS[concealed]))
+    assert isinstance(found, Mismatch)
+    assert not found.refused
+    return found.as_dict()
+
+
+def bead(concealed):
+    return mismatch(concealed)["beads"]["b1"]
+
+
+def test_a_recording_that_is_as_configured_is_consistent():
+    found = bead("nothing")
+    assert (found["verdict"], found["located"], found["effects"]) == ("consistent", [], [])
+    for row, force in zip(found["forces"], FORCES_PN, strict=True):
+        assert row["force_pN"] == row["force_before_pN"]
+        assert abs(row["force_pN"] - force) < 4 * row["stderr_pN"]
+
+
+@pytest.mark.parametrize(
+    ("concealed", "name", "truth", "unit"),
+    [
+        ("viscosity", "viscosity_mPa_s", VISCOSITY_FACTOR * VISCOSITY_MPA_S, "mPa s"),
+        ("axial_scale", "factor", AXIAL_SCALE, ""),
+    ],
+)
+def test_what_is_concealed_is_named_with_its_strength(concealed, name, truth, unit):
+    found = bead(concealed)
+    assert found["verdict"] == "explained"
+    (named,) = found["effects"]
+    assert named["effect"] == concealed
+    ((said, strength),) = named["parameters"].items()
+    assert (said, strength["unit"]) == (name, unit)
+    assert abs(strength["value"] - truth) < 4 * strength["stderr"]
+    assert strength["stderr"] < 0.1 * truth
+    assert named["p_before"] < 0.004 <= named["p_after"]
+    assert named["delta_bic"] < -20
+    assert named["heldout_gain_nats"] > 5
+    assert concealed not in named["equivalent"]
+
+
+@pytest.mark.parametrize("concealed", ["viscosity", "axial_scale"])
+def test_forces_are_nearer_to_the_truth_with_the_effect_than_without(concealed):
+    off = {"force_pN": [], "force_before_pN": []}
+    for row, force in zip(bead(concealed)["forces"], FORCES_PN, strict=True):
+        assert abs(row["force_pN"] - force) < 4 * row["stderr_pN"]
+        for key, values in off.items():
+            values.append(math.log(row[key] / force))
+    after, before = (np.sqrt(np.mean(np.square(values))) for values in off.values())
+    assert after < before / 2
+
+
+@pytest.mark.parametrize(("concealed", "axis"), [("viscosity", "x"), ("axial_scale", "z")])
+def test_the_mismatch_is_located(concealed, axis):
+    places = bead(concealed)["located"]
+    assert axis in {place["axis"] for place in places}
+    values = [place["p_value"] for place in places]
+    assert values == sorted(values)
+    assert values[0] < 1e-3
+    for place in places:
+        assert set(place["plateaus"]) <= set(range(len(FORCES_PN)))
+        assert place["plateaus"]
+        for interval in (place["band_hz"], place["time_s"]):
+            assert interval is None or (len(interval) == 2 and interval[0] < interval[1])
+
+
+@pytest.mark.parametrize("concealed", ["viscosity", "axial_scale"])
+def test_the_sentence_says_cause_consequence_and_agreement(concealed):
+    (named,) = bead(concealed)["effects"]
+    sentence = named["sentence"]
+    words = {"viscosity": "the buffer's viscosity is", "axial_scale": "z is recorded"}
+    assert words[concealed] in sentence
+    assert re.search(r"leaving it out (raised|lowered) forces by up to \d", sentence)
+    assert "with it the recording agrees with its simulation" in sentence
+    assert not re.search(r"\b(nan|inf|none)\b", sentence, re.IGNORECASE)
+
+
+@every_case
+def test_mismatch_json_has_the_keys_of_the_contract_and_no_others(concealed):
+    found = mismatch(concealed)
+    assert set(found) == {"schema", "recording", "beads"}
+    assert found["schema"] == "mtpipe.mismatch/1"
+    assert set(found["beads"]) == {"b1"}
+    one = bead(concealed)
+    assert set(one) == BEAD
+    assert one["verdict"] in ("consistent", "explained", "unexplained")
+    assert all(set(place) == LOCATED for place in one["located"])
+    assert all(set(named) == EFFECT for named in one["effects"])
+    for named in one["effects"]:
+        assert all(set(strength) == PARAMETER for strength in named["parameters"].values())
+    assert [set(row) for row in one["forces"]] == [FORCE] * len(FORCES_PN)
+    assert [row["plateau"] for row in one["forces"]] == [0, 1, 2]
+    plateaus = recording(concealed, SEEDS[concealed]).plateaus
+    assert [row["magnet_mm"] for row in one["forces"]] == [p.magnet_mm for p in plateaus]
+
+
+@every_case
+def test_mismatch_is_plain_data(concealed):
+    text = json.dumps(mismatch(concealed), allow_nan=False)
+    assert json.loads(text) == mismatch(concealed)
+
+
+def test_where_no_effect_helps_the_mismatch_is_unexplained_and_still_located():
+    random = bead_generator(0, "b1")
+    check = check_bead(prepare(recording("viscosity", 2), "b1"), random)
+    found = explain(check, random, effects=())
+    assert (found.verdict, found.named, found.nearest) == ("unexplained", (), None)
+    row = Mismatch("r", {"b1": found}, {}).as_dict()["beads"]["b1"]
+    assert row["located"]
+    assert row["effects"] == []
+    assert all(force["force_pN"] == force["force_before_pN"] for force in row["forces"])
+
+
+def test_a_bead_that_cannot_be_simulated_is_refused_in_words():
+    flat = recording("nothing", 4)
+    blind = flat.positions_nm["b1"] * np.array([1.0, 1.0, np.nan])
+    steps = []
+    found = mtpipe.diagnose(
+        replace(flat, positions_nm=flat.positions_nm | {"b1": blind}),
+        progress=lambda step, done, total: steps.append((step, done, total)),
+    )
+    assert found.beads == {}
+    assert "b1" in found.refused["b1"]
+    assert found.as_dict()["beads"] == {}
+    assert steps == [("b1: comparing with simulations", 0, 1)]

@@ -1,0 +1,400 @@
+"""Effects of the catalogue: none at strength zero, simulated as expected, recovered, and named."""
+
+from __future__ import annotations
+
+import functools
+import itertools
+import math
+import re
+import tomllib
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from scipy import stats
+
+from mtpipe.configured.data import plateau_data, whitening
+from mtpipe.configured.fit import fit_configured
+from mtpipe.configured.model import ConfiguredModel, Subtraction, force_course
+from mtpipe.diagnosis.hypotheses import try_effects, with_hypothesis
+from mtpipe.drift.lowpass import low_pass
+from mtpipe.effects.catalogue import OWN, catalogue
+from mtpipe.effects.effect import Evidence
+from mtpipe.experiment.description import Bead, Experiment, Fluid, Rest, Stage, Tracker
+from mtpipe.experiment.state import bead_state
+from mtpipe.physics.camera import Camera
+from mtpipe.physics.tether import Chain
+from mtpipe.simulation.linear import simulate_motion
+from mtpipe.simulation.readout import kept_frames, recorded, reference_motion
+
+FORCES_PN, FRAMES, RATE_HZ = (0.5, 2.0, 6.0, 15.0), 4096, 120.0
+BASE = Experiment(
+    chain=Chain(1200.0, 50.0, 298.15, "marko-siggia"),
+    bead=Bead(500.0),
+    fluid=Fluid(298.15, 0.9),
+    along=0,
+    camera=Camera(1 / RATE_HZ, 1 / 200),
+    stage=Stage(),
+    tracker=Tracker((2.0, 2.0, 3.0)),
+    rests=tuple(Rest(force, FRAMES, 5.0 - i) for i, force in enumerate(FORCES_PN)),
+)
+EVIDENCE = Evidence((30.0,), FORCES_PN)
+# What passes the subtraction of the reference bead, where there is one.
+CUTOFF_HZ, REFERENCE_NOISE_NM = 8.0, 0.5
+PACKAGE = Path(__file__).parent / "data" / "effect_package"
+EFFECTS_PAGE = Path(__file__).parents[1] / "docs" / "effects.md"
+
+
+@dataclass(frozen=True)
+class Known:
+    """An effect at a strength that shows: coordinates of the parameters of one hypothesis.
+
+    `nothing` : coordinates at which the effect is none. `which` : number of the hypothesis.
+    """
+
+    name: str
+    strength: tuple[float, ...]
+    nothing: tuple[float, ...]
+    which: int = 0
+    base: Experiment = field(default=BASE, repr=False)
+
+    @property
+    def key(self):
+        return self.name, self.which
+
+    @property
+    def effect(self):
+        return next(effect for effect in OWN if effect.name == self.name)
+
+    @property
+    def hypothesis(self):
+        return list(self.effect.hypotheses(self.base, EVIDENCE))[self.which]
+
+    @property
+    def changed(self):
+        return changed(self.hypothesis, self.strength)
+
+
+def changed(hypothesis, coordinates):
+    experiment = hypothesis.experiment
+    for parameter, value in zip(hypothesis.parameters, coordinates, strict=True):
+        experiment = parameter.change(experiment, value)
+    return experiment
+
+
+LN = math.log
+KNOWN = [
+    Known("wall_drag", (), (), base=replace(BASE, fluid=Fluid(298.15, 0.9, wall=False))),
+    Known("rotation_coupling", (), (), base=replace(BASE, bead=Bead(500.0, turns=False))),
+    Known("off_center_attachment", (0.1,), (0.0,)),
+    Known("tracking_noise", (4.0, 6.0, 9.0), (0.0,) * 3, base=replace(BASE, tracker=Tracker())),
+    Known("exposure", (LN(0.6),), (0.0,)),
+    Known("drift", (4.0, 4.0, 9.0), (0.0,) * 3),
+    Known(
+        "reference_noise", (9.0, 9.0, 16.0, LN(0.5)), (0.0, 0.0, 0.0, 0.0),
+        base=replace(BASE, references=1),
+    ),
+    Known("vibration", (9.0, 4.0, 4.0), (0.0,) * 3),
+    Known("viscosity", (LN(1.3),), (0.0,)),
+    Known("bead_radius", (LN(1.1),), (0.0,)),
+    Known("lateral_scale", (LN(1.05),), (0.0,)),
+    Known("axial_scale", (LN(0.9),), (0.0,)),
+    Known("dropped_frames", (0.1,), (0.0,)),
+    Known("field_rotation", (20.0,), (0.0,)),
+    Known("magnetic_alignment", (LN(3e3),), (LN(1e10),)),
+    Known("lateral_magnet_stiffness", (300.0,), (0.0,)),
+    Known("extensible_tether", (1.0,), (1e-9,)),
+    Known("contour_length", (LN(1.08),), (0.0,)),
+    Known("multiple_tethers", (LN(2.0),), (0.0,)),
+    Known("hopping", (15.0, LN(6.0), LN(5.0)), (0.0, LN(6.0), LN(5.0))),
+    Known("force_drift", (0.2,), (0.0,), which=0),
+    Known("force_drift", (0.2,), (0.0,), which=1),
+]  # fmt: skip
+each_effect = pytest.mark.parametrize(
+    "known", KNOWN, ids=[f"{k.name}-{k.which}" if k.which else k.name for k in KNOWN]
+)
+
+
+def subtraction_of(experiment):
+    if experiment.references != 1 or not any(experiment.stage.reference_nm):
+        return Subtraction((None,) * 3, (0.0,) * 3)
+    return Subtraction((CUTOFF_HZ,) * 3, (REFERENCE_NOISE_NM,) * 3)
+
+
+def traces(experiment, random):
+    """Per plateau (FRAMES, 3) nm, simulated with all steps that the experiment describes."""
+    change, share = experiment.magnets.relative_change, experiment.clock.dropped_share
+    frames = FRAMES if not share else math.ceil(1.1 * FRAMES / (1 - share))
+    subtraction = subtraction_of(experiment)
+    found = []
+    for force in FORCES_PN:
+        course = force_course(experiment.magnets.course, 32) if change else np.zeros(1)
+        lengths = [len(piece) for piece in np.array_split(np.arange(frames), len(course))]
+        forces = force * (1 + change * course)
+        stretches = [(_state(experiment, f), n) for f, n in zip(forces, lengths, strict=True)]
+        motion = simulate_motion(stretches, experiment.camera, random)
+        seen = recorded(motion, np.repeat(forces, lengths), experiment, random)
+        own = reference_motion(experiment, frames, random)
+        for axis, cutoff_hz in enumerate(subtraction.cutoff_hz):
+            if cutoff_hz is not None:
+                noise = subtraction.noise_nm[axis] * random.normal(size=frames)
+                seen[:, axis] -= low_pass(own[:, axis] + noise, RATE_HZ, cutoff_hz)
+        found.append(seen[kept_frames(FRAMES, share, random)])
+    return found
+
+
+@functools.lru_cache(maxsize=256)
+def _state(experiment, force):
+    return bead_state(experiment, force)
+
+
+def reduced(positions, phi):
+    return tuple(plateau_data(x, 1 / RATE_HZ, p) for x, p in zip(positions, phi, strict=True))
+
+
+def model_of(experiment, random, *, parameters=()):
+    """The base experiment beside data simulated from the changed one."""
+    positions = traces(experiment, random)
+    phi = tuple(whitening(x, 1 / RATE_HZ) for x in positions)
+    data = reduced(positions, phi)
+    return ConfiguredModel(data, experiment, parameters, subtraction_of(experiment)), phi
+
+
+def test_every_effect_is_tested_here():
+    assert {known.name for known in KNOWN} == {effect.name for effect in OWN}
+    assert len({effect.name for effect in OWN}) == len(OWN)
+
+
+# fmt: off
+NAMES = [
+    "wall_drag", "rotation_coupling", "off_center_attachment", "tracking_noise", "exposure",
+    "drift", "reference_noise", "vibration", "viscosity", "bead_radius", "lateral_scale",
+    "axial_scale", "dropped_frames", "field_rotation", "magnetic_alignment",
+    "lateral_magnet_stiffness", "extensible_tether", "contour_length", "multiple_tethers",
+    "surface_sticking", "hopping", "anharmonic_tether", "pixel_locking", "force_drift",
+    "hydrodynamic_memory",
+]
+# fmt: on
+
+
+def test_names_are_those_of_the_data_contract():
+    assert {effect.name for effect in OWN} <= set(NAMES)
+    formats = Path(__file__).parents[2] / "shared" / "FORMATS.md"
+    if not formats.exists():
+        pytest.skip("the data contract is not beside this checkout")
+    section = formats.read_text().split("## 5.")[1].split("## 6.")[0]
+    rows = [line.split("`")[1] for line in section.splitlines() if line.startswith("| `")]
+    assert sorted(rows) == sorted(NAMES)
+
+
+@each_effect
+def test_parameters_start_within_their_bounds_and_have_units(known):
+    hypotheses = known.effect.hypotheses(known.base, EVIDENCE)
+    assert hypotheses
+    for hypothesis in hypotheses:
+        names = [parameter.name for parameter in hypothesis.parameters]
+        assert len(set(names)) == len(names)
+        for parameter in hypothesis.parameters:
+            assert parameter.lower <= parameter.start <= parameter.upper
+            assert np.all(np.isfinite([parameter.lower, parameter.upper]))
+            assert 0 < parameter.step < parameter.upper - parameter.lower
+            # a factor, a share and a number have none
+            pure = ("over configured", "recorded over true", "share", "number", "relative", "1 - ")
+            assert bool(parameter.unit) != any(word in parameter.name for word in pure)
+
+
+@each_effect
+def test_an_effect_is_named_in_words_and_numbers(known):
+    strong = known.changed
+    said = known.effect.cause(strong)
+    assert len(said.split()) >= 5
+    assert not said.endswith(".")
+    strengths = known.effect.strengths(strong)
+    assert len({name for name, _, _ in strengths}) == len(strengths)
+    assert bool(strengths) == bool(known.strength)
+    for name, value, unit in strengths:
+        assert math.isfinite(value)
+        assert isinstance(unit, str)
+        assert name == name.lower() or unit
+    assert not re.search(r"\b(nan|inf|none)\b", said, re.IGNORECASE)
+    # what the experiment already has is not tried again
+    if known.name in ("wall_drag", "rotation_coupling", "tracking_noise", "hopping"):
+        assert not known.effect.hypotheses(strong, EVIDENCE)
+
+
+@each_effect
+def test_without_strength_an_effect_is_the_baseline(known):
+    """Those that are there or not vanish with the bead's size instead."""
+    bead = known.base.bead if known.strength else replace(known.base.bead, radius_nm=2.0)
+    base = replace(known.base, bead=bead)
+    model, _ = model_of(base, np.random.default_rng(1))
+    for hypothesis in known.effect.hypotheses(base, EVIDENCE):
+        none = changed(hypothesis, known.nothing)
+        for i, force in enumerate(FORCES_PN):
+            without, with_it = (model.expected(e, i, force) for e in (base, none))
+            if known.strength:
+                size = np.sqrt(np.einsum("faa,fbb->fab", without.power, without.power))
+                assert np.max(np.abs(with_it.power - without.power) / size) < 1e-5
+                assert with_it.extension_nm == pytest.approx(without.extension_nm, rel=1e-6)
+            else:
+                for axis in (0, 1):
+                    ratio = with_it.power[:, axis, axis] / without.power[:, axis, axis]
+                    np.testing.assert_allclose(ratio, 1, atol=5e-3)
+                sinks = 0.0
+                if known.name == "rotation_coupling":
+                    # a bead that turns sinks by R⟨φ²⟩/2 = kT/2F, whatever its size
+                    sinks = base.fluid.thermal_energy_pN_nm / (2 * force)
+                assert with_it.extension_nm == pytest.approx(without.extension_nm - sinks)
+
+
+REPEATS, BANDS_HZ = 16, (0.0, 1.5, 4.0, 10.0, 25.0, 61.0)
+# The largest of all looks of this file is beyond this with a probability of 1 %.
+LOOKS = len(KNOWN) * len(FORCES_PN) * ((len(BANDS_HZ) - 1) * 6 + 1)
+FARTHEST = float(stats.t.isf(0.005 / LOOKS, REPEATS - 1))
+# Beyond chance: spectra of z and mean heights are closed forms of nearly, not quite, linear motion.
+LATERAL_SHARE, UPWARD_SHARE, HEIGHT_NM = 0.01, 0.03, 0.5
+
+
+def worst_disagreement(model, phi, experiments, random):
+    """Largest distance of each experiment's expectation from simulations of the model's own.
+
+    In units of what chance and the approximations of z allow; bands of all spectra and
+    cross-spectra over the root of the two powers, and mean heights.
+    """
+    repeats = [model.data]
+    repeats += [reduced(traces(model.experiment, random), phi) for _ in range(REPEATS - 1)]
+    worst = []
+    for experiment in experiments:
+        largest = 0.0
+        for i, force in enumerate(FORCES_PN):
+            expected = model.expected(experiment, i, force)
+            size = np.sqrt(np.einsum("faa,fbb->fab", expected.power, expected.power))
+            spectrum = model.data[i].spectrum
+            off = [(each[i].spectrum.power - expected.power) / size for each in repeats]
+            for low, high in itertools.pairwise(BANDS_HZ):
+                inside = (spectrum.frequency_hz >= low) & (spectrum.frequency_hz < high)
+                weight = spectrum.ordinates[inside] / spectrum.ordinates[inside].sum()
+                means = np.array([np.tensordot(weight, one[inside], 1) for one in off])
+                allowed = np.full((3, 3), LATERAL_SHARE)
+                allowed[2, :] = allowed[:, 2] = UPWARD_SHARE
+                largest = max(largest, float(_distance(means, allowed).max()))
+            heights = np.array([each[i].mean_nm[2] for each in repeats]) - expected.extension_nm
+            largest = max(largest, float(_distance(heights, np.array(HEIGHT_NM))))
+        worst.append(largest)
+    return worst
+
+
+def _distance(values, allowed):
+    stderr = values.std(axis=0, ddof=1) / np.sqrt(REPEATS)
+    return np.abs(values.mean(axis=0)) / (FARTHEST * stderr + allowed)
+
+
+@each_effect
+def test_simulations_with_an_effect_are_as_expected_with_it_and_not_without(known):
+    random = np.random.default_rng(2)
+    model, phi = model_of(known.changed, random)
+    with_it, without = worst_disagreement(model, phi, (known.changed, known.base), random)
+    assert with_it < 1
+    assert without > 1
+
+
+@functools.cache
+def recovered(known):
+    """The effect's strength as fitted where it is there and not described, and its covariance."""
+    model, _ = model_of(known.changed, np.random.default_rng(3))
+    silent = fit_configured(replace(model, experiment=known.base))
+    # whether a force rises steadily or settles is hardly seen in spectra: only the true course
+    same = [
+        hypothesis
+        for hypothesis in known.effect.hypotheses(known.base, EVIDENCE)
+        if hypothesis.experiment.magnets == known.hypothesis.experiment.magnets
+    ]
+    effect = replace(known.effect, hypotheses=lambda experiment, evidence: same)
+    (found,) = try_effects(silent, [effect], EVIDENCE)
+    here = slice(
+        len(FORCES_PN), None
+    )  # without listed uncertainties the effect is all that is free
+    return found, found.fit.theta[here], found.fit.covariance[here, here]
+
+
+@each_effect
+def test_a_known_strength_is_recovered(known):
+    found, theta, covariance = recovered(known)
+    assert found.net > 0
+    assert found.fit.converged
+    pulls = (theta - np.array(known.strength)) / np.sqrt(np.diag(covariance))
+    assert np.all(np.abs(pulls) < 4)
+
+
+def test_standard_errors_of_strengths_are_neither_too_small_nor_too_large():
+    """χ² of all strengths together, two-sided at 1 in 1000."""
+    total, number = 0.0, 0
+    for known in KNOWN:
+        if not known.strength:
+            continue
+        _, theta, covariance = recovered(known)
+        off = theta - np.array(known.strength)
+        total += float(off @ np.linalg.solve(covariance, off))
+        number += len(off)
+    low, high = stats.chi2.ppf([0.0005, 0.9995], number)
+    assert low < total < high
+
+
+def test_a_hypothesis_is_fitted_from_where_the_fit_without_it_stands():
+    known = next(known for known in KNOWN if known.name == "viscosity")
+    model, _ = model_of(known.changed, np.random.default_rng(4))
+    silent = fit_configured(replace(model, experiment=known.base))
+    fit = with_hypothesis(silent, known.hypothesis)
+    assert fit.log_likelihood > silent.log_likelihood
+    assert fit.model.parameters == known.hypothesis.parameters
+    np.testing.assert_allclose(fit.force_pN, FORCES_PN, atol=5 * fit.force_stderr_pN.max())
+
+
+def installed(folder, content, name="mtpipe_persistence.py"):
+    """Install the example package into a folder that is then on the path."""
+    (folder / name).write_text(content)
+    project = tomllib.loads((PACKAGE / "pyproject.toml").read_text())["project"]
+    info = folder / f"{project['name'].replace('-', '_')}-{project['version']}.dist-info"
+    info.mkdir()
+    (info / "METADATA").write_text(
+        f"Metadata-Version: 2.1\nName: {project['name']}\nVersion: {project['version']}\n"
+    )
+    (group,) = project["entry-points"]
+    lines = [f"[{group}]", *(f"{k} = {v}" for k, v in project["entry-points"][group].items())]
+    (info / "entry_points.txt").write_text("\n".join(lines) + "\n")
+
+
+RIVALS = ("persistence_length", "contour_length", "axial_scale", "multiple_tethers")
+
+
+def test_an_effect_of_another_package_is_tried_and_found(tmp_path, monkeypatch):
+    module = PACKAGE / "mtpipe_persistence.py"
+    installed(tmp_path, module.read_text())
+    monkeypatch.syspath_prepend(tmp_path)
+    assert catalogue()[: len(OWN)] == OWN
+    (other,) = catalogue()[len(OWN) :]
+    assert other.name == "persistence_length"
+    salty = replace(BASE, chain=replace(BASE.chain, persistence_length_nm=46.0))
+    model, _ = model_of(salty, np.random.default_rng(5))
+    silent = fit_configured(replace(model, experiment=BASE))
+    rivals = [effect for effect in catalogue() if effect.name in RIVALS]
+    best, second = try_effects(silent, rivals, EVIDENCE)[:2]
+    assert best.effect is other
+    assert best.net > second.net + 3
+    ((name, value, unit),) = other.strengths(best.fit.model.described(best.fit.theta))
+    stderr = value * math.sqrt(best.fit.covariance[-1, -1])
+    assert (name, unit) == ("persistence_length_nm", "nm")
+    assert abs(value - 46.0) < 4 * stderr
+    assert other.cause(best.fit.model.described(best.fit.theta)) == (
+        f"the tether's persistence length is {value:.1f} nm"
+    )
+
+
+def test_the_page_on_effects_shows_the_example_as_it_is_and_every_name():
+    page = EFFECTS_PAGE.read_text()
+    blocks = re.findall(r"```(?:python|toml)\n(.*?)```", page, re.DOTALL)
+    for name in ("mtpipe_persistence.py", "pyproject.toml"):
+        assert (PACKAGE / name).read_text() in blocks
+    for effect in OWN:
+        assert f"`{effect.name}`" in page
