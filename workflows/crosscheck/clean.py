@@ -20,6 +20,7 @@ from mtpipe.drift import subtract_drift
 from mtpipe.experiment.description import Experiment, Rest
 from mtpipe.experiment.from_setup import experiment_of
 from mtpipe.physics.camera import FloatArray
+from mtpipe.physics.tether import Formula
 from mtpipe.recording import Recording
 from mtpipe.setup import Setup, parse_setup
 from mtpipe.simulation.recording import Engine, simulate_experiment
@@ -87,20 +88,35 @@ def draw(
     noise = 0.0
     if "tracking_noise" in listed:
         noise = math.exp(random.uniform(math.log(0.7), math.log(4.0)))
-    experiment, _ = experiment_of(
+    found = configured(
         setup,
         [float(force) for force in forces],
         2048,
-        noise_nm=(noise, noise, 1.5 * noise),
+        (noise, noise, 1.5 * noise),
         lost_share=float(random.choice([0.0, 0.003, 0.02])),
     )
-    formula = "marko-siggia" if random.random() < 0.5 else "bouchiat"
+    experiment = found.experiment
+    formula: Formula = "marko-siggia" if random.random() < 0.5 else "bouchiat"
     rests = tuple(
         Rest(rest.force_pN, round(2.0 ** random.uniform(*frames)), rest.magnet_mm)
         for rest in experiment.rests
     )
     experiment = replace(experiment, rests=rests, chain=replace(experiment.chain, formula=formula))
     return Clean(setup, experiment, chosen)
+
+
+def configured(
+    setup: Setup,
+    forces_pN: list[float],
+    frames: int,
+    noise_nm: tuple[float, float, float],
+    lost_share: float = 0.0,
+) -> Clean:
+    """The experiment that a setup describes."""
+    experiment, _ = experiment_of(
+        setup, forces_pN, frames, noise_nm=noise_nm, lost_share=lost_share
+    )
+    return Clean(setup, experiment, "linear")
 
 
 def check(
@@ -130,6 +146,7 @@ def measure(job: tuple[int, int]) -> dict[str, Any]:
     began = time.process_time()
     found = check(clean, random)
     return {
+        "seed": job[0],
         "number": job[1],
         "p_value": found.p_value,
         "simulations": len(found.simulated),

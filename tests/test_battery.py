@@ -1,0 +1,296 @@
+"""The battery's statistics and how p-values are made of them, on made-up data of known law.
+
+Seeds are fixed. Where a bound is statistical, the chance that it fails for a right programme is
+stated beside it.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+import pytest
+from scipy import stats
+
+from mtpipe.battery import shape, spectral, temporal
+from mtpipe.battery.observed import Observed, bridged, whitened
+from mtpipe.configured.data import plateau_data, whitening
+from mtpipe.configured.model import Expectation
+from mtpipe.crosschecking.nulls import Nulls, together
+from tests.small_case import generator
+
+FRAME_S = 0.01
+
+
+@dataclass
+class White:
+    """White noise of unit variance on all axes, as an `Observed`, changed as wished."""
+
+    frames: int = 2048
+
+    def seen(self, random, change=lambda x: x, reference=None):
+        x = change(random.normal(size=(self.frames, 3)))
+        data = plateau_data(x, FRAME_S, (0.0, 0.0, 0.0))
+        level = 2 * FRAME_S * np.eye(3)
+        expected = Expectation(np.tile(level, (len(data.spectrum.frequency_hz), 1, 1)), 0.0, 0.1)
+        return Observed(x, reference, np.zeros((len(x), 2)), data, expected, FRAME_S)
+
+
+def values(found, statistic, axis="x", pooled=False):
+    return {
+        look: value
+        for look, value in found
+        if (look.statistic, look.axis, look.pooled) == (statistic, axis, pooled)
+    }
+
+
+def over_seeds(function, repeats=60, change=lambda x: x):
+    """(repeats, looks) values of a statistic on white noise."""
+    found = [function([White().seen(generator(9, i), change)]) for i in range(repeats)]
+    return np.array([[value for _, value in one] for one in found])
+
+
+def test_bands_are_standard_normal_where_the_model_is_right():
+    edges = np.geomspace(0.04, 51, 7)
+    scores = over_seeds(lambda seen: spectral.bands(seen, edges))
+    # 60 × 18 nearly independent scores: mean within 5 standard errors of 0, failing once in 1e6
+    assert abs(scores.mean()) < 5 / np.sqrt(scores.size)
+    assert scores.std() == pytest.approx(1, abs=0.15)
+    assert abs(stats.skew(scores.ravel())) < 0.4
+
+
+def test_band_with_more_power_stands_out_where_it_is():
+    wave = 0.15 * np.sin(2 * np.pi * 12.0 * FRAME_S * np.arange(2048))
+    one = White().seen(generator(1), lambda x: x + np.outer(2 * wave, [0, 1, 0]))
+    edges = np.array([0.04, 1.0, 8.0, 16.0, 51.0])
+    found = values(spectral.bands([one], edges), "psd_band", "y")
+    assert max(found, key=found.get).band_hz == (8.0, 16.0)
+
+
+def test_line_is_found_at_its_frequency_and_scored_like_a_normal_variate():
+    def lines(seen):
+        return spectral.lines(seen, [whitened(one) for one in seen])
+
+    scores = over_seeds(lines)
+    # maxima of tapered, hence correlated, ordinates are a little smaller than of independent ones
+    assert -0.8 < scores.mean() < 0.3
+    assert scores.std() == pytest.approx(1, abs=0.2)
+    wave = 0.5 * np.sin(2 * np.pi * 12.0 * FRAME_S * np.arange(2048))
+    one = White().seen(generator(1), lambda x: x + np.outer(wave, [0, 0, 1]))
+    ((look, value),) = values(lines([one]), "line", "z").items()
+    assert look.band_hz[0] < 12.0 < look.band_hz[1]
+    assert value > 8
+
+
+def test_score_of_the_largest_is_finite_for_any_line():
+    huge = spectral._score_of_largest(1e6, 1000)
+    assert np.isfinite(huge)
+    assert huge > spectral._score_of_largest(35.0, 1000) > spectral._score_of_largest(25.0, 1000)
+
+
+def test_correlation_of_axes_has_its_sign():
+    mix = np.array([[1.0, 0.0, 0.0], [-0.3, 1.0, 0.0], [0.0, 0.0, 1.0]])
+    found = spectral.between_axes([White().seen(generator(2), lambda x: x @ mix.T)])
+    assert values(found, "correlation", "xy").popitem()[1] < -6
+    # a standard normal variate beyond 5: once in 2 million
+    assert abs(values(found, "correlation", "xz").popitem()[1]) < 5
+
+
+def test_motion_in_common_with_the_reference_is_seen_above_the_cutoff_only():
+    random = generator(3)
+    shared = random.normal(size=(2048, 3))
+    one = White().seen(random, lambda x: x + 0.3 * shared, reference=shared)
+    single = [whitened(one)]
+    found = spectral.with_reference([one], single, [1.0, 1.0, np.inf])
+    assert values(found, "reference_coherence", "x").popitem()[1] > 5
+    assert not values(found, "reference_coherence", "z")
+
+
+@pytest.mark.parametrize(
+    ("statistic", "change"),
+    [
+        ("mean_trend", lambda x: x + np.linspace(-0.3, 0.3, len(x))[:, None]),
+        ("mean_step", lambda x: x + 0.4 * (np.arange(len(x)) > 1500)[:, None]),
+        ("mean_excursion", lambda x: x + 0.7 * (abs(np.arange(len(x)) - 1000) < 60)[:, None]),
+        ("variance_trend", lambda x: x * np.linspace(0.7, 1.3, len(x))[:, None]),
+        ("variance_step", lambda x: x * (1 + 0.4 * (np.arange(len(x)) > 1500))[:, None]),
+        ("variance_spread", lambda x: x * (1 + 0.4 * np.sin(np.arange(len(x)) / 90))[:, None]),
+    ],
+)
+def test_looks_along_time_notice_what_they_are_for(statistic, change):
+    null = np.array([
+        values(temporal.over_time([White().seen(generator(4, i))]), statistic).popitem()[1]
+        for i in range(30)
+    ])  # fmt: skip
+    found = temporal.over_time([White().seen(generator(5), change)])
+    look, value = values(found, statistic).popitem()
+    assert abs(value - null.mean()) > 5 * null.std()
+    if statistic == "variance_step":
+        assert look.time_s[0] == pytest.approx(15.0, abs=1.5)
+
+
+def test_quietest_second_is_where_the_bead_stuck():
+    def stuck(x):
+        x[900:1020] *= 0.05
+        return x
+
+    found = temporal.over_time([White().seen(generator(6), stuck)])
+    look, value = values(found, "quietest_second").popitem()
+    assert value < -3
+    assert 8.9 <= look.time_s[0] <= look.time_s[1] <= 10.3
+
+
+def test_irreversible_motion_is_told_from_reversible():
+    def sawtooth(x):
+        # slow rise, sudden fall
+        return x + 6 * (np.arange(len(x)) % 40 / 40)[:, None]
+
+    null = over_seeds(temporal.irreversibility, 30)
+    found = values(temporal.irreversibility([White().seen(generator(7), sawtooth)]),
+                   "irreversibility").popitem()[1]  # fmt: skip
+    assert abs(found) > 5 * null.std()
+
+
+def test_shape_does_not_depend_on_scale_or_origin():
+    plain = White().seen(generator(8))
+    moved = White().seen(generator(8), lambda x: 50 + 7 * x)
+    for one, other in zip(shape.moments([plain]), shape.moments([moved]), strict=True):
+        assert one[1] == pytest.approx(other[1])
+    kurtosis = over_seeds(shape.moments)[:, 3:]
+    assert kurtosis.mean() == pytest.approx(3.0, abs=5 * kurtosis.std() / np.sqrt(kurtosis.size))
+
+
+def test_allan_variance_of_white_noise_falls_with_the_number_averaged():
+    found = values(shape.allan([White(8192).seen(generator(10))]), "allan_variance")
+    logs = list(found.values())
+    # ln of a variance of 32 blocks has a spread of 0.25; five of them
+    assert np.diff(logs)[:3] == pytest.approx(-np.log(4), abs=0.5)
+
+
+def test_pixels_show_in_positions_that_cover_several():
+    def locked(x):
+        x = 80 * x
+        return x + 5 * np.sin(2 * np.pi * x / 100)
+
+    def strongest(seed, change, frames=2048):
+        one = White(frames).seen(generator(11, seed), change)
+        found = shape.fractional_pixel([one], shape.smooth_periods_nm([one]))
+        return values(found, "fractional_pixel").popitem()[1]
+
+    plain = [strongest(i, lambda x: 80 * x) for i in range(20)]
+    assert strongest(20, locked, 8192) > np.max(plain)
+    # too small a motion tells nothing
+    one = White().seen(generator(12))
+    assert not shape.fractional_pixel([one], shape.smooth_periods_nm([one]))
+
+
+def test_frames_lost_far_from_the_middle_are_noticed():
+    def far_lost(x):
+        x[1:][np.abs(x[:-1, 0]) > 1.8] = np.nan
+        return x
+
+    def randomly_lost(x):
+        x[::15] = np.nan
+        return x
+
+    found = values(shape.lost_frames([White().seen(generator(13), far_lost)]), "lost_frames")
+    assert found.popitem()[1] > 1
+    found = values(shape.lost_frames([White().seen(generator(13), randomly_lost)]), "lost_frames")
+    # 137 squares: spread 0.12 of their mean
+    assert abs(found.popitem()[1]) < 0.6
+    assert not shape.lost_frames([White().seen(generator(13))])
+
+
+def test_bridged_series_have_no_mean_and_no_gap():
+    x = generator(14).normal(size=(200, 3)) + 5
+    x[10:20] = np.nan
+    found = bridged(x)
+    assert found.shape == (3, 200)
+    assert np.isfinite(found).all()
+    assert np.abs(found[:, [*range(10), *range(20, 200)]].mean(axis=1)) == pytest.approx(0)
+
+
+def test_whitening_follows_the_correlation_of_frames():
+    random = generator(15)
+    slow = np.cumsum(random.normal(size=3000))
+    slow -= np.linspace(slow[0], slow[-1], 3000)
+    fast = random.normal(size=3000)
+    phi = whitening(np.column_stack([slow, fast, np.abs(fast)]), FRAME_S)
+    assert phi[0] > 0.9
+    assert phi[1] == 0.0
+
+
+SKEWED = {
+    "normal": lambda random, shape: random.normal(size=shape),
+    "gamma": lambda random, shape: random.gamma(6.0, size=shape),
+    "mirrored gamma": lambda random, shape: -random.gamma(6.0, size=shape),
+    "log of chi2": lambda random, shape: np.log(random.chisquare(20, size=shape)),
+    "kurtosis-like": lambda random, shape: random.normal(size=shape) * random.gamma(20, size=shape),
+}
+
+
+@pytest.mark.parametrize("law", SKEWED)
+@pytest.mark.parametrize("simulations", [48, 120])
+def test_p_values_are_uniform_far_into_the_tail(law, simulations):
+    draw, upper = SKEWED[law], np.zeros(1, dtype=bool)
+    random = generator(16, simulations)
+    found = []
+    for _ in range(30):
+        nulls = Nulls(draw(random, (simulations, 200)), np.repeat(upper, 200))
+        found.append(nulls.p_values(draw(random, 200)))
+    p = np.concatenate(found)
+    # of 6000: at 1 % a standard error of 0.13 %, at 0.1 % of 0.04 %; the law itself is approximate
+    assert 0.004 < np.mean(p < 0.01) < 0.018
+    assert np.mean(p < 0.001) < 0.005
+    assert np.mean(p < 0.5) == pytest.approx(0.5, abs=0.04)
+
+
+def test_own_p_values_are_those_judged_by_all_the_others():
+    values = generator(17).gamma(4.0, size=(30, 5))
+    upper = np.array([True, False, True, False, False])
+    own = Nulls(values, upper).own_p_values()
+    for i in (0, 11, 29):
+        others = Nulls(np.delete(values, i, axis=0), upper)
+        assert own[i] == pytest.approx(others.p_values(values[i]), rel=1e-6)
+
+
+def test_no_value_on_the_short_side_is_odder_than_a_normal_one():
+    """The fitted law ends there, and a value beyond its end once had a p-value of zero."""
+    values = generator(18).gamma(1.5, size=(100, 1))
+    spread, mean = values.std(ddof=1), values.mean()
+    p = Nulls(values, np.array([False])).p_values(np.array([mean - 3 * spread]))
+    assert p[0] > 0.002
+
+
+def test_upper_statistics_are_odd_only_where_large():
+    nulls = Nulls(generator(19).normal(size=(100, 2)), np.array([True, False]))
+    low = nulls.p_values(np.array([-5.0, -5.0]))
+    assert low[0] > 0.99
+    assert low[1] < 1e-4
+
+
+def test_all_looks_together_are_uniform():
+    """Correlated looks, in two families: the number of looks is accounted for."""
+    found = []
+    for i in range(150):
+        random = generator(20, i)
+        common = random.normal(size=(61, 10))
+        values = np.repeat(common, 20, axis=1) + 0.7 * random.normal(size=(61, 200))
+        family = np.arange(200) < 20
+        nulls = Nulls(values[1:], np.zeros(200, dtype=bool))
+        p = nulls.p_values(values[0])
+        found.append(together(p, nulls.own_p_values(), [family, ~family]).p_value)
+    # Kolmogorov–Smirnov p below 0.001: one time in a thousand
+    assert stats.kstest(found, "uniform").pvalue > 1e-3
+    assert np.mean(np.array(found) < 0.05) < 0.13
+
+
+def test_a_p_value_beyond_the_simulations_says_so():
+    random = generator(21)
+    values = random.normal(size=(60, 30))
+    nulls = Nulls(values, np.zeros(30, dtype=bool))
+    everywhere = [np.ones(30, dtype=bool), np.zeros(30, dtype=bool)]
+    odd = together(nulls.p_values(np.full(30, 8.0)), nulls.own_p_values(), everywhere)
+    calm = together(nulls.p_values(random.normal(size=30)), nulls.own_p_values(), everywhere)
+    assert odd.extrapolated
+    assert odd.p_value < 1e-4
+    assert not calm.extrapolated
+    assert 1 <= calm.looks[0] <= 40

@@ -1,0 +1,212 @@
+"""The cross-check of whole recordings: calm where all is as configured, loud and to the point else.
+
+Seeds are fixed. A clean recording has a p-value below 0.01 one time in a hundred; those here have
+not. `workflows/crosscheck` measures the rates.
+"""
+
+from dataclasses import replace
+
+import numpy as np
+import pandas as pd
+import pytest
+
+import mtpipe
+from mtpipe.crosschecking.case import prepare
+from mtpipe.crosschecking.check import check_bead
+from mtpipe.crosschecking.curves import KINDS
+from mtpipe.crosschecking.recording import COLUMNS, bead_generator
+from mtpipe.crosschecking.twin import TwinMaker
+from mtpipe.drift import subtract_drift
+from mtpipe.errors import RecordingError, SetupError
+from mtpipe.plateaus import find_plateaus
+from mtpipe.setup import Setup
+from mtpipe.tables import crosscheck_curves, crosscheck_table
+from tests.small_case import case, generator, raw, setup
+
+ROUNDS = (26,)
+
+
+def check(recording, seed=1):
+    return check_bead(case(recording), generator(seed), rounds=ROUNDS)
+
+
+def moved(recording, motion_nm, bead="b1"):
+    positions = recording.positions_nm | {bead: recording.positions_nm[bead] + motion_nm}
+    return replace(recording, positions_nm=positions)
+
+
+def oddest(found, below=1e-3):
+    """The looks with the smallest p-values, oddest first."""
+    order = np.argsort(found.p_values)
+    return [found.looks[i] for i in order if found.p_values[i] < below]
+
+
+@pytest.fixture(scope="module")
+def clean():
+    return raw(11, lost_share=0.01)
+
+
+@pytest.fixture(scope="module")
+def calm(clean):
+    return check_bead(case(clean), generator(1), rounds=ROUNDS, with_curves=True)
+
+
+def test_a_recording_as_configured_is_consistent(calm):
+    assert calm.p_value > 0.01
+    assert not calm.overall.extrapolated
+    assert {look.axis for look in calm.looks} >= {"x", "y", "z", "xy", "xz", "yz"}
+    assert np.isfinite(calm.observed).all()
+    assert np.isfinite(calm.simulated).all()
+
+
+def test_scores_of_a_clean_recording_are_about_standard_normal(calm):
+    spread = calm.simulated.std(axis=0, ddof=1)
+    scores = (calm.observed - calm.simulated.mean(axis=0)) / spread
+    # some 250 scores, many of them correlated
+    assert abs(np.mean(scores)) < 0.3
+    assert np.std(scores) == pytest.approx(1, abs=0.25)
+
+
+def test_curves_of_a_clean_recording_lie_within_the_simulated(calm):
+    assert {curve.kind for curve in calm.curves} == set(KINDS)
+    assert len(calm.curves) == 3 * 3 * 3
+    for curve in calm.curves:
+        assert np.all(curve.low <= curve.median)
+        assert np.all(curve.median <= curve.high)
+    inside = np.concatenate([(c.recorded >= c.low) & (c.recorded <= c.high) for c in calm.curves])
+    # 2.5 % of 26 simulations are less than one of them, so the envelope holds about 94 %
+    assert 0.85 < np.mean(inside) < 0.98
+
+
+def test_the_same_seed_gives_the_same_answer(clean):
+    first, again = (check_bead(case(clean), generator(5), rounds=(12,)) for _ in range(2))
+    assert np.array_equal(first.simulated, again.simulated)
+    assert first.p_value == again.p_value
+
+
+def test_a_vibration_is_found_where_it_is(clean):
+    wave = 8 * np.sin(2 * np.pi * 31.7 * clean.time_s)
+    found = check(moved(clean, np.outer(wave, [0, 1, 0])))
+    assert found.p_value < 1e-4
+    look = next(look for look in oddest(found) if look.statistic == "line")
+    assert look.axis == "y"
+    assert look.band_hz[0] - 0.2 < 31.7 < look.band_hz[1] + 0.2
+    assert {one.axis for one in oddest(found, 1e-6)} <= {"y", "xy", "yz"}
+
+
+def test_a_wrong_viscosity_is_seen_in_lateral_motion(clean):
+    wrong = setup(buffer={"viscosity_mPa_s": 0.89 / 1.4})
+    found = check(replace(clean, setup=wrong))
+    assert found.p_value < 1e-6
+    assert "friction" in {look.statistic for look in oddest(found)}
+
+
+def test_drift_that_the_reference_does_not_share_is_seen_at_low_frequencies(clean):
+    walk = np.cumsum(generator(3).normal(size=(len(clean.time_s), 3)), axis=0)
+    found = check(moved(clean, 0.5 * walk))
+    assert found.p_value < 1e-4
+    low = [look.band_hz for look in oddest(found, 1e-6) if look.statistic == "psd_band"]
+    assert min(top for _, top in low) < 5.0
+
+
+def test_missing_frames_that_the_file_counts_over_are_seen(clean):
+    kept = np.flatnonzero(generator(4).random(len(clean.time_s)) > 0.25)
+    time_s = clean.time_s[: len(kept)]
+    found = check(
+        replace(
+            clean,
+            time_s=time_s,
+            frame=clean.frame[: len(kept)],
+            positions_nm={bead: xyz[kept] for bead, xyz in clean.positions_nm.items()},
+            magnet_mm=clean.magnet_mm[kept],
+            plateaus=find_plateaus(time_s, clean.magnet_mm[kept], clean.setup.plateaus),
+        )
+    )
+    assert found.p_value < 1e-3
+
+
+def test_turned_axes_are_seen_between_x_and_y(clean):
+    xyz = clean.positions_nm["b1"]
+    anchor = np.append(np.nanmean(xyz[:, :2], axis=0), 0.0)
+    c, s = np.cos(np.radians(20)), np.sin(np.radians(20))
+    turned = (xyz - anchor) @ np.array([[c, s, 0], [-s, c, 0], [0, 0, 1]]) + anchor
+    found = check(replace(clean, positions_nm=clean.positions_nm | {"b1": turned}))
+    assert found.p_value < 1e-3
+    assert "xy" in {look.axis for look in oddest(found, 0.01)}
+
+
+def test_twins_lose_the_frames_that_the_recording_lost(clean):
+    one = case(clean)
+    twin = TwinMaker(one).draw(generator(2))
+    for simulated, recorded in zip(twin.positions_nm, one.positions_nm, strict=True):
+        assert np.array_equal(np.isfinite(simulated), np.isfinite(recorded))
+    for simulated, recorded in zip(twin.references_nm, one.references_nm, strict=True):
+        spread = np.nanstd(recorded, axis=0)
+        # what is left of the reference is its noise: 2048 frames, 8 % is five standard errors
+        assert np.nanstd(simulated, axis=0) == pytest.approx(spread, rel=0.08)
+
+
+def test_stage_is_measured_from_the_reference(clean):
+    # the typical stage of the simulation; some hundred cosine coefficients below the cutoff
+    assert case(clean).stage_nm_per_root_s == pytest.approx((1.0, 1.0, 1.5), rel=0.4)
+
+
+def test_table_has_a_row_per_look_and_its_columns(clean):
+    found = mtpipe.crosscheck(subtract_drift(clean), seed=3)
+    table = found.table
+    check_of = found.beads["b1"]
+    assert tuple(table.columns) == COLUMNS
+    assert len(table) == len(check_of.looks)
+    assert (table["bead_p_value"] == check_of.p_value).all()
+    assert table["plateau"].isna().sum() == sum(look.pooled for look in check_of.looks)
+    assert table["p_value"].between(0, 1).all()
+    assert (table["simulated_low"] <= table["simulated_high"]).all()
+    assert crosscheck_table(found).equals(table)
+    spectra = crosscheck_curves(found)["spectrum"]
+    assert set(spectra["axis"]) == {"x", "y", "z"}
+
+
+def test_without_a_cross_check_the_tables_are_empty_and_have_their_columns():
+    assert list(crosscheck_table(None).columns) == list(COLUMNS)
+    for table in crosscheck_curves(None).values():
+        assert isinstance(table, pd.DataFrame)
+        assert table.empty
+        assert "bead" in table
+
+
+def test_beads_draw_from_streams_of_their_own():
+    assert bead_generator(1, "b1").random() == bead_generator(1, "b1").random()
+    assert bead_generator(1, "b1").random() != bead_generator(1, "b2").random()
+    assert bead_generator(1, "b1").random() != bead_generator(2, "b1").random()
+
+
+def test_a_bead_without_heights_is_left_out_with_its_reason(clean):
+    flat = clean.positions_nm["b1"] * np.array([1.0, 1.0, np.nan])
+    blind = replace(clean, positions_nm=clean.positions_nm | {"b1": flat})
+    found = mtpipe.crosscheck(subtract_drift(blind))
+    assert not found.beads
+    assert "b1 has no plateau of 256 frames with x, y and z" in found.refused["b1"]
+    assert found.table.empty
+
+
+def test_an_unknown_radius_is_refused_in_a_sentence(clean):
+    unknown = replace(clean, setup=setup(beads={"radius_nm": "unknown"}))
+    with pytest.raises(SetupError, match='radius_nm is "unknown"'):
+        prepare(subtract_drift(unknown), "b1")
+
+
+def test_a_high_passed_recording_is_refused(clean):
+    choice = {"method": "highpass", "cutoff_hz": 0.5}
+    content = clean.setup.model_dump(by_alias=True) | {"drift": choice}
+    changed = replace(clean, setup=Setup.model_validate(content))
+    with pytest.raises(RecordingError, match="lost its own slow motion"):
+        prepare(subtract_drift(changed), "b1")
+
+
+def test_without_reference_beads_the_drift_is_seen(clean):
+    alone = {"b1": clean.positions_nm["b1"] + 0.02 * np.arange(len(clean.time_s))[:, None]}
+    nothing = replace(clean, positions_nm=alone, setup=setup(beads={"reference": []}))
+    found = check(nothing)
+    assert found.case.references_nm is None
+    assert found.p_value < 1e-4
+    assert oddest(found)[0].statistic in ("mean_trend", "psd_band", "mean_step", "allan_variance")
