@@ -62,7 +62,7 @@ def test_run_writes_every_file_and_says_where(finished):
         "forces.parquet", "forces.csv", "beads.parquet", "beads.csv", "run.json",
         "report/index.html", "details/spectra.parquet", "details/traces.parquet",
         "details/drift.parquet", "details/references.parquet", "details/posteriors.parquet",
-        "details/force_extension.parquet",
+        "details/force_extension.parquet", "crosscheck.parquet", "mismatch.json",
     }  # fmt: skip
     assert promised <= files
     assert not [name for name in files if name.endswith(".tmp")]
@@ -99,11 +99,23 @@ def test_forces_are_true_and_z_has_none(finished):
     assert forces.loc["z"].stiffness_pN_per_nm.notna().any()
 
 
+def test_the_diagnosis_is_written_as_the_contract_has_it(finished):
+    out, _ = finished
+    mismatch = json.loads((out / "mismatch.json").read_text(encoding="utf-8"))
+    assert mismatch["schema"] == "mtpipe.mismatch/1"
+    bead = mismatch["beads"]["b1"]
+    assert set(bead) == {"verdict", "located", "effects", "forces"}
+    assert bead["verdict"] in ("consistent", "explained", "unexplained")
+    looks = pd.read_parquet(out / "crosscheck.parquet")
+    assert set(looks.bead) == {"b1"}
+    assert looks.p_value.between(0, 1).all()
+
+
 def test_other_methods_are_rows_of_their_own(tmp_path):
     path = write(tmp_path, recording((0.5, 2.0), 2048))
     done = command(
         "run", path, "--out", tmp_path / "out", "--workers", "1",
-        "--method", "equipartition", "--method", "allan",
+        "--method", "equipartition", "--method", "allan", "--no-crosscheck",
     )  # fmt: skip
     assert done.returncode == 0, done.stderr
     forces = pd.read_parquet(tmp_path / "out" / "forces.parquet")
@@ -142,8 +154,8 @@ def test_report_is_written_again_from_the_files(finished):
 def test_same_seed_same_forces(tmp_path, finished):
     out, _ = finished
     path = write(tmp_path, recording((0.5, 2.0, 6.0), 2048))
-    mtpipe.run(path, tmp_path / "again", workers=1)
-    mtpipe.run(path, tmp_path / "other", workers=1, seed=7)
+    mtpipe.run(path, tmp_path / "again", workers=1, cross_check=False)
+    mtpipe.run(path, tmp_path / "other", workers=1, seed=7, cross_check=False)
     first, again, other = (
         pd.read_parquet(folder / "forces.parquet")
         for folder in (out, tmp_path / "again", tmp_path / "other")
@@ -197,7 +209,7 @@ def test_no_reference_bead_is_said(tmp_path):
     alone = {"b1": raw.positions_nm["b1"]}
     setup = setup_content(beads={"radius_nm": 500.0, "reference": []})
     path = write(tmp_path, type(raw)(**{**vars(raw), "positions_nm": alone}), setup)
-    done = command("run", path, "--out", tmp_path / "out")
+    done = command("run", path, "--out", tmp_path / "out", "--no-crosscheck")
     assert done.returncode == 0
     assert "no reference bead" in done.stdout.lower()
     assert "[drift]" in done.stdout
@@ -248,7 +260,7 @@ def test_force_extension_of_a_recording():
 
 def test_paths_may_be_text_and_an_unwritable_folder_is_told_before_the_work(tmp_path):
     path = write(tmp_path, recording((1.0,), 1024))
-    result = mtpipe.run(str(path), str(tmp_path / "out"))
+    result = mtpipe.run(str(path), str(tmp_path / "out"), cross_check=False)
     assert (tmp_path / "out" / "run.json").exists()
     assert result.seed == 0
     blocked = tmp_path / "file"
@@ -265,7 +277,7 @@ def test_a_reference_that_moves_is_said_on_the_terminal_and_in_the_verdict(tmp_p
     loose = np.cumsum(np.random.default_rng(2).normal(size=(4096, 3)), axis=0)
     positions["ref1"] += 40 * np.sin(loose / 6)
     path = write(tmp_path, type(raw)(**{**vars(raw), "positions_nm": positions}))
-    done = command("run", path, "--out", tmp_path / "out")
+    done = command("run", path, "--out", tmp_path / "out", "--no-crosscheck")
     assert done.returncode == 0
     assert "ref1" in done.stdout
     beads = pd.read_csv(tmp_path / "out" / "beads.csv")
@@ -276,7 +288,7 @@ def test_a_bead_left_out_on_reading_keeps_its_row(tmp_path):
     raw = recording((1.0,), 2048)
     positions = {**raw.positions_nm, "dead": np.full((2048, 3), 7.0)}
     path = write(tmp_path, type(raw)(**{**vars(raw), "positions_nm": positions}))
-    done = command("run", path, "--out", tmp_path / "out")
+    done = command("run", path, "--out", tmp_path / "out", "--no-crosscheck")
     assert done.returncode == 0, done.stderr
     beads = pd.read_csv(tmp_path / "out" / "beads.csv").set_index("bead")
     assert beads.verdict["dead"] == "refused"

@@ -31,6 +31,8 @@ ALARM_P = 0.004
 # Net gain (nats, BIC) from which an effect is seen although the battery is silent, and from which
 # one is kept at all; the catalogue has about 20 entries, which costs 3 nats by itself.
 SEEN_NATS, KEPT_NATS = 9.0, 6.0
+# Where the battery objects as little as this, no effect is looked for.
+SILENT_P = 0.3
 # Two effects whose likelihoods differ by less cannot be told apart.
 ALIKE_NATS = 3.0
 MOST_EFFECTS = 3
@@ -114,7 +116,7 @@ def explain(
     case = check.case
     fit = case.fit
     while len(named) < MOST_EFFECTS:
-        if named and check.p_value >= ALARM_P:
+        if check.p_value >= (ALARM_P if named else SILENT_P):
             break
         say("trying effects")
         tried = try_effects(fit, effects, evidence_of(check))

@@ -1,0 +1,219 @@
+"""Effects seen in the traces: found at moderate strength, taken off, and not found elsewhere."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from mtpipe.crosschecking.check import BeadCheck, check_bead
+from mtpipe.crosschecking.nulls import Together
+from mtpipe.effects import pixel_locking, surface_sticking
+from mtpipe.effects.catalogue import CORRECTIONS
+from mtpipe.effects.surface_sticking import bound_stretches
+from mtpipe.plateaus import find_plateaus
+from mtpipe.recording import Recording
+from tests import small_case
+
+RATE_HZ, PERIOD_NM = 120.0, 100.0
+# First frame, within its plateau, and length of the episodes of each plateau.
+EPISODES = {0: ((300, 120), (900, 45), (1500, 200)), 1: ((700, 90), (1400, 12))}
+STIFFER = 16.0
+
+
+def unchecked(recording):
+    """A cross-check without any look; corrections only read its case."""
+    nothing = np.empty(0)
+    found = small_case.case(recording)
+    return BeadCheck(found, (), nothing, nothing[None], nothing, Together(0.0, (), False))
+
+
+def p_value(case):
+    return check_bead(case, small_case.generator(2), rounds=(48,)).p_value
+
+
+def moved(raw: Recording, nm) -> Recording:
+    return replace(raw, positions_nm=raw.positions_nm | {"b1": raw.positions_nm["b1"] + nm})
+
+
+def stuck(raw: Recording, random, spring: float | None = None) -> Recording:
+    """The bead is held where it was, or by a stiffer spring about that point."""
+    xyz = raw.positions_nm["b1"].copy()
+    for number, episodes in EPISODES.items():
+        plateau = raw.plateaus[number]
+        own = xyz[plateau.start : plateau.stop]
+        for first, length in episodes:
+            held = np.tile(own[first - 1], (length, 1))
+            if spring is not None:
+                held += relaxing(own, length, spring, random)
+            own[first : first + length] = held + small_case.NOISE_NM * random.normal(
+                size=held.shape
+            )
+    return replace(raw, positions_nm=raw.positions_nm | {"b1": xyz})
+
+
+def relaxing(free, frames, spring, random):
+    """(frames, 3) from 0, with the friction of a free trace and so many times its stiffness."""
+    deviation = free - free.mean(axis=0)
+    variance = deviation.var(axis=0) - np.square(small_case.NOISE_NM)
+    ratio = (np.mean(deviation[1:] * deviation[:-1], axis=0) / variance) ** spring
+    path = np.zeros((frames, 3))
+    for k in range(1, frames):
+        kick = np.sqrt(variance / spring * (1 - ratio**2)) * random.normal(size=3)
+        path[k] = ratio * path[k - 1] + kick
+    return path
+
+
+def bent(raw: Recording, amplitude_nm: float) -> Recording:
+    """All beads as a tracker sees them whose response has a period."""
+
+    def seen(xyz):
+        wave = np.sin(2 * np.pi * xyz / PERIOD_NM + [0.3, 2.0, 0.0])
+        return xyz + amplitude_nm * wave * [1, 1, 0]
+
+    return replace(raw, positions_nm={bead: seen(xyz) for bead, xyz in raw.positions_nm.items()})
+
+
+@pytest.mark.parametrize("spring", [None, STIFFER])
+def test_sticking_is_found_measured_and_taken_off(spring):
+    raw = small_case.raw(3)
+    check = unchecked(stuck(raw, small_case.generator(4), spring))
+    found = surface_sticking.find(check)
+    assert found is not None
+    share, count, duration = found.strengths
+    frames = [length for episodes in EPISODES.values() for _, length in episodes]
+    # an episode of a few frames by a spring is not to be seen
+    assert count.value == (len(frames) if spring is None else len(frames) - 1)
+    true_share = sum(frames) / (len(small_case.FORCES_PN) * small_case.FRAMES)
+    assert share.value == pytest.approx(true_share, rel=0.05 if spring is None else 0.15)
+    assert abs(duration.value - np.mean(frames) / RATE_HZ) < 2 * duration.stderr
+    for number, episodes in EPISODES.items():
+        lost = np.isnan(found.case.positions_nm[number]).all(axis=1)
+        for first, length in episodes:
+            assert length < 20 or np.mean(lost[first : first + length]) > 0.9
+        assert lost.sum() < 1.35 * sum(length for _, length in episodes) + 20
+    assert not np.isnan(found.case.positions_nm[2]).any()
+    assert p_value(found.case) > 0.004
+    if spring is None:
+        assert p_value(check.case) < 0.004
+    assert f"{share.value:.1%} of the time" in found.cause
+
+
+def test_a_pixels_response_is_found_measured_and_undone():
+    raw = small_case.raw(5)
+    check = unchecked(bent(raw, 3.0))
+    found = pixel_locking.find(check)
+    assert found is not None
+    along_x, along_y, period = found.strengths
+    for strength, truth in ((along_x, 3.0), (along_y, 3.0), (period, PERIOD_NM)):
+        assert 0 < strength.stderr < 0.1 * truth
+        assert abs(strength.value - truth) < 3 * strength.stderr
+    before = unchecked(raw).case
+    # the drift is measured with a bent reference, so that a mean may be left
+    for truth, bad, mended in zip(
+        before.positions_nm, check.case.positions_nm, found.case.positions_nm, strict=True
+    ):
+        off, left = ((x - truth)[:, :2].std(axis=0) for x in (bad, mended))
+        assert np.all(left < 0.35 * off)
+        np.testing.assert_array_equal(mended[:, 2], bad[:, 2])
+    assert p_value(found.case) > 0.004
+    assert "setup states no pixel" in found.cause
+
+
+def test_the_stated_pixel_is_the_only_period_asked_for():
+    camera = {"pixel_size_nm": PERIOD_NM}
+    faint = bent(small_case.raw(6, camera=camera), 1.2)
+    found = pixel_locking.find(unchecked(faint))
+    assert found is not None
+    along_x, along_y, period = found.strengths
+    assert (period.value, period.stderr) == (PERIOD_NM, 0.0)
+    assert all(abs(one.value - 1.2) < 3 * one.stderr for one in (along_x, along_y))
+    elsewhere = bent(small_case.raw(6, camera={"pixel_size_nm": 61.0}), 1.2)
+    assert pixel_locking.find(unchecked(elsewhere)) is None
+
+
+def test_a_response_is_undone_exactly():
+    place, size = np.linspace(-300, 300, 1001), np.array([4.0, -3.0])
+    q = 2 * np.pi / PERIOD_NM
+    raw = place + size[0] * np.sin(q * place) + size[1] * np.cos(q * place)
+    np.testing.assert_allclose(pixel_locking.undone(raw, size, PERIOD_NM), place, atol=1e-6)
+
+
+def test_lost_frames_neither_hide_nor_feign_sticking():
+    random = small_case.generator(8)
+    raw = small_case.raw(7)
+    rows = slice(raw.plateaus[0].start, raw.plateaus[0].stop)
+    lost = random.random(small_case.FRAMES) < 0.2
+    free, held = (
+        np.where(lost[:, None], np.nan, recording.positions_nm["b1"][rows])
+        for recording in (raw, stuck(raw, random))
+    )
+    assert bound_stretches(free) == []
+    found = bound_stretches(held)
+    assert [(round(s.start / 20), round(s.stop / 20)) for s in found] == [
+        (round(first / 20), round((first + length) / 20)) for first, length in EPISODES[0]
+    ]
+
+
+def drifting(raw, random):
+    return moved(raw, np.cumsum(0.3 * random.normal(size=(len(raw.time_s), 3)), axis=0))
+
+
+def vibrating(raw, random):
+    phase = 2 * np.pi * random.random()
+    return moved(raw, np.outer(np.sin(2 * np.pi * 31.7 * raw.time_s + phase), [6.0, 3.0, 2.0]))
+
+
+def hopping(raw, random):
+    state = np.cumsum(random.random(len(raw.time_s)) < 3 / RATE_HZ) % 2
+    return moved(raw, np.outer(state, [0.0, 0.0, 50.0]))
+
+
+def weakening(raw, random):
+    """The force falls to half in every plateau, in the variances of x and y."""
+    xyz = raw.positions_nm["b1"].copy()
+    for plateau in raw.plateaus:
+        own = xyz[plateau.start : plateau.stop, :2]
+        middle = np.nanmean(own, axis=0)
+        factor = np.sqrt(np.linspace(0.7, 1.4, len(own)))[:, None]
+        own[:] = middle + factor * (own - middle)
+    return replace(raw, positions_nm=raw.positions_nm | {"b1": xyz})
+
+
+def scaled(raw, random):
+    xyz = raw.positions_nm["b1"]
+    middle = np.append(np.nanmean(xyz[:, :2], axis=0), 0.0)
+    return moved(raw, 0.15 * (xyz - middle))
+
+
+def dropping(raw, random):
+    kept = np.flatnonzero(random.random(len(raw.time_s)) > 0.1)
+    time_s, magnet = raw.time_s[: len(kept)], raw.magnet_mm[kept]
+    return replace(
+        raw,
+        time_s=time_s,
+        frame=raw.frame[: len(kept)],
+        positions_nm={bead: xyz[kept] for bead, xyz in raw.positions_nm.items()},
+        magnet_mm=magnet,
+        plateaus=find_plateaus(time_s, magnet, raw.setup.plateaus),
+    )
+
+
+def mistracked(raw, random):
+    wrong = random.random(len(raw.time_s)) < 0.002
+    return moved(raw, np.outer(wrong, [4000.0, -3000.0, 2000.0]))
+
+
+def as_it_was(raw, random):
+    return raw
+
+
+@pytest.mark.parametrize(
+    "effect",
+    [as_it_was, drifting, vibrating, hopping, weakening, scaled, dropping, mistracked],
+)
+def test_other_effects_are_not_taken_for_these(effect):
+    raw = small_case.raw(11, lost_share=0.02)
+    check = unchecked(effect(raw, small_case.generator(11, 1)))
+    assert [find(check) for find in CORRECTIONS] == [None, None]
