@@ -110,9 +110,8 @@ def explain(
     check, named = before, list[Named]()
     nearest: Tried | None = None
     odd = check.p_value < ALARM_P
-    if odd:
-        say("looking at the course of time")
-        check = _corrected(check, named, random)
+    say("looking at the course of time")
+    check = _corrected(check, named, random)
     case = check.case
     fit = case.fit
     while len(named) < MOST_EFFECTS:
@@ -143,7 +142,10 @@ def explain(
 
 
 def _corrected(check: BeadCheck, named: list[Named], random: np.random.Generator) -> BeadCheck:
-    """Take off what is seen in time and not in spectra, as far as the battery objects less then."""
+    """Take off what is seen in time and not in spectra, as far as the battery objects less then.
+
+    What is found has passed a test of its own, so the battery need not have objected before.
+    """
     for find in CORRECTIONS:
         found = find(check)
         if found is None:

@@ -226,7 +226,7 @@ def _strengths(found: Explanation, one: Named) -> list[Strength]:
 
 def sentence(found: Explanation, one: Named) -> str:
     """What, where, how strong, and what leaving it out did to the force."""
-    places = located(found.before)
+    places = located(found.before) if isinstance(one.found, Tried) else []
     where = f"{_where(places[0])}: " if places else ""
     fit = found.fit
     if isinstance(one.found, Tried):
