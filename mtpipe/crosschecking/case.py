@@ -135,6 +135,7 @@ def prepare(recording: Recording, bead: str) -> Case:
         *allowance_parameters(),
     )
     subtraction = subtraction_of(recording)
+    pixel = recording.setup.camera.pixel_size_nm
     reference = _reference_mean(recording)
     fits = []
     for formula in FORMULAS:
@@ -153,6 +154,7 @@ def prepare(recording: Recording, bead: str) -> Case:
         preferred_formula(fits[0], fits[1:]),
         notices,
         (0.0, 0.0, 0.0) if reference is None else _stage(reference, subtraction, 1 / frame_s),
+        None if pixel is None else pixel.value,
         None if pixel is None else pixel.value,
     )
 
