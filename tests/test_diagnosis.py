@@ -7,6 +7,7 @@ import json
 import math
 import re
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -15,6 +16,7 @@ import mtpipe
 from mtpipe.crosschecking.case import FORMULAS, prepare
 from mtpipe.crosschecking.check import check_bead
 from mtpipe.crosschecking.recording import bead_generator
+from mtpipe.diagnosis.evidence import reference_moves
 from mtpipe.diagnosis.explain import explain
 from mtpipe.diagnosis.mismatch import Mismatch
 from mtpipe.experiment.from_setup import experiment_of
@@ -185,3 +187,17 @@ def test_a_bead_that_cannot_be_simulated_is_refused_in_words():
     assert "b1" in found.refused["b1"]
     assert found.as_dict()["beads"] == {}
     assert steps == [("b1: comparing with simulations", 0, 1)]
+
+
+@pytest.mark.parametrize("whose", ["reference", "bead"])
+def test_slow_motion_is_known_to_be_the_references_or_the_beads(whose):
+    """By whether it goes against what was subtracted; false once in 2000 (3.5 standard errors)."""
+    experiment, _ = experiment_of(SETUP, FORCES_PN, FRAMES, formula=FORMULAS[0])
+    changes = {
+        "reference": {"reference_nm": (12.0, 12.0, 0.0), "reference_s": 3.0},
+        "bead": {"unsubtracted_nm_per_root_s": (8.0, 8.0, 0.0)},
+    }
+    experiment = replace(experiment, stage=replace(experiment.stage, **changes[whose]))
+    simulated = mtpipe.subtract_drift(simulate_experiment(experiment, SETUP, 5))
+    check = SimpleNamespace(case=prepare(simulated, "b1"))
+    assert reference_moves(check) is (whose == "reference")

@@ -18,10 +18,11 @@ from mtpipe.configured.data import PlateauData, plateau_data
 from mtpipe.configured.fit import ConfiguredFit, first_guess, fit_configured
 from mtpipe.crosschecking.case import FORMULAS, Case, preferred_formula
 from mtpipe.crosschecking.check import BeadCheck, check_bead
+from mtpipe.diagnosis.evidence import evidence_of
 from mtpipe.diagnosis.hypotheses import Tried, together, try_effects
 from mtpipe.effects.catalogue import CORRECTIONS, catalogue
 from mtpipe.effects.correction import Correction
-from mtpipe.effects.effect import Effect, Evidence
+from mtpipe.effects.effect import Effect
 from mtpipe.errors import FitError
 from mtpipe.physics.camera import FloatArray
 from mtpipe.physics.tether import Formula
@@ -33,10 +34,9 @@ ALARM_P = 0.004
 SEEN_NATS, KEPT_NATS = 9.0, 6.0
 # Where the battery objects as little as this, no effect is looked for.
 SILENT_P = 0.3
-# Two effects whose likelihoods differ by less cannot be told apart.
+# Two effects whose net gains differ by less cannot be told apart.
 ALIKE_NATS = 3.0
 MOST_EFFECTS = 3
-LINE_P = 1e-3
 # An effect is named beside an unexplained rest only if it explains most of what was odd.
 MOST_OF_IT = 0.7
 # A correction is kept where ln p falls to this share.
@@ -155,19 +155,6 @@ def _corrected(check: BeadCheck, named: list[Named], random: np.random.Generator
             named.append(Named(found, (), check.p_value, after.p_value, float("nan")))
             check = after
     return check
-
-
-def evidence_of(check: BeadCheck) -> Evidence:
-    """Lines and forces that the battery shows, for the hypotheses to begin with."""
-    found: list[tuple[float, float]] = []
-    for look, p in zip(check.looks, check.p_values, strict=True):
-        if look.statistic == "line" and p < LINE_P and look.band_hz is not None:
-            found.append((float(p), float(np.mean(look.band_hz))))
-    distinct: list[float] = []
-    for _, frequency in sorted(found):
-        if all(abs(frequency - other) > 0.02 * other + 0.1 for other in distinct):
-            distinct.append(frequency)
-    return Evidence(tuple(distinct[:3]), tuple(float(f) for f in check.case.fit.force_pN))
 
 
 def begun_again(fit: ConfiguredFit) -> ConfiguredFit:

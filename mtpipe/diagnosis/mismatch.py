@@ -236,18 +236,21 @@ def sentence(found: Explanation, one: Named) -> str:
     before, after = found.before.case.fit.force_pN, fit.force_pN
     change = before / after - 1
     worst = float(change[int(np.argmax(np.abs(change)))])
+    # forces and verdict are those of all effects together
+    it = "it" if len(found.named) == 1 else "all that is named"
     if abs(worst) < 0.005:
-        consequence = "leaving it out changes no force by more than 0.5 %"
+        consequence = f"leaving {it} out changes no force by more than 0.5 %"
     else:
         kind = "raised" if worst > 0 else "lowered"
         typical = float(np.median(np.abs(change)))
         consequence = (
-            f"leaving it out {kind} forces by up to {abs(worst):.1%} ({typical:.1%} in the middle)"
+            f"leaving {it} out {kind} forces by up to {abs(worst):.1%} "
+            f"({typical:.1%} in the middle)"
         )
     agrees = (
-        "with it the recording agrees with its simulation"
+        f"with {it} the recording agrees with its simulation"
         if found.verdict == "explained"
-        else "with it the recording is nearer to its simulation, but still differs"
+        else f"with {it} the recording is nearer to its simulation, but still differs"
     )
     also = f" Equally possible: {', '.join(one.equivalent)}." if one.equivalent else ""
     return (

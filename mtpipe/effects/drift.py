@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from functools import partial
 
 from mtpipe.configured.model import Parameter
 from mtpipe.effects.effect import Effect, Evidence, Hypothesis, variance, with_stage
@@ -12,15 +13,19 @@ LARGEST_NM_PER_ROOT_S = 300.0
 
 
 def _along(axis: int, name: str) -> Parameter:
-    def change(experiment: Experiment, per_s: float) -> Experiment:
-        walk = list(experiment.stage.unsubtracted_nm_per_root_s)
-        walk[axis] = math.sqrt(max(per_s, 0.0))
-        return with_stage(experiment, unsubtracted_nm_per_root_s=(walk[0], walk[1], walk[2]))
-
+    change = partial(_change, axis)
     return variance(f"walk along {name}", "nm/√s", 1.0, LARGEST_NM_PER_ROOT_S, change)
 
 
+def _change(axis: int, experiment: Experiment, per_s: float) -> Experiment:
+    walk = list(experiment.stage.unsubtracted_nm_per_root_s)
+    walk[axis] = math.sqrt(max(per_s, 0.0))
+    return with_stage(experiment, unsubtracted_nm_per_root_s=(walk[0], walk[1], walk[2]))
+
+
 def _hypotheses(experiment: Experiment, evidence: Evidence) -> list[Hypothesis]:
+    if evidence.reference_moves:
+        return []
     return [Hypothesis(experiment, tuple(_along(i, name) for i, name in enumerate("xyz")))]
 
 

@@ -10,6 +10,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 
 from mtpipe.configured.model import Parameter
 from mtpipe.experiment.description import Experiment
@@ -23,10 +24,12 @@ class Evidence:
     ----------
     lines_hz : frequencies of narrow lines, strongest first.
     force_pN : of the plateaus, as fitted without the effect.
+    reference_moves : whether slow motion is the reference's own; None: the data do not tell.
     """
 
     lines_hz: tuple[float, ...]
     force_pN: tuple[float, ...]
+    reference_moves: bool | None = None
 
 
 @dataclass(frozen=True)
@@ -57,18 +60,19 @@ class Effect:
     strengths: Callable[[Experiment], Sequence[tuple[str, float, str]]]
 
 
+# Functions of a module, or `partial` of one: fits are sent between processes.
 Change = Callable[[Experiment, float], Experiment]
 
 
 def factor(name: str, change: Change, *, start: float = 0.0, width: float = 1.5) -> Parameter:
     """A factor on what is configured, fitted as its logarithm."""
-    return Parameter(name, "", start, -width, width, 1e-3, None, change, kind="ln")
+    return Parameter(name, "", start, -width, width, 1e-3, None, change)
 
 
 def variance(name: str, unit: str, start: float, largest: float, change: Change) -> Parameter:
     """A size whose square is fitted, at least 0."""
     step = max(0.02 * start**2, 1e-4)
-    return Parameter(name, unit, start**2, 0.0, largest**2, step, None, change, kind="variance")
+    return Parameter(name, unit, start**2, 0.0, largest**2, step, None, change)
 
 
 def plain(
@@ -82,12 +86,13 @@ def logarithm(
     name: str, unit: str, start: float, bounds: tuple[float, float], change: Change
 ) -> Parameter:
     """A positive number fitted as its logarithm; `change` takes the number."""
-
-    def of_logarithm(experiment: Experiment, value: float) -> Experiment:
-        return change(experiment, math.exp(value))
-
     low, high = (math.log(bound) for bound in bounds)
-    return Parameter(name, unit, math.log(start), low, high, 1e-3, None, of_logarithm, kind="ln")
+    of_logarithm = partial(_of_logarithm, change)
+    return Parameter(name, unit, math.log(start), low, high, 1e-3, None, of_logarithm)
+
+
+def _of_logarithm(change: Change, experiment: Experiment, value: float) -> Experiment:
+    return change(experiment, math.exp(value))
 
 
 def with_fluid(experiment: Experiment, **changes: object) -> Experiment:

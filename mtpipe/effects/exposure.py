@@ -4,32 +4,34 @@ from __future__ import annotations
 
 import math
 from dataclasses import replace
+from functools import partial
 
 from mtpipe.configured.model import Parameter
+from mtpipe.configured.parameters import EXPOSURE, SHORTEST_EXPOSURE
 from mtpipe.effects.effect import Effect, Evidence, Hypothesis
 from mtpipe.experiment.description import Experiment
 from mtpipe.physics.camera import Camera
 
-SHORTEST = 0.02
 STARTS = (-0.3, 0.3)
+
+
+def _change(configured: Camera, experiment: Experiment, ln_factor: float) -> Experiment:
+    exposure = min(configured.exposure_s * math.exp(ln_factor), configured.frame_s)
+    return replace(experiment, camera=Camera(configured.frame_s, exposure))
 
 
 def _hypotheses(experiment: Experiment, evidence: Evidence) -> list[Hypothesis]:
     camera = experiment.camera
     highest = math.log(camera.frame_s / camera.exposure_s)
-    lowest = math.log(SHORTEST * camera.frame_s / camera.exposure_s)
-
-    def change(other: Experiment, ln_factor: float) -> Experiment:
-        exposure = min(camera.exposure_s * math.exp(ln_factor), camera.frame_s)
-        return replace(other, camera=Camera(camera.frame_s, exposure))
+    lowest = math.log(SHORTEST_EXPOSURE * camera.frame_s / camera.exposure_s)
 
     return [
         Hypothesis(
             experiment,
             (
                 Parameter(
-                    "exposure over configured", "", start, lowest, max(highest, 0.0), 1e-3, None,
-                    change, kind="ln",
+                    EXPOSURE, "", start, lowest, max(highest, 0.0), 1e-3, None,
+                    partial(_change, camera),
                 ),
             ),
         )

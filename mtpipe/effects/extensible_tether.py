@@ -2,22 +2,26 @@
 
 from __future__ import annotations
 
+from functools import partial
+
 from mtpipe.effects.effect import Effect, Evidence, Hypothesis, plain, with_chain
 from mtpipe.experiment.description import Experiment
+from mtpipe.physics.tether import Formula
 
 START_PN = 1000.0
 BOUNDS_PER_NN = (0.02, 20.0)
+
+
+def _change(stretching: Formula, experiment: Experiment, per_nN: float) -> Experiment:
+    return with_chain(experiment, formula=stretching, stretch_modulus_pN=1000.0 / per_nN)
 
 
 def _hypotheses(experiment: Experiment, evidence: Evidence) -> list[Hypothesis]:
     formula = experiment.chain.formula
     if formula.startswith("extensible"):
         return []
-    stretching = "extensible-marko-siggia" if formula == "marko-siggia" else "extensible"
-
-    def change(other: Experiment, per_nN: float) -> Experiment:
-        return with_chain(other, formula=stretching, stretch_modulus_pN=1000.0 / per_nN)
-
+    stretching: Formula = "extensible-marko-siggia" if formula == "marko-siggia" else "extensible"
+    change = partial(_change, stretching)
     softness = plain("1 / stretch modulus", "1/nN", 1000.0 / START_PN, BOUNDS_PER_NN, 0.01, change)
     return [Hypothesis(experiment, (softness,))]
 

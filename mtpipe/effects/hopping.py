@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from functools import partial
 
-from mtpipe.effects.effect import Effect, Evidence, Hypothesis, logarithm, plain
+from mtpipe.effects.effect import Change, Effect, Evidence, Hypothesis, logarithm, plain
 from mtpipe.experiment.description import Experiment, Hopping
 
 STEP_NM, RATE_HZ = 20.0, 3.0
@@ -31,12 +32,13 @@ def _hypotheses(experiment: Experiment, evidence: Evidence) -> list[Hypothesis]:
     return found
 
 
-def _set(field: str):  # type: ignore[no-untyped-def]
-    def change(experiment: Experiment, value: float) -> Experiment:
-        hopping = experiment.hopping or Hopping(STEP_NM, 1.0, RATE_HZ)
-        return replace(experiment, hopping=replace(hopping, **{field: value}))
+def _set(field: str) -> Change:
+    return partial(_change, field)
 
-    return change
+
+def _change(field: str, experiment: Experiment, value: float) -> Experiment:
+    hopping = experiment.hopping or Hopping(STEP_NM, 1.0, RATE_HZ)
+    return replace(experiment, hopping=replace(hopping, **{field: value}))
 
 
 def _cause(experiment: Experiment) -> str:

@@ -8,6 +8,10 @@ from mtpipe.experiment.description import Experiment
 STARTS_PN_NM = (1e3, 3e4)
 
 
+def _change(experiment: Experiment, value: float) -> Experiment:
+    return with_magnets(experiment, alignment_pN_nm=value)
+
+
 def _hypotheses(experiment: Experiment, evidence: Evidence) -> list[Hypothesis]:
     return [
         Hypothesis(
@@ -15,7 +19,7 @@ def _hypotheses(experiment: Experiment, evidence: Evidence) -> list[Hypothesis]:
             (
                 logarithm(
                     "torque stiffness", "pN nm/rad", start, (10.0, 1e8),
-                    lambda other, value: with_magnets(other, alignment_pN_nm=value),
+                    _change,
                 ),
             ),
         )

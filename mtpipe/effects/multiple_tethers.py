@@ -2,18 +2,20 @@
 
 from __future__ import annotations
 
+from functools import partial
+
 from mtpipe.effects.effect import Effect, Evidence, Hypothesis, logarithm, with_chain
 from mtpipe.experiment.description import Experiment
 
 FEWEST, MOST = 1.4, 6.0
 
 
+def _change(single_nm: float, experiment: Experiment, number: float) -> Experiment:
+    return with_chain(experiment, persistence_length_nm=single_nm / number)
+
+
 def _hypotheses(experiment: Experiment, evidence: Evidence) -> list[Hypothesis]:
-    single = experiment.chain.persistence_length_nm
-
-    def change(other: Experiment, number: float) -> Experiment:
-        return with_chain(other, persistence_length_nm=single / number)
-
+    change = partial(_change, experiment.chain.persistence_length_nm)
     number = logarithm("number of tethers", "", 2.0, (FEWEST, MOST), change)
     return [Hypothesis(experiment, (number,))]
 

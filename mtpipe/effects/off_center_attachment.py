@@ -10,17 +10,16 @@ from mtpipe.experiment.description import Experiment
 LARGEST = 0.97
 
 
+def _change(experiment: Experiment, share: float) -> Experiment:
+    # fitted is what the bead's lever loses, over R: data follow it in proportion
+    offset = math.sqrt(max(1 - (1 - share) ** 2, 0.0)) * experiment.bead.radius_nm
+    return with_bead(experiment, offset_nm=offset)
+
+
 def _hypotheses(experiment: Experiment, evidence: Evidence) -> list[Hypothesis]:
     radius = experiment.bead.radius_nm
-
-    def change(other: Experiment, share: float) -> Experiment:
-        # fitted is what the bead's lever loses, over R: data follow it in proportion
-        lever = 1 - share
-        offset = math.sqrt(max(1 - lever**2, 0.0)) * other.bead.radius_nm
-        return with_bead(other, offset_nm=offset)
-
     bounds = (0.0, 1 - math.sqrt(1 - LARGEST**2))
-    lost = plain(f"1 - lever / {radius:g} nm", "", 0.05, bounds, 1e-3, change)
+    lost = plain(f"1 - lever / {radius:g} nm", "", 0.05, bounds, 1e-3, _change)
     return [Hypothesis(experiment, (lost,))]
 
 

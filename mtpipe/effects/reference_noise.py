@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from functools import partial
 
 from mtpipe.configured.model import Parameter
 from mtpipe.effects.effect import Effect, Evidence, Hypothesis, logarithm, variance, with_stage
@@ -13,16 +14,22 @@ LARGEST_NM = 300.0
 
 
 def _along(axis: int, name: str) -> Parameter:
-    def change(experiment: Experiment, square: float) -> Experiment:
-        size = list(experiment.stage.reference_nm)
-        size[axis] = math.sqrt(max(square, 0.0))
-        return with_stage(experiment, reference_nm=(size[0], size[1], size[2]))
-
+    change = partial(_moved, axis)
     return variance(f"reference motion along {name}", "nm", 2.0, LARGEST_NM, change)
 
 
+def _moved(axis: int, experiment: Experiment, square: float) -> Experiment:
+    size = list(experiment.stage.reference_nm)
+    size[axis] = math.sqrt(max(square, 0.0))
+    return with_stage(experiment, reference_nm=(size[0], size[1], size[2]))
+
+
+def _relaxing(experiment: Experiment, value: float) -> Experiment:
+    return with_stage(experiment, reference_s=value)
+
+
 def _hypotheses(experiment: Experiment, evidence: Evidence) -> list[Hypothesis]:
-    if experiment.references == 0:
+    if experiment.references == 0 or evidence.reference_moves is False:
         return []
     sizes = tuple(_along(i, name) for i, name in enumerate("xyz"))
     return [
@@ -30,14 +37,11 @@ def _hypotheses(experiment: Experiment, evidence: Evidence) -> list[Hypothesis]:
             experiment,
             (
                 *sizes,
-                logarithm(
-                    "reference relaxation time", "s", start, (0.005, 100.0),
-                    lambda other, value: with_stage(other, reference_s=value),
-                ),
+                logarithm("reference relaxation time", "s", start, (0.005, 100.0), _relaxing),
             ),
         )
         for start in STARTS_S
-    ]  # fmt: skip
+    ]
 
 
 def _cause(experiment: Experiment) -> str:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import replace
+from functools import partial
 
 from mtpipe.configured.model import Parameter
 from mtpipe.effects.effect import Effect, Evidence, Hypothesis, variance, with_stage
@@ -24,14 +25,16 @@ def _hypotheses(experiment: Experiment, evidence: Evidence) -> list[Hypothesis]:
 
 
 def _along(number: int, axis: int, name: str) -> Parameter:
-    def change(experiment: Experiment, square: float) -> Experiment:
-        lines = list(experiment.stage.lines)
-        size = list(lines[number].amplitude_nm)
-        size[axis] = math.sqrt(max(square, 0.0))
-        lines[number] = replace(lines[number], amplitude_nm=(size[0], size[1], size[2]))
-        return with_stage(experiment, lines=tuple(lines))
-
+    change = partial(_change, number, axis)
     return variance(f"amplitude along {name}", "nm", START_NM, LARGEST_NM, change)
+
+
+def _change(number: int, axis: int, experiment: Experiment, square: float) -> Experiment:
+    lines = list(experiment.stage.lines)
+    size = list(lines[number].amplitude_nm)
+    size[axis] = math.sqrt(max(square, 0.0))
+    lines[number] = replace(lines[number], amplitude_nm=(size[0], size[1], size[2]))
+    return with_stage(experiment, lines=tuple(lines))
 
 
 def _cause(experiment: Experiment) -> str:

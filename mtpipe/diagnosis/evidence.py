@@ -1,0 +1,85 @@
+"""What the data suggest before any hypothesis is fitted: lines, and whether the reference moves."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+from mtpipe.crosschecking.check import BeadCheck
+from mtpipe.effects.effect import Evidence
+from mtpipe.physics.camera import FloatArray
+
+LINE_P = 1e-3
+MOST_LINES = 3
+BLOCK_S = 1.0
+# A slope counts as another from this many standard errors on.
+FAR_SIGMAS = 3.5
+
+
+def evidence_of(check: BeadCheck) -> Evidence:
+    """Evidence from a bead's cross-check and its traces."""
+    found: list[tuple[float, float]] = []
+    for look, p in zip(check.looks, check.p_values, strict=True):
+        if look.statistic == "line" and p < LINE_P and look.band_hz is not None:
+            found.append((float(p), float(np.mean(look.band_hz))))
+    distinct: list[float] = []
+    for _, frequency in sorted(found):
+        if all(abs(frequency - other) > 0.02 * other + 0.1 for other in distinct):
+            distinct.append(frequency)
+    forces = tuple(float(f) for f in check.case.fit.force_pN)
+    return Evidence(tuple(distinct[:MOST_LINES]), forces, reference_moves(check))
+
+
+def reference_moves(check: BeadCheck) -> bool | None:
+    """Whether slow motion of the bead is the reference's own, carried over by subtraction.
+
+    Then the bead's steps from second to second go against the motion that was subtracted, by the
+    reference's share of it; motion of the bead itself has nothing to do with it. None: there is no
+    reference, or the data do not tell.
+    """
+    case = check.case
+    if case.references_nm is None:
+        return None
+    bead, subtracted, thermal = [], [], []
+    for i, position in enumerate(case.positions_nm):
+        offset = case.camera_offset_nm[i]
+        length = max(2, round(BLOCK_S / case.frame_s))
+        blocks = len(position) // length
+        if blocks < 4:
+            continue
+        own = _block_means(position[:, :2], blocks, length)
+        carried = _block_means(offset, blocks, length)
+        spectrum = case.fit.model.data[i].spectrum
+        for axis in range(2):
+            bead.append(np.diff(own[:, axis]))
+            subtracted.append(np.diff(carried[:, axis]))
+            level = case.fit.expected[i].power[:, axis, axis] / spectrum.gain(axis)
+            slow = float(np.interp(1 / (4 * BLOCK_S), spectrum.frequency_hz, level))
+            thermal.append(np.full(blocks - 1, slow / BLOCK_S))
+    if not bead:
+        return None
+    # each plateau and axis counts by what its thermal motion leaves visible
+    b, s, noise = (np.concatenate(part) for part in (bead, subtracted, thermal))
+    known = np.isfinite(b) & np.isfinite(s)
+    b, s, weight = b[known], s[known], 1 / noise[known]
+    total = float(np.sum(weight * s**2))
+    if not total > 0:
+        return None
+    slope = float(np.sum(weight * b * s)) / total
+    stderr = math.sqrt(float(np.sum((weight * s * (b - slope * s)) ** 2))) / total
+    excess = float(np.sum(weight * b**2) - len(b))
+    if_reference = -min(max(excess / total, 0.0), 1.0)
+    seen, fits = slope < -FAR_SIGMAS * stderr, slope < if_reference + FAR_SIGMAS * stderr
+    if seen == fits:
+        return seen if seen else None
+    return seen
+
+
+def _block_means(series: FloatArray, blocks: int, length: int) -> FloatArray:
+    """(blocks, columns) means of successive blocks, lost frames left out."""
+    pieces = series[: blocks * length].reshape(blocks, length, -1)
+    there = np.isfinite(pieces)
+    count = there.sum(axis=1)
+    total = np.where(there, pieces, 0.0).sum(axis=1)
+    return np.asarray(np.where(count > 0, total / np.maximum(count, 1), np.nan))
