@@ -12,8 +12,9 @@ from collections.abc import Sequence
 import numpy as np
 
 from mtpipe.battery.look import Look, Values
-from mtpipe.battery.observed import AXES, Observed
+from mtpipe.battery.observed import Observed
 from mtpipe.physics.camera import FloatArray
+from mtpipe.recording import AXES
 
 
 def projections(expected_changes: FloatArray, ordinates: FloatArray) -> FloatArray:

@@ -12,8 +12,6 @@ from mtpipe.configured.data import PlateauData
 from mtpipe.configured.model import Expectation
 from mtpipe.physics.camera import FloatArray
 
-AXES = ("x", "y", "z")
-
 
 @dataclass(frozen=True, eq=False)
 class Observed:

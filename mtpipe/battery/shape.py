@@ -8,8 +8,9 @@ import numpy as np
 from scipy import fft
 
 from mtpipe.battery.look import Look, Values
-from mtpipe.battery.observed import AXES, Observed
+from mtpipe.battery.observed import Observed
 from mtpipe.physics.camera import FloatArray
+from mtpipe.recording import AXES
 
 AVERAGES = (1, 4, 16, 64, 256)
 FEWEST_BLOCKS = 16

@@ -9,8 +9,9 @@ import numpy as np
 from scipy import special
 
 from mtpipe.battery.look import Look, Values
-from mtpipe.battery.observed import AXES, Observed, Whitened
+from mtpipe.battery.observed import Observed, Whitened
 from mtpipe.physics.camera import FloatArray
+from mtpipe.recording import AXES
 
 BANDS = 6
 FEWEST_ORDINATES = 2.0

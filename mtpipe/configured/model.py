@@ -13,10 +13,8 @@ chain's with the variance that S has at zero frequency.
 from __future__ import annotations
 
 import functools
-import math
 from collections.abc import Callable
 from dataclasses import dataclass, replace
-from typing import Literal
 
 import numpy as np
 
@@ -54,7 +52,6 @@ class Parameter:
     step : a change of the coordinate that matters little, for differences.
     prior : mean and standard error of what is known beforehand, or None.
     change : the experiment with the coordinate at a value.
-    kind : the coordinate is the value itself, its logarithm, or its square.
     """
 
     name: str
@@ -65,22 +62,6 @@ class Parameter:
     step: float
     prior: tuple[float, float] | None
     change: Callable[[Experiment, float], Experiment]
-    kind: Literal["linear", "ln", "variance"] = "linear"
-
-    def value(self, coordinate: float) -> float:
-        """The value that a coordinate stands for."""
-        if self.kind == "ln":
-            return math.exp(coordinate)
-        return math.sqrt(max(coordinate, 0.0)) if self.kind == "variance" else coordinate
-
-    def stderr(self, coordinate: float, stderr: float) -> float:
-        """Standard error of the value, from that of the coordinate."""
-        if self.kind == "ln":
-            return math.exp(coordinate) * stderr
-        if self.kind == "variance":
-            # near zero the square is what is normal: half the width it allows
-            return math.sqrt(max(coordinate, 0.0) + stderr) - math.sqrt(max(coordinate, 0.0))
-        return stderr
 
 
 @dataclass(frozen=True)

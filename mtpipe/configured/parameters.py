@@ -9,13 +9,17 @@ from functools import partial
 
 from mtpipe.configured.model import Parameter
 from mtpipe.experiment.description import Experiment, Triple
+from mtpipe.physics.camera import Camera
+from mtpipe.recording import AXES
 from mtpipe.setup import Measured, Setup
 
 # Half-width, in ln, within which a value that is not known is looked for.
 UNKNOWN_LN = 1.5
 STATED_SIGMAS = 6.0
+# The factor on the exposure, by the name that the effect's parameter has: where it is free already,
+# the effect is not tried. No exposure is shorter than this share of a frame.
+EXPOSURE, SHORTEST_EXPOSURE = "exposure over configured", 0.02
 LARGEST_NOISE_NM2 = 1e6
-AXES = ("x", "y", "z")
 
 # How far theory of z's own motion is trusted, relative; and from plateau to plateau.
 UPWARD_FRICTION_STDERR, UPWARD_VARIANCE_STDERR = 0.03, 0.02
@@ -30,6 +34,24 @@ def stated_parameters(setup: Setup) -> tuple[Parameter, ...]:
         scaled("persistence length", setup.tether.persistence_length_nm, _persistence),
     ]
     return tuple(parameter for parameter in found if parameter is not None)
+
+
+def exposure_parameters(setup: Setup, camera: Camera) -> tuple[Parameter, ...]:
+    """The exposure, as far as it is not exact; never longer than a frame.
+
+    Parameters
+    ----------
+    camera : of the experiment; where the exposure is unknown, that of a whole frame.
+    """
+    stated, most = setup.camera.exposure_s, math.log(camera.frame_s / camera.exposure_s)
+    if stated.value is None:
+        lower = most + math.log(SHORTEST_EXPOSURE)
+        return (Parameter(EXPOSURE, "", -0.3, lower, most, 1e-3, None, _exposure),)
+    error = stated.relative_stderr
+    if not error > 0:
+        return ()
+    low, high = -STATED_SIGMAS * error, min(STATED_SIGMAS * error, max(most, 0.0))
+    return (Parameter("ln exposure", "", 0.0, low, high, 1e-3, (0.0, error), _exposure),)
 
 
 def scaled(
@@ -91,6 +113,12 @@ def _upward_variance(experiment: Experiment, ln_factor: float) -> Experiment:
     return replace(experiment, allowance=allowance)
 
 
+def _exposure(experiment: Experiment, ln_factor: float) -> Experiment:
+    camera = experiment.camera
+    exposure = min(camera.exposure_s * math.exp(ln_factor), camera.frame_s)
+    return replace(experiment, camera=Camera(camera.frame_s, exposure))
+
+
 def _radius(experiment: Experiment, ln_factor: float) -> Experiment:
     bead = experiment.bead
     return replace(experiment, bead=replace(bead, radius_nm=bead.radius_nm * math.exp(ln_factor)))
@@ -117,7 +145,7 @@ def _persistence(experiment: Experiment, ln_factor: float) -> Experiment:
 def allowance_parameters() -> tuple[Parameter, ...]:
     """How far z may be from theory (`Allowance`)."""
     return tuple(
-        Parameter(name, "", 0.0, -6 * error, 6 * error, 1e-3, (0.0, error), change, kind="ln")
+        Parameter(name, "", 0.0, -6 * error, 6 * error, 1e-3, (0.0, error), change)
         for name, error, change in (
             ("allowed friction of z", UPWARD_FRICTION_STDERR, _upward_friction),
             ("allowed variance of z", UPWARD_VARIANCE_STDERR, _upward_variance),

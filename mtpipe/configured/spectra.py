@@ -12,6 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 from scipy import fft
 
+from mtpipe.errors import FitError
 from mtpipe.physics.camera import FloatArray
 from mtpipe.spectrum import LONGEST_SEGMENT, Window, bin_edges, frames_present, window_of
 
@@ -55,6 +56,8 @@ def matrix_periodogram(
     FitError : too few frames, or an axis that never moves.
     """
     together = np.asarray(np.isfinite(position_nm).all(axis=1))
+    if not np.any(together[1:] & together[:-1]):
+        raise FitError("no two successive frames have x, y and z")
     segments = -(-(len(position_nm) - 1) // LONGEST_SEGMENT)
     length = (len(position_nm) - 1) // segments
     # the first frame has no frame before it to be whitened by

@@ -13,6 +13,7 @@ from mtpipe.configured.fit import ConfiguredFit, fit_configured
 from mtpipe.configured.model import ConfiguredModel, Subtraction
 from mtpipe.configured.parameters import (
     allowance_parameters,
+    exposure_parameters,
     noise_parameters,
     stated_parameters,
     z_zero_parameter,
@@ -22,7 +23,6 @@ from mtpipe.drift.lowpass import coefficients
 from mtpipe.errors import FitError, RecordingError
 from mtpipe.experiment.description import Experiment, Rest, Triple
 from mtpipe.experiment.from_setup import experiment_of
-from mtpipe.notice import Notice
 from mtpipe.physics.camera import FloatArray
 from mtpipe.physics.tether import Formula
 from mtpipe.recording import Plateau, Recording
@@ -59,7 +59,6 @@ class Case:
     """
 
     bead: str
-    setup_name: str
     plateaus: tuple[Plateau, ...]
     positions_nm: tuple[FloatArray, ...]
     references_nm: tuple[FloatArray, ...] | None
@@ -67,7 +66,6 @@ class Case:
     starts: tuple[int, ...]
     phi: tuple[tuple[float, ...], ...]
     fit: ConfiguredFit
-    notices: tuple[Notice, ...]
     stage_nm_per_root_s: Triple = (0.0, 0.0, 0.0)
     pixel_nm: float | None = None
 
@@ -103,19 +101,19 @@ def prepare(recording: Recording, bead: str) -> Case:
     kept, positions, starts = [], [], []
     for trace in traces_of(recording, bead):
         there = np.asarray(np.isfinite(trace.position_nm).all(axis=1))
+        successive = int((there[1:] & there[:-1]).sum())
         moves = bool(there.any()) and bool(np.all(np.ptp(trace.position_nm[there], axis=0) > 0))
-        if int(there.sum()) >= FEWEST_FRAMES and moves:
+        if int(there.sum()) >= FEWEST_FRAMES and 2 * successive >= FEWEST_FRAMES and moves:
             kept.append(trace.plateau)
             positions.append(trace.position_nm)
             starts.append(int(recording.frame[trace.plateau.start]))
     if not kept:
         raise FitError(f"bead {bead} has no plateau of {FEWEST_FRAMES} frames with x, y and z")
     forces = [1.0] * len(kept)
-    base, notices = experiment_of(
+    base, _ = experiment_of(
         recording.setup, forces, FEWEST_FRAMES, noise_nm=(0.0, 0.0, 0.0), formula=FORMULAS[0]
     )
     frame_s = 1 / rate if rate else base.camera.frame_s
-    pixel = recording.setup.camera.pixel_size_nm
     phi = tuple(whitening(x, frame_s) for x in positions)
     data = tuple(plateau_data(x, frame_s, p) for x, p in zip(positions, phi, strict=True))
     rests = tuple(
@@ -130,6 +128,7 @@ def prepare(recording: Recording, bead: str) -> Case:
     )
     parameters = (
         *stated_parameters(recording.setup),
+        *exposure_parameters(recording.setup, base.camera),
         *(noise_parameters((2.0, 2.0, 3.0)) if noise else ()),
         z_zero_parameter(zero),
         *allowance_parameters(),
@@ -144,7 +143,6 @@ def prepare(recording: Recording, bead: str) -> Case:
         fits.append(fit_configured(model))
     return Case(
         bead,
-        recording.name,
         tuple(kept),
         tuple(positions),
         None if reference is None else _left_of_reference(recording, reference, kept),
@@ -152,9 +150,7 @@ def prepare(recording: Recording, bead: str) -> Case:
         tuple(starts),
         phi,
         preferred_formula(fits[0], fits[1:]),
-        notices,
         (0.0, 0.0, 0.0) if reference is None else _stage(reference, subtraction, 1 / frame_s),
-        None if pixel is None else pixel.value,
         None if pixel is None else pixel.value,
     )
 

@@ -1,8 +1,9 @@
 """From a bead's motion to what is recorded of it: the later steps of a recording, as covariances.
 
-Motion and hopping pass the camera's exposure; what subtraction left of the stage is added; optics
-scale and turn; the tracker adds white noise; the clock loses frames. Each step takes sums of
-exponential covariances to such sums, so that spectra stay closed forms (PHYSICS section 3).
+Motion and hopping pass the camera's exposure; optics scale and turn; what subtraction left of the
+stage is added, in recorded nm; the tracker adds white noise; the clock loses frames. Each step
+takes sums of exponential covariances to such sums, so that spectra stay closed forms (PHYSICS
+section 3).
 """
 
 from __future__ import annotations

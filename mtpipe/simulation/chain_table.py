@@ -26,12 +26,11 @@ class ChainTable:
 
     Attributes
     ----------
-    distance_nm, tension_pN, energy_pN_nm : (nodes,) r from 0, dA/dr, and A.
+    distance_nm, energy_pN_nm : (nodes,) r from 0, and A.
     secant_pN_per_nm : (nodes,) tension/r, its limit at r = 0.
     """
 
     distance_nm: FloatArray
-    tension_pN: FloatArray
     energy_pN_nm: FloatArray
     secant_pN_per_nm: FloatArray
 
@@ -46,7 +45,7 @@ def tabulate(chain: tether.Chain, largest_force_pN: float) -> ChainTable:
     secant = tension.copy()
     secant[1:] /= distance[1:]
     secant[0] = tether.stiffness_pN_per_nm(chain, 0.0)
-    return ChainTable(distance, tension, energy, secant)
+    return ChainTable(distance, energy, secant)
 
 
 def reach_nm(chain: tether.Chain, force_pN: float, energy_kT: float) -> float:
