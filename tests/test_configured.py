@@ -24,14 +24,7 @@ FRAME_S = 1 / 120
 @pytest.fixture(scope="module")
 def fitted():
     """Bead and fit of a few recordings, with the formula of the chain that they were made by."""
-    return [of_true_chain(case(raw(seed))) for seed in range(5)]
-
-
-def of_true_chain(found):
-    model = found.fit.model
-    chain = replace(model.experiment.chain, formula="bouchiat")
-    model = replace(model, experiment=replace(model.experiment, chain=chain))
-    return replace(found, fit=fit_configured(model))
+    return [case(raw(seed)) for seed in range(5)]
 
 
 def test_diagonal_of_the_matrix_is_the_spectrum_of_each_axis():

@@ -96,7 +96,7 @@ def _check(recording: Recording, bead: str, seed: int) -> BeadCheck | str:
     try:
         case = with_listed(prepare(recording, bead), recording.setup)
         return check_bead(case, bead_generator(seed, bead), with_curves=True)
-    except MtpipeError as error:
+    except (MtpipeError, ValueError, np.linalg.LinAlgError) as error:
         return str(error)
 
 

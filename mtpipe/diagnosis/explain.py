@@ -112,6 +112,7 @@ def explain(
     odd = check.p_value < ALARM_P
     say("looking at the course of time")
     check = _corrected(check, named, random)
+    corrections, corrected = list(named), check
     case = check.case
     fit = case.fit
     while len(named) < MOST_EFFECTS:
@@ -135,9 +136,9 @@ def explain(
     verdict = "consistent" if consistent else "unexplained"
     if named and check.p_value >= ALARM_P:
         verdict = "explained"
-    elif named and explained_share(before, check) < MOST_OF_IT:
+    elif len(named) > len(corrections) and explained_share(corrected, check) < MOST_OF_IT:
         first = next((one.found for one in named if isinstance(one.found, Tried)), None)
-        nearest, named, check = first or nearest, [], before
+        nearest, named, check = first or nearest, corrections, corrected
     return Explanation(before, check, tuple(named), verdict, nearest)
 
 

@@ -74,7 +74,7 @@ def diagnose(recording: Recording, *, seed: int = 0, progress: Progress | None =
             say("comparing with simulations")
             check = check_bead(with_listed(prepare(recording, bead), recording.setup), random)
             found[bead] = explain(check, random, progress=say)
-        except MtpipeError as error:
+        except (MtpipeError, ValueError, np.linalg.LinAlgError) as error:
             refused[bead] = str(error)
     return Mismatch(recording.name, found, refused)
 
@@ -122,7 +122,7 @@ def _examined(recording: Recording, bead: str, seed: int) -> tuple[BeadCheck, di
             with_listed(prepare(recording, bead), recording.setup), random, with_curves=True
         )
         return check, bead_content(explain(check, random))
-    except MtpipeError as error:
+    except (MtpipeError, ValueError, np.linalg.LinAlgError) as error:
         return str(error)
 
 
