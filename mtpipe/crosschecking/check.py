@@ -16,7 +16,7 @@ from mtpipe.configured.fit import nearby_fit
 from mtpipe.configured.model import Expectation, changed_spectra
 from mtpipe.crosschecking.case import Case
 from mtpipe.crosschecking.curves import Curve, CurveSet
-from mtpipe.crosschecking.nulls import Nulls, Together, together
+from mtpipe.crosschecking.nulls import SMALLEST_P, Nulls, Together, together
 from mtpipe.crosschecking.twin import Twin, TwinMaker
 from mtpipe.physics.camera import FloatArray
 
@@ -88,8 +88,10 @@ def check_bead(
             if progress is not None:
                 progress(len(simulated), goal)
         nulls = Nulls(np.array(simulated), upper)
-        p_values = nulls.p_values(observed)
-        overall = together(p_values, nulls.own_p_values(), [pooled, ~pooled])
+        # where the fitted experiment is so far off that a look has no value, it is as odd as can be
+        p_values = np.nan_to_num(nulls.p_values(observed), nan=SMALLEST_P)
+        own = np.nan_to_num(nulls.own_p_values(), nan=1.0)
+        overall = together(p_values, own, [pooled, ~pooled])
         if overall.p_value > CLEARLY_CONSISTENT or overall.p_value < CLEARLY_NOT:
             break
     return BeadCheck(

@@ -33,7 +33,7 @@ def main() -> None:
     parser = argparse.ArgumentParser(description="Diagnose the challenge's recordings.")
     parser.add_argument("--challenge", type=Path, default=CHALLENGE)
     parser.add_argument("--runs", type=Path, required=True, help="folder of results")
-    parser.add_argument("--workers", type=int, default=2)
+    parser.add_argument("--workers", type=int, default=2, help="processes; 0: only print")
     parser.add_argument("--write", type=Path, help="page to put the table into")
     choice = parser.parse_args()
     if not choice.challenge.is_dir():
@@ -42,9 +42,10 @@ def main() -> None:
     names = sorted(path.name for path in (choice.challenge / "cases").iterdir())
     missing = [name for name in names if not (choice.runs / name / "mismatch.json").exists()]
     jobs = [(choice.challenge / "cases" / name, choice.runs / name) for name in missing]
-    with get_context("spawn").Pool(choice.workers) as pool:
-        for name in pool.imap_unordered(diagnosed, jobs):
-            print("done", name, flush=True)
+    if choice.workers > 0:
+        with get_context("spawn").Pool(choice.workers) as pool:
+            for name in pool.imap_unordered(diagnosed, jobs):
+                print("done", name, flush=True)
     text = table(choice.challenge, choice.runs, names)
     print(text)
     if choice.write is not None:
@@ -78,7 +79,11 @@ def table(challenge: Path, runs: Path, names: list[str]) -> str:
     ]
     right = clean = quiet = 0
     for name in sorted(names, key=lambda one: (one not in answers, one)):
-        found = json.loads((runs / name / "mismatch.json").read_text(encoding="utf-8"))["beads"]
+        path = runs / name / "mismatch.json"
+        if not path.exists():
+            rows.append(f"| {name} | | | not run | | | |")
+            continue
+        found = json.loads(path.read_text(encoding="utf-8"))["beads"]
         bead = found.get("b1")
         if bead is None:
             rows.append(f"| {name} | | | could not be simulated | | | |")
