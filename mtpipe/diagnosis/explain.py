@@ -195,9 +195,9 @@ def best_formula(fit: ConfiguredFit) -> ConfiguredFit:
 def _without_superfluous(
     case: Case, named: list[Named], check: BeadCheck, random: np.random.Generator
 ) -> tuple[list[Named], BeadCheck]:
-    """Drop effects that the ones named after them made needless."""
+    """Drop effects that the others make needless."""
     fitted = [one.found for one in named if isinstance(one.found, Tried)]
-    for one in fitted[:-1]:
+    for one in fitted if len(fitted) > 1 else []:
         rest = [other for other in fitted if other is not one]
         try:
             fit = together(case.fit, rest, check.case.fit)
