@@ -7,11 +7,11 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from mtpipe.corrections import pixel_locking, surface_sticking
+from mtpipe.corrections.catalogue import CORRECTIONS
+from mtpipe.corrections.surface_sticking import bound_stretches
 from mtpipe.crosschecking.check import BeadCheck, check_bead
 from mtpipe.crosschecking.nulls import Together
-from mtpipe.effects import pixel_locking, surface_sticking
-from mtpipe.effects.catalogue import CORRECTIONS
-from mtpipe.effects.surface_sticking import bound_stretches
 from mtpipe.plateaus import find_plateaus
 from mtpipe.recording import Recording
 from tests import small_case

@@ -13,7 +13,6 @@ chain's with the variance that S has at zero frequency.
 from __future__ import annotations
 
 import functools
-from collections.abc import Callable
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -29,6 +28,7 @@ from mtpipe.experiment.description import (
     Stage,
     Tracker,
 )
+from mtpipe.experiment.parameter import Parameter
 from mtpipe.experiment.readout import force_course, readout
 from mtpipe.experiment.state import BeadState, bead_state, recorded_modes
 from mtpipe.physics.camera import FloatArray, power_spectrum
@@ -39,29 +39,6 @@ DIFFERENCE = 1e-3
 LEAST_POWER = 1e-6
 # Forces that stand for a plateau during which the force changes, and how fast it settles.
 COURSE_POINTS, FINE_POINTS = 5, 256
-
-
-@dataclass(frozen=True)
-class Parameter:
-    """One unknown of the experiment.
-
-    Attributes
-    ----------
-    name, unit : of the coordinate.
-    start, lower, upper : of the coordinate, in its unit.
-    step : a change of the coordinate that matters little, for differences.
-    prior : mean and standard error of what is known beforehand, or None.
-    change : the experiment with the coordinate at a value.
-    """
-
-    name: str
-    unit: str
-    start: float
-    lower: float
-    upper: float
-    step: float
-    prior: tuple[float, float] | None
-    change: Callable[[Experiment, float], Experiment]
 
 
 @dataclass(frozen=True)

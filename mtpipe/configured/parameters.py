@@ -3,12 +3,18 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
 from dataclasses import replace
 from functools import partial
 
-from mtpipe.configured.model import Parameter
+from mtpipe.experiment.changes import (
+    scaled_contour_length,
+    scaled_exposure,
+    scaled_persistence_length,
+    scaled_radius,
+    scaled_viscosity,
+)
 from mtpipe.experiment.description import Experiment, Triple
+from mtpipe.experiment.parameter import Change, Parameter
 from mtpipe.physics.camera import Camera
 from mtpipe.recording import AXES
 from mtpipe.setup import Measured, Setup
@@ -28,10 +34,10 @@ UPWARD_FRICTION_STDERR, UPWARD_VARIANCE_STDERR = 0.03, 0.02
 def stated_parameters(setup: Setup) -> tuple[Parameter, ...]:
     """Radius, viscosity, contour and persistence length, as far as they are not exact."""
     found = [
-        scaled("bead radius", setup.beads.radius_nm, _radius),
-        scaled("viscosity", setup.buffer.viscosity_mPa_s, _viscosity),
-        scaled("contour length", setup.tether.contour_length_nm, _contour),
-        scaled("persistence length", setup.tether.persistence_length_nm, _persistence),
+        scaled("bead radius", setup.beads.radius_nm, scaled_radius),
+        scaled("viscosity", setup.buffer.viscosity_mPa_s, scaled_viscosity),
+        scaled("contour length", setup.tether.contour_length_nm, scaled_contour_length),
+        scaled("persistence length", setup.tether.persistence_length_nm, scaled_persistence_length),
     ]
     return tuple(parameter for parameter in found if parameter is not None)
 
@@ -46,17 +52,15 @@ def exposure_parameters(setup: Setup, camera: Camera) -> tuple[Parameter, ...]:
     stated, most = setup.camera.exposure_s, math.log(camera.frame_s / camera.exposure_s)
     if stated.value is None:
         lower = most + math.log(SHORTEST_EXPOSURE)
-        return (Parameter(EXPOSURE, "", -0.3, lower, most, 1e-3, None, _exposure),)
+        return (Parameter(EXPOSURE, "", -0.3, lower, most, 1e-3, None, scaled_exposure),)
     error = stated.relative_stderr
     if not error > 0:
         return ()
     low, high = -STATED_SIGMAS * error, min(STATED_SIGMAS * error, max(most, 0.0))
-    return (Parameter("ln exposure", "", 0.0, low, high, 1e-3, (0.0, error), _exposure),)
+    return (Parameter("ln exposure", "", 0.0, low, high, 1e-3, (0.0, error), scaled_exposure),)
 
 
-def scaled(
-    name: str, stated: Measured, change: Callable[[Experiment, float], Experiment]
-) -> Parameter | None:
+def scaled(name: str, stated: Measured, change: Change) -> Parameter | None:
     """A factor, in ln, on a stated value; None where the value is exact."""
     if stated.value is None:
         return Parameter(f"ln {name}", "", 0.0, -UNKNOWN_LN, UNKNOWN_LN, 1e-3, None, change)
@@ -111,35 +115,6 @@ def _upward_friction(experiment: Experiment, ln_factor: float) -> Experiment:
 def _upward_variance(experiment: Experiment, ln_factor: float) -> Experiment:
     allowance = replace(experiment.allowance, upward_variance=math.exp(ln_factor))
     return replace(experiment, allowance=allowance)
-
-
-def _exposure(experiment: Experiment, ln_factor: float) -> Experiment:
-    camera = experiment.camera
-    exposure = min(camera.exposure_s * math.exp(ln_factor), camera.frame_s)
-    return replace(experiment, camera=Camera(camera.frame_s, exposure))
-
-
-def _radius(experiment: Experiment, ln_factor: float) -> Experiment:
-    bead = experiment.bead
-    return replace(experiment, bead=replace(bead, radius_nm=bead.radius_nm * math.exp(ln_factor)))
-
-
-def _viscosity(experiment: Experiment, ln_factor: float) -> Experiment:
-    fluid = experiment.fluid
-    value = fluid.viscosity_mPa_s * math.exp(ln_factor)
-    return replace(experiment, fluid=replace(fluid, viscosity_mPa_s=value))
-
-
-def _contour(experiment: Experiment, ln_factor: float) -> Experiment:
-    chain = experiment.chain
-    value = chain.contour_length_nm * math.exp(ln_factor)
-    return replace(experiment, chain=replace(chain, contour_length_nm=value))
-
-
-def _persistence(experiment: Experiment, ln_factor: float) -> Experiment:
-    chain = experiment.chain
-    value = chain.persistence_length_nm * math.exp(ln_factor)
-    return replace(experiment, chain=replace(chain, persistence_length_nm=value))
 
 
 def allowance_parameters() -> tuple[Parameter, ...]:

@@ -12,8 +12,8 @@ import numpy as np
 
 from mtpipe.battery import spectral
 from mtpipe.battery.observed import Observed, whitened
+from mtpipe.configured.hypotheses import best_of
 from mtpipe.crosschecking.case import Case
-from mtpipe.diagnosis.hypotheses import best_of
 from mtpipe.effects.catalogue import OWN
 from mtpipe.effects.effect import Evidence
 from mtpipe.experiment.from_setup import DESCRIBED

@@ -16,12 +16,13 @@ from scipy import special
 
 from mtpipe.configured.data import PlateauData, plateau_data
 from mtpipe.configured.fit import ConfiguredFit, first_guess, fit_configured
+from mtpipe.configured.hypotheses import Tried, together, try_effects
+from mtpipe.corrections.catalogue import CORRECTIONS
+from mtpipe.corrections.correction import Correction
 from mtpipe.crosschecking.case import FORMULAS, Case, preferred_formula
 from mtpipe.crosschecking.check import BeadCheck, check_bead
 from mtpipe.diagnosis.evidence import evidence_of
-from mtpipe.diagnosis.hypotheses import Tried, together, try_effects
-from mtpipe.effects.catalogue import CORRECTIONS, catalogue
-from mtpipe.effects.correction import Correction
+from mtpipe.effects.catalogue import catalogue
 from mtpipe.effects.effect import Effect
 from mtpipe.errors import FitError
 from mtpipe.physics.camera import FloatArray

@@ -11,13 +11,13 @@ from typing import Any
 import numpy as np
 
 from mtpipe.battery.look import Look
+from mtpipe.configured.hypotheses import Tried
+from mtpipe.corrections.correction import Strength
 from mtpipe.crosschecking.case import prepare
 from mtpipe.crosschecking.check import BeadCheck, check_bead
 from mtpipe.crosschecking.listed import with_listed
 from mtpipe.crosschecking.recording import CrossCheck, alone, bead_generator
 from mtpipe.diagnosis.explain import Explanation, Named, explain
-from mtpipe.diagnosis.hypotheses import Tried
-from mtpipe.effects.correction import Strength
 from mtpipe.errors import MtpipeError
 from mtpipe.physics.camera import FloatArray
 from mtpipe.processes import executor

@@ -2,18 +2,13 @@
 
 from __future__ import annotations
 
-import math
-
-from mtpipe.effects.effect import Effect, Evidence, Hypothesis, factor, with_bead
+from mtpipe.effects.effect import Effect, Evidence, Hypothesis, factor
+from mtpipe.experiment.changes import scaled_radius
 from mtpipe.experiment.description import Experiment
 
 
-def _change(experiment: Experiment, ln_factor: float) -> Experiment:
-    return with_bead(experiment, radius_nm=experiment.bead.radius_nm * math.exp(ln_factor))
-
-
 def _hypotheses(experiment: Experiment, evidence: Evidence) -> list[Hypothesis]:
-    return [Hypothesis(experiment, (factor("bead radius over configured", _change),))]
+    return [Hypothesis(experiment, (factor("bead radius over configured", scaled_radius),))]
 
 
 EFFECT = Effect(

@@ -2,10 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from importlib.metadata import entry_points
 
-from mtpipe.crosschecking.check import BeadCheck
 from mtpipe.effects import (
     axial_scale,
     bead_radius,
@@ -22,16 +20,13 @@ from mtpipe.effects import (
     magnetic_alignment,
     multiple_tethers,
     off_center_attachment,
-    pixel_locking,
     reference_noise,
     rotation_coupling,
-    surface_sticking,
     tracking_noise,
     vibration,
     viscosity,
     wall_drag,
 )
-from mtpipe.effects.correction import Correction
 from mtpipe.effects.effect import Effect
 
 GROUP = "mtpipe.effects"
@@ -60,13 +55,6 @@ OWN: tuple[Effect, ...] = tuple(
         hopping,
         force_drift,
     )
-)
-
-# Effects that are no change of a spectrum but are seen in the traces and taken off them; a stuck
-# bead crowds places within the pixel, so sticking comes first.
-CORRECTIONS: tuple[Callable[[BeadCheck], Correction | None], ...] = (
-    surface_sticking.find,
-    pixel_locking.find,
 )
 
 

@@ -2,22 +2,19 @@
 
 from __future__ import annotations
 
-import math
-
-from mtpipe.effects.effect import Effect, Evidence, Hypothesis, factor, with_chain
+from mtpipe.effects.effect import Effect, Evidence, Hypothesis, factor
+from mtpipe.experiment.changes import scaled_contour_length
 from mtpipe.experiment.description import Experiment
 
 STARTS = (-0.1, 0.1)
 
 
-def _change(experiment: Experiment, ln_factor: float) -> Experiment:
-    length = experiment.chain.contour_length_nm * math.exp(ln_factor)
-    return with_chain(experiment, contour_length_nm=length)
-
-
 def _hypotheses(experiment: Experiment, evidence: Evidence) -> list[Hypothesis]:
     return [
-        Hypothesis(experiment, (factor("contour length over configured", _change, start=start),))
+        Hypothesis(
+            experiment,
+            (factor("contour length over configured", scaled_contour_length, start=start),),
+        )
         for start in STARTS
     ]
 

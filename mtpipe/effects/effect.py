@@ -9,11 +9,11 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import partial
 
-from mtpipe.configured.model import Parameter
 from mtpipe.experiment.description import Experiment
+from mtpipe.experiment.parameter import Change, Parameter
 
 
 @dataclass(frozen=True)
@@ -60,10 +60,6 @@ class Effect:
     strengths: Callable[[Experiment], Sequence[tuple[str, float, str]]]
 
 
-# Functions of a module, or `partial` of one: fits are sent between processes.
-Change = Callable[[Experiment, float], Experiment]
-
-
 def factor(name: str, change: Change, *, start: float = 0.0, width: float = 1.5) -> Parameter:
     """A factor on what is configured, fitted as its logarithm."""
     return Parameter(name, "", start, -width, width, 1e-3, None, change)
@@ -93,36 +89,3 @@ def logarithm(
 
 def _of_logarithm(change: Change, experiment: Experiment, value: float) -> Experiment:
     return change(experiment, math.exp(value))
-
-
-def with_fluid(experiment: Experiment, **changes: object) -> Experiment:
-    """The experiment with another fluid."""
-    return replace(experiment, fluid=replace(experiment.fluid, **changes))  # type: ignore[arg-type]
-
-
-def with_bead(experiment: Experiment, **changes: object) -> Experiment:
-    """The experiment with another bead."""
-    return replace(experiment, bead=replace(experiment.bead, **changes))  # type: ignore[arg-type]
-
-
-def with_chain(experiment: Experiment, **changes: object) -> Experiment:
-    """The experiment with another tether."""
-    return replace(experiment, chain=replace(experiment.chain, **changes))  # type: ignore[arg-type]
-
-
-def with_optics(experiment: Experiment, **changes: object) -> Experiment:
-    """The experiment with other optics."""
-    return replace(experiment, optics=replace(experiment.optics, **changes))  # type: ignore[arg-type]
-
-
-def with_magnets(experiment: Experiment, **changes: object) -> Experiment:
-    """The experiment with other magnets."""
-    return replace(
-        experiment,
-        magnets=replace(experiment.magnets, **changes),  # type: ignore[arg-type]
-    )
-
-
-def with_stage(experiment: Experiment, **changes: object) -> Experiment:
-    """The experiment with another stage."""
-    return replace(experiment, stage=replace(experiment.stage, **changes))  # type: ignore[arg-type]

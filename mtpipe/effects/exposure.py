@@ -3,21 +3,14 @@
 from __future__ import annotations
 
 import math
-from dataclasses import replace
-from functools import partial
 
-from mtpipe.configured.model import Parameter
 from mtpipe.configured.parameters import EXPOSURE, SHORTEST_EXPOSURE
 from mtpipe.effects.effect import Effect, Evidence, Hypothesis
+from mtpipe.experiment.changes import scaled_exposure
 from mtpipe.experiment.description import Experiment
-from mtpipe.physics.camera import Camera
+from mtpipe.experiment.parameter import Parameter
 
 STARTS = (-0.3, 0.3)
-
-
-def _change(configured: Camera, experiment: Experiment, ln_factor: float) -> Experiment:
-    exposure = min(configured.exposure_s * math.exp(ln_factor), configured.frame_s)
-    return replace(experiment, camera=Camera(configured.frame_s, exposure))
 
 
 def _hypotheses(experiment: Experiment, evidence: Evidence) -> list[Hypothesis]:
@@ -31,7 +24,7 @@ def _hypotheses(experiment: Experiment, evidence: Evidence) -> list[Hypothesis]:
             (
                 Parameter(
                     EXPOSURE, "", start, lowest, max(highest, 0.0), 1e-3, None,
-                    partial(_change, camera),
+                    scaled_exposure,
                 ),
             ),
         )

@@ -4,7 +4,8 @@ from __future__ import annotations
 
 from functools import partial
 
-from mtpipe.effects.effect import Effect, Evidence, Hypothesis, plain, with_chain
+from mtpipe.effects.effect import Effect, Evidence, Hypothesis, plain
+from mtpipe.experiment.changes import with_chain
 from mtpipe.experiment.description import Experiment
 from mtpipe.physics.tether import Formula
 

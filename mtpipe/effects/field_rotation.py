@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import math
 
-from mtpipe.effects.effect import Effect, Evidence, Hypothesis, plain, with_optics
+from mtpipe.effects.effect import Effect, Evidence, Hypothesis, plain
+from mtpipe.experiment.changes import with_optics
 from mtpipe.experiment.description import Experiment
 
 STARTS_DEG = (-60.0, -25.0, 25.0, 60.0, 85.0)

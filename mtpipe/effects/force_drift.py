@@ -5,7 +5,8 @@ Spectra and mean heights, which are what is fitted, do not tell in which directi
 
 from __future__ import annotations
 
-from mtpipe.effects.effect import Effect, Evidence, Hypothesis, plain, with_magnets
+from mtpipe.effects.effect import Effect, Evidence, Hypothesis, plain
+from mtpipe.experiment.changes import with_magnets
 from mtpipe.experiment.description import Experiment
 
 START, LARGEST = 0.15, 1.0

@@ -5,8 +5,9 @@ from __future__ import annotations
 from dataclasses import replace
 from functools import partial
 
-from mtpipe.effects.effect import Change, Effect, Evidence, Hypothesis, logarithm, plain
+from mtpipe.effects.effect import Effect, Evidence, Hypothesis, logarithm, plain
 from mtpipe.experiment.description import Experiment, Hopping
+from mtpipe.experiment.parameter import Change
 
 STEP_NM, RATE_HZ = 20.0, 3.0
 

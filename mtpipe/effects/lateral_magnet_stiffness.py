@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from mtpipe.effects.effect import Effect, Evidence, Hypothesis, plain, with_magnets
+from mtpipe.effects.effect import Effect, Evidence, Hypothesis, plain
+from mtpipe.experiment.changes import with_magnets
 from mtpipe.experiment.description import Experiment
 
 PER_NM = 1e-6  # per mm

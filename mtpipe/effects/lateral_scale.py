@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import math
 
-from mtpipe.effects.effect import Effect, Evidence, Hypothesis, factor, with_optics
+from mtpipe.effects.effect import Effect, Evidence, Hypothesis, factor
+from mtpipe.experiment.changes import with_optics
 from mtpipe.experiment.description import Experiment
 
 

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from mtpipe.effects.effect import Effect, Evidence, Hypothesis, logarithm, with_magnets
+from mtpipe.effects.effect import Effect, Evidence, Hypothesis, logarithm
+from mtpipe.experiment.changes import with_magnets
 from mtpipe.experiment.description import Experiment
 
 STARTS_PN_NM = (1e3, 3e4)

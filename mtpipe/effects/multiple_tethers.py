@@ -4,7 +4,8 @@ from __future__ import annotations
 
 from functools import partial
 
-from mtpipe.effects.effect import Effect, Evidence, Hypothesis, logarithm, with_chain
+from mtpipe.effects.effect import Effect, Evidence, Hypothesis, logarithm
+from mtpipe.experiment.changes import with_chain
 from mtpipe.experiment.description import Experiment
 
 FEWEST, MOST = 1.4, 6.0

@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import math
 
-from mtpipe.effects.effect import Effect, Evidence, Hypothesis, plain, with_bead
+from mtpipe.effects.effect import Effect, Evidence, Hypothesis, plain
+from mtpipe.experiment.changes import with_bead
 from mtpipe.experiment.description import Experiment
 
 LARGEST = 0.97

@@ -5,9 +5,10 @@ from __future__ import annotations
 import math
 from functools import partial
 
-from mtpipe.configured.model import Parameter
-from mtpipe.effects.effect import Effect, Evidence, Hypothesis, logarithm, variance, with_stage
+from mtpipe.effects.effect import Effect, Evidence, Hypothesis, logarithm, variance
+from mtpipe.experiment.changes import with_stage
 from mtpipe.experiment.description import Experiment
+from mtpipe.experiment.parameter import Parameter
 
 STARTS_S = (0.1, 2.0)
 LARGEST_NM = 300.0

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from mtpipe.effects.effect import Effect, Evidence, Hypothesis, with_bead
+from mtpipe.effects.effect import Effect, Evidence, Hypothesis
+from mtpipe.experiment.changes import with_bead
 from mtpipe.experiment.description import Experiment
 
 

@@ -6,9 +6,10 @@ import math
 from dataclasses import replace
 from functools import partial
 
-from mtpipe.configured.model import Parameter
-from mtpipe.effects.effect import Effect, Evidence, Hypothesis, variance, with_stage
+from mtpipe.effects.effect import Effect, Evidence, Hypothesis, variance
+from mtpipe.experiment.changes import with_stage
 from mtpipe.experiment.description import Experiment, Line
+from mtpipe.experiment.parameter import Parameter
 
 LARGEST_NM = 500.0
 START_NM = 1.0

@@ -2,19 +2,13 @@
 
 from __future__ import annotations
 
-import math
-
-from mtpipe.effects.effect import Effect, Evidence, Hypothesis, factor, with_fluid
+from mtpipe.effects.effect import Effect, Evidence, Hypothesis, factor
+from mtpipe.experiment.changes import scaled_viscosity
 from mtpipe.experiment.description import Experiment
 
 
-def _change(experiment: Experiment, ln_factor: float) -> Experiment:
-    value = experiment.fluid.viscosity_mPa_s * math.exp(ln_factor)
-    return with_fluid(experiment, viscosity_mPa_s=value)
-
-
 def _hypotheses(experiment: Experiment, evidence: Evidence) -> list[Hypothesis]:
-    return [Hypothesis(experiment, (factor("viscosity over configured", _change),))]
+    return [Hypothesis(experiment, (factor("viscosity over configured", scaled_viscosity),))]
 
 
 EFFECT = Effect(

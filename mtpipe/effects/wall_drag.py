@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from mtpipe.effects.effect import Effect, Evidence, Hypothesis, with_fluid
+from mtpipe.effects.effect import Effect, Evidence, Hypothesis
+from mtpipe.experiment.changes import with_fluid
 from mtpipe.experiment.description import Experiment
 
 

@@ -2,7 +2,8 @@
 
 import math
 
-from mtpipe.effects.effect import Effect, Hypothesis, factor, with_chain
+from mtpipe.effects.effect import Effect, Hypothesis, factor
+from mtpipe.experiment.changes import with_chain
 
 
 def _change(experiment, ln_factor):

@@ -14,9 +14,9 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from mtpipe.corrections.correction import Correction, Strength
+from mtpipe.corrections.retraced import with_positions
 from mtpipe.crosschecking.check import BeadCheck
-from mtpipe.effects.correction import Correction, Strength
-from mtpipe.effects.retraced import with_positions
 from mtpipe.errors import FitError
 from mtpipe.physics.camera import FloatArray
 

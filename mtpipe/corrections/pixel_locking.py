@@ -19,9 +19,9 @@ from dataclasses import dataclass
 import numpy as np
 from scipy import optimize, stats
 
+from mtpipe.corrections.correction import Correction, Strength
+from mtpipe.corrections.retraced import with_positions
 from mtpipe.crosschecking.check import BeadCheck
-from mtpipe.effects.correction import Correction, Strength
-from mtpipe.effects.retraced import with_positions
 from mtpipe.errors import FitError
 from mtpipe.physics.camera import FloatArray
 

@@ -1,0 +1,17 @@
+"""All corrections, in the order in which they are looked for.
+
+A stuck bead crowds places within the pixel, so sticking comes first.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+from mtpipe.corrections import pixel_locking, surface_sticking
+from mtpipe.corrections.correction import Correction
+from mtpipe.crosschecking.check import BeadCheck
+
+CORRECTIONS: tuple[Callable[[BeadCheck], Correction | None], ...] = (
+    surface_sticking.find,
+    pixel_locking.find,
+)

@@ -1,0 +1,72 @@
+"""Changes of a description that fits and effects have in common."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+
+from mtpipe.experiment.description import Experiment
+from mtpipe.physics.camera import Camera
+
+
+def with_fluid(experiment: Experiment, **changes: object) -> Experiment:
+    """The experiment with another fluid."""
+    return replace(experiment, fluid=replace(experiment.fluid, **changes))  # type: ignore[arg-type]
+
+
+def with_bead(experiment: Experiment, **changes: object) -> Experiment:
+    """The experiment with another bead."""
+    return replace(experiment, bead=replace(experiment.bead, **changes))  # type: ignore[arg-type]
+
+
+def with_chain(experiment: Experiment, **changes: object) -> Experiment:
+    """The experiment with another tether."""
+    return replace(experiment, chain=replace(experiment.chain, **changes))  # type: ignore[arg-type]
+
+
+def with_optics(experiment: Experiment, **changes: object) -> Experiment:
+    """The experiment with other optics."""
+    return replace(experiment, optics=replace(experiment.optics, **changes))  # type: ignore[arg-type]
+
+
+def with_magnets(experiment: Experiment, **changes: object) -> Experiment:
+    """The experiment with other magnets."""
+    return replace(
+        experiment,
+        magnets=replace(experiment.magnets, **changes),  # type: ignore[arg-type]
+    )
+
+
+def with_stage(experiment: Experiment, **changes: object) -> Experiment:
+    """The experiment with another stage."""
+    return replace(experiment, stage=replace(experiment.stage, **changes))  # type: ignore[arg-type]
+
+
+def scaled_radius(experiment: Experiment, ln_factor: float) -> Experiment:
+    """With another bead radius."""
+    return with_bead(experiment, radius_nm=experiment.bead.radius_nm * math.exp(ln_factor))
+
+
+def scaled_viscosity(experiment: Experiment, ln_factor: float) -> Experiment:
+    """With another viscosity."""
+    value = experiment.fluid.viscosity_mPa_s * math.exp(ln_factor)
+    return with_fluid(experiment, viscosity_mPa_s=value)
+
+
+def scaled_contour_length(experiment: Experiment, ln_factor: float) -> Experiment:
+    """With another contour length."""
+    length = experiment.chain.contour_length_nm * math.exp(ln_factor)
+    return with_chain(experiment, contour_length_nm=length)
+
+
+def scaled_persistence_length(experiment: Experiment, ln_factor: float) -> Experiment:
+    """With another persistence length."""
+    length = experiment.chain.persistence_length_nm * math.exp(ln_factor)
+    return with_chain(experiment, persistence_length_nm=length)
+
+
+def scaled_exposure(experiment: Experiment, ln_factor: float) -> Experiment:
+    """With another exposure, at most a frame."""
+    camera = experiment.camera
+    exposure = min(camera.exposure_s * math.exp(ln_factor), camera.frame_s)
+    return replace(experiment, camera=Camera(camera.frame_s, exposure))
