@@ -17,16 +17,16 @@ from scipy import stats
 from mtpipe.configured.data import plateau_data, whitening
 from mtpipe.configured.fit import fit_configured
 from mtpipe.configured.hypotheses import try_effects, with_hypothesis
-from mtpipe.configured.model import ConfiguredModel, Subtraction, force_course
+from mtpipe.configured.model import ConfiguredModel, Subtraction
 from mtpipe.drift.lowpass import low_pass
 from mtpipe.effects.catalogue import OWN, catalogue
 from mtpipe.effects.effect import Evidence
-from mtpipe.experiment.description import Bead, Experiment, Fluid, Rest, Stage, Tracker
+from mtpipe.experiment.description import Bead, Experiment, Fluid, ForceCourse, Rest, Stage, Tracker
 from mtpipe.experiment.state import bead_state
 from mtpipe.physics.camera import Camera
 from mtpipe.physics.tether import Chain
 from mtpipe.simulation.linear import simulate_motion
-from mtpipe.simulation.readout import kept_frames, recorded, reference_motion
+from mtpipe.simulation.readout import force_pieces, kept_frames, recorded, reference_motion
 
 FORCES_PN, FRAMES, RATE_HZ = (0.5, 2.0, 6.0, 15.0), 4096, 120.0
 BASE = Experiment(
@@ -39,7 +39,8 @@ BASE = Experiment(
     tracker=Tracker((2.0, 2.0, 3.0)),
     rests=tuple(Rest(force, FRAMES, 5.0 - i) for i, force in enumerate(FORCES_PN)),
 )
-EVIDENCE = Evidence((30.0,), FORCES_PN)
+COURSES = (ForceCourse(), ForceCourse(), ForceCourse(-0.3, "step", 0.4), ForceCourse())
+EVIDENCE = Evidence((30.0,), FORCES_PN, courses=COURSES)
 # What passes the subtraction of the reference bead, where there is one.
 CUTOFF_HZ, REFERENCE_NOISE_NM = 8.0, 0.5
 PACKAGE = Path(__file__).parent / "data" / "effect_package"
@@ -108,8 +109,9 @@ KNOWN = [
     Known("contour_length", (LN(1.08),), (0.0,)),
     Known("multiple_tethers", (LN(2.0),), (0.0,)),
     Known("hopping", (15.0, LN(6.0), LN(5.0)), (0.0, LN(6.0), LN(5.0))),
-    Known("force_drift", (0.2,), (0.0,), which=0),
-    Known("force_drift", (0.2,), (0.0,), which=1),
+    Known("force_drift", (-0.2,), (0.0,), which=0),
+    Known("force_drift", (-0.2,), (0.0,), which=1),
+    Known("force_drift", (-0.4,), (0.0,), which=2),
 ]  # fmt: skip
 each_effect = pytest.mark.parametrize(
     "known", KNOWN, ids=[f"{k.name}-{k.which}" if k.which else k.name for k in KNOWN]
@@ -124,14 +126,13 @@ def subtraction_of(experiment):
 
 def traces(experiment, random):
     """Per plateau (FRAMES, 3) nm, simulated with all steps that the experiment describes."""
-    change, share = experiment.magnets.relative_change, experiment.clock.dropped_share
+    share = experiment.clock.dropped_share
     frames = FRAMES if not share else math.ceil(1.1 * FRAMES / (1 - share))
     subtraction = subtraction_of(experiment)
     found = []
-    for force in FORCES_PN:
-        course = force_course(experiment.magnets.course, 32) if change else np.zeros(1)
-        lengths = [len(piece) for piece in np.array_split(np.arange(frames), len(course))]
-        forces = force * (1 + change * course)
+    for i, force in enumerate(FORCES_PN):
+        changes, lengths = zip(*force_pieces(experiment, i, frames), strict=True)
+        forces = force * (1 + np.array(changes))
         stretches = [(_state(experiment, f), n) for f, n in zip(forces, lengths, strict=True)]
         motion = simulate_motion(stretches, experiment.camera, random)
         seen = recorded(motion, np.repeat(forces, lengths), experiment, random)

@@ -37,8 +37,8 @@ from mtpipe.physics.camera import FloatArray, power_spectrum
 LEAST_HEIGHT_STDERR_NM = 0.1
 DIFFERENCE = 1e-3
 LEAST_POWER = 1e-6
-# Forces that stand for a plateau during which the force changes, and how fast it settles.
-COURSE_POINTS, FINE_POINTS = 5, 256
+# Forces that stand for a plateau during which the force changes.
+COURSE_POINTS = 5
 
 
 @dataclass(frozen=True)
@@ -73,7 +73,7 @@ def _core(experiment: Experiment) -> Experiment:
         optics=Optics(),
         clock=Clock(),
         hopping=None,
-        magnets=replace(experiment.magnets, relative_change=0.0, course="ramp"),
+        magnets=replace(experiment.magnets, courses=()),
     )
 
 
@@ -117,21 +117,20 @@ class ConfiguredModel:
 
     def expected(self, experiment: Experiment, plateau: int, force_pN: float) -> Expectation:
         """What one plateau's data should be; the mean over its time where the force changes."""
-        change = experiment.magnets.relative_change
-        if change == 0:
+        changing = experiment.magnets.course(plateau)
+        if changing.relative_change == 0:
             return self._expected_at(experiment, plateau, force_pN)
         data = self.data[plateau]
-        course = force_course(experiment.magnets.course, FINE_POINTS)
+        course = force_course(changing, round(data.duration_s / experiment.camera.frame_s))
         nodes = np.linspace(course.min(), course.max(), COURSE_POINTS)
         each = [
-            self._expected_at(experiment, plateau, float(force_pN * (1 + change * node)))
-            for node in nodes
+            self._expected_at(experiment, plateau, float(force_pN * (1 + node))) for node in nodes
         ]
         # share of the time that counts for each node, linear between them
         share = np.array([np.interp(course, nodes, row).mean() for row in np.eye(COURSE_POINTS)])
         heights = np.interp(course, nodes, [one.extension_nm for one in each])
         power = np.tensordot(share, [one.power for one in each], 1)
-        power[:, 2, 2] += _power_of_course(heights, data) * data.spectrum.gain(2)
+        power[:, 2, 2] += data.spectrum.power_of(heights, 2)
         return Expectation(
             power,
             float(heights.mean()),
@@ -210,17 +209,6 @@ class ConfiguredModel:
                 for p, value in zip(self.parameters, theta[self.plateaus :], strict=True)
             ]
         )
-
-
-def _power_of_course(heights_nm: FloatArray, data: PlateauData) -> FloatArray:
-    """Power that a slow change of the mean height puts into each bin, nm²/Hz."""
-    # the last ordinate, at the Nyquist frequency of this grid, is half one
-    amplitude = np.fft.rfft(heights_nm - heights_nm.mean())[1:-1] / len(heights_nm)
-    frequency = np.arange(1, len(amplitude) + 1) / data.duration_s
-    power = 2 * np.abs(amplitude) ** 2 * data.duration_s
-    falling = power[-1] * (frequency[-1] / data.spectrum.frequency_hz) ** 2
-    inside = np.interp(data.spectrum.frequency_hz, frequency, power)
-    return np.where(data.spectrum.frequency_hz <= frequency[-1], inside, falling)
 
 
 def _add_line(power: FloatArray, line: Line, data: PlateauData) -> None:

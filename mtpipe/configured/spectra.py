@@ -10,6 +10,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import NDArray
 from scipy import fft
 
 from mtpipe.errors import FitError
@@ -25,20 +26,28 @@ class MatrixSpectrum:
     ----------
     frequency_hz : (n_bins,) mean frequency of each bin.
     power : (n_bins, axes, axes) nm²/Hz, real part, one-sided, prewhitened.
-    quadrature : (n_bins, axes, axes) imaginary part, antisymmetric.
     ordinates : (n_bins,) independent ordinates of each bin.
     windows : one per axis, with its prewhitening.
+    used : (segments, length) frames that are there with the one before.
     """
 
     frequency_hz: FloatArray
     power: FloatArray
-    quadrature: FloatArray
     ordinates: FloatArray
     windows: tuple[Window, ...]
+    used: NDArray[np.bool_]
 
     def gain(self, axis: int) -> FloatArray:
         """(n_bins,) what prewhitening made of an axis's power."""
         return self.windows[axis].gain(self.frequency_hz)
+
+    def power_of(self, series_nm: FloatArray, axis: int) -> FloatArray:
+        """(n_bins,) what a known series, one value a frame from the first, puts into an axis."""
+        window = self.windows[axis]
+        edges = bin_edges(self.used.shape[1], 1)
+        power = np.sum(np.abs(_transform(series_nm, self.used, window.phi)) ** 2, axis=0)
+        scale = 2 * window.frame_s / self.used.sum() / np.diff(edges)
+        return np.asarray(np.add.reduceat(power[: edges[-1]], edges[:-1]) * scale)
 
 
 def matrix_periodogram(
@@ -69,11 +78,7 @@ def matrix_periodogram(
     transforms = []
     for axis, p in enumerate(phi):
         x = np.where(together, position_nm[:, axis], np.nan)
-        x = x - x[frames_present(x)].mean()
-        whitened = (x[1:] - p * x[:-1])[: segments * length].reshape(segments, length)
-        rows = np.where(used, whitened, 0.0)
-        mean = rows.sum(axis=1, keepdims=True) / np.maximum(used.sum(axis=1, keepdims=True), 1)
-        transform = fft.rfft(np.where(used, rows - mean, 0.0), axis=1)
+        transform = _transform(x - x[frames_present(x)].mean(), used, p)
         turn = 1 - p * np.exp(-2j * np.pi * np.arange(transform.shape[1]) / length)
         transforms.append(transform * np.conj(turn) / np.abs(turn))
     scale = 2 * frame_s / used.sum() / np.diff(edges)
@@ -85,7 +90,15 @@ def matrix_periodogram(
     return MatrixSpectrum(
         frequency_hz=(edges[:-1] + edges[1:] - 1) / 2 / (length * frame_s),
         power=np.ascontiguousarray(total.real),
-        quadrature=np.ascontiguousarray(total.imag),
         ordinates=windows[0].ordinates,
         windows=windows,
+        used=used,
     )
+
+
+def _transform(x_nm: FloatArray, used: NDArray[np.bool_], phi: float) -> NDArray[np.complex128]:
+    """(segments, length//2 + 1) transform of the used frames, prewhitened, less their mean."""
+    whitened = (x_nm[1:] - phi * x_nm[:-1])[: used.size].reshape(used.shape)
+    rows = np.where(used, whitened, 0.0)
+    mean = rows.sum(axis=1, keepdims=True) / np.maximum(used.sum(axis=1, keepdims=True), 1)
+    return np.asarray(fft.rfft(np.where(used, rows - mean, 0.0), axis=1))

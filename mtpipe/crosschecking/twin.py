@@ -17,11 +17,10 @@ from mtpipe.configured.parameters import UPWARD_FRICTION_STDERR, UPWARD_VARIANCE
 from mtpipe.crosschecking.case import Case, described
 from mtpipe.drift.lowpass import low_pass
 from mtpipe.experiment.description import Allowance, Experiment
-from mtpipe.experiment.readout import force_course
 from mtpipe.experiment.state import bead_state
 from mtpipe.physics.camera import FloatArray
 from mtpipe.simulation.linear import simulate_motion
-from mtpipe.simulation.readout import COURSE_PIECES, kept_frames, recorded, reference_motion
+from mtpipe.simulation.readout import force_pieces, kept_frames, recorded, reference_motion
 
 # Moves are cut into stretches of constant force, and longer ones need not be simulated whole.
 MOVE_PIECES = 4
@@ -128,11 +127,8 @@ def _timetable(
                 stretches.append((force, frames))
             at += gap
         frames = len(real) if stretch == 1 else math.ceil(1.05 * stretch * len(real)) + 50
-        change = experiment.magnets.relative_change
-        parts = COURSE_PIECES if change else 1
-        course = force_course(experiment.magnets.course, parts) if change else np.zeros(1)
-        for part, rows in zip(course, np.array_split(np.arange(frames), parts), strict=True):
-            stretches.append((forces[i] * (1 + change * float(part)), len(rows)))
+        for part, rows in force_pieces(experiment, i, frames):
+            stretches.append((forces[i] * (1 + part), rows))
         slices.append(slice(at, at + frames))
         at += frames
     return stretches, slices

@@ -7,6 +7,7 @@ import math
 import numpy as np
 
 from mtpipe.crosschecking.check import BeadCheck
+from mtpipe.diagnosis.courses import force_courses
 from mtpipe.effects.effect import Evidence
 from mtpipe.physics.camera import FloatArray
 
@@ -28,7 +29,8 @@ def evidence_of(check: BeadCheck) -> Evidence:
         if all(abs(frequency - other) > 0.02 * other + 0.1 for other in distinct):
             distinct.append(frequency)
     forces = tuple(float(f) for f in check.case.fit.force_pN)
-    return Evidence(tuple(distinct[:MOST_LINES]), forces, reference_moves(check))
+    courses = force_courses(check.case.fit, check.case.positions_nm, check.case.frame_s)
+    return Evidence(tuple(distinct[:MOST_LINES]), forces, reference_moves(check), courses)
 
 
 def reference_moves(check: BeadCheck) -> bool | None:

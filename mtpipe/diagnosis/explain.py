@@ -239,8 +239,10 @@ def explained_share(before: BeadCheck, after: BeadCheck) -> float:
 
 def heldout_gain(case: Case, without: ConfiguredFit, with_it: ConfiguredFit) -> float:
     """ln likelihood gained by an effect on the half of every plateau that was not fitted, and
-    exchanged; nan where the halves are too short.
+    exchanged; nan where the halves are too short, or differ because the force changes.
     """
+    if any(fit.model.experiment.magnets.courses for fit in (without, with_it)):
+        return float("nan")
     halves = []
     for first in (True, False):
         data: list[PlateauData] = []

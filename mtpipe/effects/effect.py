@@ -12,7 +12,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import partial
 
-from mtpipe.experiment.description import Experiment
+from mtpipe.experiment.description import Experiment, ForceCourse
 from mtpipe.experiment.parameter import Change, Parameter
 
 
@@ -25,11 +25,14 @@ class Evidence:
     lines_hz : frequencies of narrow lines, strongest first.
     force_pN : of the plateaus, as fitted without the effect.
     reference_moves : whether slow motion is the reference's own; None: the data do not tell.
+    courses : of the force in each plateau, as its mean height over time has it; a change of 0
+        where the height does not move more than it does by itself. Empty: not looked at.
     """
 
     lines_hz: tuple[float, ...]
     force_pN: tuple[float, ...]
     reference_moves: bool | None = None
+    courses: tuple[ForceCourse, ...] = ()
 
 
 @dataclass(frozen=True)

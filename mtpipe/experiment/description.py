@@ -56,19 +56,35 @@ class Bead:
 
 
 @dataclass(frozen=True)
+class ForceCourse:
+    """How the force changes within a plateau.
+
+    `relative_change`: from its first value to its last, over its mean in time. `kind`: a steady
+    "ramp", an exponential "settling" with the time constant `at`, or a "step" at the time `at`,
+    both in shares of the plateau.
+    """
+
+    relative_change: float = 0.0
+    kind: Literal["ramp", "settling", "step"] = "ramp"
+    at: float = 0.0
+
+
+@dataclass(frozen=True)
 class Magnets:
     """What the magnets do besides pulling.
 
     `alignment_pN_nm`: torque stiffness with which the field holds the bead's axis along the field;
-    infinite where None. `sideways_per_nm`: lateral stiffness over force, in x and y.
-    `relative_change`: of the force during a plateau, from its beginning to its end, of the
-    `course` "ramp" or "settling" (exponential, within a sixth of the plateau).
+    infinite where None. `sideways_per_nm`: lateral stiffness over force, in x and y. `courses`: of
+    the force in each plateau; none at all where it is steady everywhere.
     """
 
     alignment_pN_nm: float | None = None
     sideways_per_nm: float = 0.0
-    relative_change: float = 0.0
-    course: Literal["ramp", "settling"] = "ramp"
+    courses: tuple[ForceCourse, ...] = ()
+
+    def course(self, plateau: int) -> ForceCourse:
+        """The force's course in a plateau."""
+        return self.courses[plateau] if self.courses else ForceCourse()
 
 
 @dataclass(frozen=True)

@@ -13,14 +13,12 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from mtpipe.experiment.description import Experiment, Hopping
+from mtpipe.experiment.description import Experiment, ForceCourse, Hopping
 from mtpipe.experiment.state import BeadState, recorded_modes
 from mtpipe.physics.camera import Camera, FloatArray, frame_variance, lag_one_covariance
 
 # A random walk is a mode that relaxes within so many durations of the trace.
 WALK_DURATIONS = 20.0
-# A force that settles does so within this share of the plateau.
-SETTLING_SHARE = 1 / 6
 
 
 @dataclass(frozen=True, eq=False)
@@ -71,11 +69,17 @@ def readout(experiment: Experiment, state: BeadState, duration_s: float) -> Read
     return Readout(tau_s, covariance, white, recorded_extension)
 
 
-def force_course(course: str, points: int) -> FloatArray:
-    """Relative change of the force along a plateau, mean zero, one from beginning to end."""
+def force_course(course: ForceCourse, points: int) -> FloatArray:
+    """(points,) force along a plateau over its mean, less 1; the change itself sums up to 0."""
     time = (np.arange(points) + 0.5) / points
-    shape = time if course == "ramp" else 1 - np.exp(-time / SETTLING_SHARE)
-    return np.asarray(shape - shape.mean())
+    if course.kind == "ramp":
+        shape = time
+    elif course.kind == "settling":
+        shape = -np.exp(-time / course.at)
+    else:
+        # a point that the step lies in has a part of it
+        shape = np.clip(points * (time - course.at) + 0.5, 0.0, 1.0)
+    return np.asarray(course.relative_change * (shape - shape.mean()))
 
 
 def hopping_moments(

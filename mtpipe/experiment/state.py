@@ -14,6 +14,7 @@ own length moves in the chain's potential, which stiffens, and with the friction
 
 from __future__ import annotations
 
+import functools
 from dataclasses import dataclass
 
 import numpy as np
@@ -25,8 +26,8 @@ from mtpipe.physics.axial import AxialMotion
 from mtpipe.physics.camera import FloatArray, power_spectrum
 from mtpipe.physics.friction import rotation_wall_factor, rotational_stokes_pN_nm_s
 from mtpipe.physics.linear import LinearMotion, NormalModes, normal_modes, pair_modes
+from mtpipe.physics.tether import Chain, log_distance_density, mean_extension_nm, radial_moments
 from mtpipe.physics.tether import extension_nm as chain_extension_nm
-from mtpipe.physics.tether import log_distance_density, mean_extension_nm, radial_moments
 from mtpipe.physics.tethered_bead import friction_pN_s_per_nm
 
 ALONG, ACROSS, UP, ANGLE = range(4)
@@ -74,7 +75,8 @@ def bead_state(experiment: Experiment, force_pN: float) -> BeadState:
     FitError : the force is too small to keep the bead off the surface.
     """
     energy, bead = experiment.fluid.thermal_energy_pN_nm, experiment.bead
-    end = float(mean_extension_nm(experiment.chain, force_pN))
+    tether = _tether(experiment.chain, force_pN)
+    end, variance = tether.end_nm, tether.variance_nm2
     # a tether that is attached beside the bead's lowest point ends above it
     extension = end - (bead.radius_nm - bead.lever_nm)
     if bead.turns:
@@ -85,7 +87,6 @@ def bead_state(experiment: Experiment, force_pN: float) -> BeadState:
             f"at {force_pN:g} pN the tether does not hold the bead off the surface "
             f"(mean extension {extension:.0f} nm)"
         )
-    variance = float(radial_moments(experiment.chain, force_pN)[0])
     # a tilted tether is pulled by F cos only, and gives way by so much where the tilt is slow; as
     # it is about as fast as the tether's own length, half of it is taken
     gives = min(0.5 * force_pN * variance / (end * energy), MOST_GIVING)
@@ -102,7 +103,7 @@ def bead_state(experiment: Experiment, force_pN: float) -> BeadState:
     heights = np.maximum(extension + np.sqrt(variance) * _HEIGHTS, LEAST_SHARE * extension)
     motion = LinearMotion(stiffness, _friction(experiment, heights, len(stiffness)), readout)
     allowed = straight * experiment.allowance.upward_variance
-    axial = _axial(experiment, force_pN, extension, allowed)
+    axial = _axial(experiment, tether, extension, allowed)
     return BeadState(force_pN, extension, motion, normal_modes(motion, energy), bending, axial)
 
 
@@ -145,12 +146,23 @@ def expected_spectrum(
     return np.asarray(power.sum(axis=-1) + 2 * camera.frame_s * noise**2)
 
 
-def _axial(
-    experiment: Experiment, force_pN: float, extension_nm: float, variance_nm2: float
-) -> AxialMotion:
-    """Density of the straight tether's length, of this variance, and the friction there."""
-    chain, fluid = experiment.chain, experiment.fluid
-    middle, spread = float(chain_extension_nm(chain, force_pN)), np.sqrt(variance_nm2)
+@dataclass(frozen=True, eq=False)
+class _Tether:
+    """A chain at one force: mean height of its end, variance of its length, and the density of the
+    length, on a uniform grid: weights (sum 1) and deviations from the mean in standard deviations.
+    """
+
+    end_nm: float
+    variance_nm2: float
+    weight: FloatArray
+    deviation: FloatArray
+
+
+@functools.lru_cache(maxsize=4096)
+def _tether(chain: Chain, force_pN: float) -> _Tether:
+    end = float(mean_extension_nm(chain, force_pN))
+    variance = float(radial_moments(chain, force_pN)[0])
+    middle, spread = float(chain_extension_nm(chain, force_pN)), np.sqrt(variance)
     low = max(middle - GRID_SPREADS * spread, 0.002 * chain.contour_length_nm)
     high = middle + GRID_SPREADS * spread
     if chain.compliance == 0:
@@ -163,8 +175,15 @@ def _axial(
     weight = np.exp(log_density - log_density.max())
     weight /= weight.sum()
     deviation = length - float(weight @ length)
-    deviation *= spread / np.sqrt(float(weight @ deviation**2))
-    height = extension_nm + deviation
+    return _Tether(end, variance, weight, deviation / np.sqrt(float(weight @ deviation**2)))
+
+
+def _axial(
+    experiment: Experiment, tether: _Tether, extension_nm: float, variance_nm2: float
+) -> AxialMotion:
+    """Density of the straight tether's length, of this variance, and the friction there."""
+    fluid = experiment.fluid
+    height = extension_nm + np.sqrt(variance_nm2) * tether.deviation
     friction = friction_pN_s_per_nm(
         np.maximum(height, LEAST_HEIGHT_NM),
         experiment.bead.radius_nm,
@@ -174,7 +193,7 @@ def _axial(
     )
     friction = friction * experiment.allowance.upward_friction
     mobility = np.array(np.broadcast_to(1 / friction, height.shape))
-    density = weight / (height[1] - height[0])
+    density = tether.weight / (height[1] - height[0])
     return AxialMotion(height, density, mobility, fluid.thermal_energy_pN_nm)
 
 

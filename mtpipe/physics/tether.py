@@ -15,6 +15,7 @@ of the chain without enthalpic stretching, in (-1, 1), and g(y) = F Lp/kT. All c
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Literal
 
@@ -59,11 +60,9 @@ VALIDITY: dict[Formula, Validity] = {
     ),
 }
 
-# Bouchiat et al. 1999, a_2 to a_7: what the exact chain adds to Marko and Siggia's interpolation.
-_BOUCHIAT = np.polynomial.Polynomial(
-    [0.0, 1.0, -0.5164228, -2.737418, 16.07497, -38.87607, 39.49944, -14.17718]
-)
-_MARKO_SIGGIA = np.polynomial.Polynomial([0.0, 1.0])
+# Bouchiat et al. 1999, a_1 to a_7: what the exact chain adds to Marko and Siggia's interpolation.
+_BOUCHIAT = (1.0, -0.5164228, -2.737418, 16.07497, -38.87607, 39.49944, -14.17718)
+_MARKO_SIGGIA = (1.0,)
 
 _NODES, _NODE_WEIGHTS = np.polynomial.legendre.leggauss(80)
 
@@ -255,22 +254,32 @@ def _solve(chain: Chain, target: FloatArray, *, linear: float, weight: float) ->
     return following
 
 
-def _terms(chain: Chain) -> np.polynomial.Polynomial:
+def _terms(chain: Chain) -> tuple[float, ...]:
     return _MARKO_SIGGIA if chain.formula.endswith("marko-siggia") else _BOUCHIAT
 
 
 def _reduced_force(chain: Chain, y: FloatArray) -> FloatArray:
     """The force g(y) = F Lp/kT, y in [0, 1]; infinite at 1."""
     with np.errstate(divide="ignore"):
-        return np.asarray(0.25 * y * (2 - y) / (1 - y) ** 2 + _terms(chain)(y))
+        return np.asarray(0.25 * y * (2 - y) / (1 - y) ** 2 + y * _horner(_terms(chain), y))
 
 
 def _reduced_slope(chain: Chain, y: FloatArray) -> FloatArray:
     """The slope dg/dy."""
+    terms = [n * a for n, a in enumerate(_terms(chain), 1)]
     with np.errstate(divide="ignore"):
-        return np.asarray(0.5 / (1 - y) ** 3 + _terms(chain).deriv()(y))
+        return np.asarray(0.5 / (1 - y) ** 3 + _horner(terms, y))
 
 
 def _reduced_work(chain: Chain, y: FloatArray) -> FloatArray:
     """The work, integral of g from 0 to y; y < 1."""
-    return np.asarray(0.25 * y**2 / (1 - y) + _terms(chain).integ()(y))
+    terms = [a / (n + 1) for n, a in enumerate(_terms(chain), 1)]
+    return np.asarray(0.25 * y**2 / (1 - y) + y**2 * _horner(terms, y))
+
+
+def _horner(coefficients: Sequence[float], y: FloatArray) -> FloatArray:
+    """Polynomial, the constant first; numpy's own classes cost ten times as much for scalars."""
+    total = np.zeros_like(y)
+    for a in reversed(coefficients):
+        total = total * y + a
+    return total

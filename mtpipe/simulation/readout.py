@@ -5,19 +5,34 @@ The same steps as `mtpipe.experiment.readout` has as covariances, in the same or
 
 from __future__ import annotations
 
+import itertools
 import math
 
 import numpy as np
 from numpy.typing import NDArray
 
 from mtpipe.experiment.description import Experiment, Hopping
-from mtpipe.experiment.readout import hopping_moments
+from mtpipe.experiment.readout import force_course, hopping_moments
 from mtpipe.physics.camera import Camera, FloatArray
 from mtpipe.physics.langevin import simulate_mode
 
 HOP_PARTS = 24
 # Stretches of constant force that stand for a plateau during which it changes.
 COURSE_PIECES = 24
+
+
+def force_pieces(experiment: Experiment, plateau: int, frames: int) -> list[tuple[float, int]]:
+    """Stretches of constant force that a plateau is played in: force over its mean, less 1, and
+    number of frames.
+    """
+    course = experiment.magnets.course(plateau)
+    if course.relative_change == 0:
+        return [(0.0, frames)]
+    edges = np.linspace(0, frames, COURSE_PIECES + 1).round().astype(int).tolist()
+    if course.kind == "step":
+        edges = [0, round(course.at * frames), frames]
+    relative = force_course(course, frames)
+    return [(float(relative[a:b].mean()), b - a) for a, b in itertools.pairwise(edges) if b > a]
 
 
 def recorded(

@@ -18,7 +18,6 @@ from numpy.typing import NDArray
 
 from mtpipe.experiment.description import Experiment
 from mtpipe.experiment.from_setup import experiment_of
-from mtpipe.experiment.readout import force_course
 from mtpipe.experiment.state import bead_state
 from mtpipe.notice import Notice
 from mtpipe.physics.camera import FloatArray
@@ -26,7 +25,7 @@ from mtpipe.plateaus import find_plateaus
 from mtpipe.recording import Recording
 from mtpipe.setup import Setup
 from mtpipe.simulation.linear import simulate_motion
-from mtpipe.simulation.readout import COURSE_PIECES, recorded, reference_motion
+from mtpipe.simulation.readout import force_pieces, recorded, reference_motion
 
 Progress = Callable[[int, int], None]
 Engine = Literal["linear", "brownian"]
@@ -217,12 +216,9 @@ def timetable(experiment: Experiment) -> Timetable:
                 forces.append(before.force_pN * math.exp(ratio * (k + 0.5) / pieces))
                 numbers.append(-1)
         magnet.append(np.full(rest.frames, rest.magnet_mm))
-        change, course = experiment.magnets.relative_change, experiment.magnets.course
-        parts = COURSE_PIECES if change else 1
-        relative = change * force_course(course, parts) if change else np.zeros(1)
-        for part, rows in zip(relative, np.array_split(np.arange(rest.frames), parts), strict=True):
-            edges.append(edges[-1] + len(rows))
-            forces.append(rest.force_pN * (1 + float(part)))
+        for change, frames in force_pieces(experiment, i, rest.frames):
+            edges.append(edges[-1] + frames)
+            forces.append(rest.force_pN * (1 + change))
             numbers.append(i)
     return Timetable(np.concatenate(magnet), tuple(edges), tuple(forces), tuple(numbers))
 
