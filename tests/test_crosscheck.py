@@ -11,10 +11,11 @@ import pandas as pd
 import pytest
 
 import mtpipe
+from mtpipe.crosschecking.beads import bead_generator
 from mtpipe.crosschecking.case import prepare
 from mtpipe.crosschecking.check import check_bead
 from mtpipe.crosschecking.curves import KINDS
-from mtpipe.crosschecking.recording import COLUMNS, bead_generator
+from mtpipe.crosschecking.recording import COLUMNS
 from mtpipe.crosschecking.twin import TwinMaker
 from mtpipe.drift import subtract_drift
 from mtpipe.errors import RecordingError, SetupError

@@ -13,12 +13,15 @@ import numpy as np
 import pytest
 
 import mtpipe
+from mtpipe.configured.hypotheses import best_of
+from mtpipe.crosschecking.beads import bead_generator
 from mtpipe.crosschecking.case import FORMULAS, prepare
 from mtpipe.crosschecking.check import check_bead
-from mtpipe.crosschecking.recording import bead_generator
 from mtpipe.diagnosis.evidence import reference_moves
-from mtpipe.diagnosis.explain import explain
+from mtpipe.diagnosis.explain import Named, explain, without_superfluous
 from mtpipe.diagnosis.mismatch import Mismatch
+from mtpipe.effects.catalogue import OWN
+from mtpipe.effects.effect import Evidence
 from mtpipe.experiment.from_setup import experiment_of
 from mtpipe.setup import parse_setup
 from mtpipe.simulation.recording import simulate_experiment
@@ -201,3 +204,24 @@ def test_slow_motion_is_known_to_be_the_references_or_the_beads(whose):
     simulated = mtpipe.subtract_drift(simulate_experiment(experiment, SETUP, 5))
     check = SimpleNamespace(case=prepare(simulated, "b1"))
     assert reference_moves(check) is (whose == "reference")
+
+
+def test_an_effect_that_another_makes_needless_is_dropped():
+    """A thicker buffer explains it all; a scale that was named first is no longer needed then."""
+    random = bead_generator(0, "b1")
+    before = check_bead(prepare(recording("viscosity", 2), "b1"), random)
+    named, check = [], before
+    for name in ("lateral_scale", "viscosity"):
+        effect = next(effect for effect in OWN if effect.name == name)
+        tried = best_of(check.case.fit, effect, Evidence((), FORCES_PN))
+        after = check_bead(replace(before.case, fit=tried.fit), random)
+        named.append(Named(tried, (), check, after, math.nan))
+        check = after
+    left, after = without_superfluous(before.case, named, check, random)
+    assert [one.name for one in left] == ["viscosity"]
+    assert left[0].before is before
+    assert left[0].after is after
+    assert after.p_value > 0.004
+    assert {p.name for p in after.case.fit.model.parameters} == {
+        p.name for p in before.case.fit.model.parameters
+    } | {"viscosity over configured"}

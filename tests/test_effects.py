@@ -20,13 +20,19 @@ from mtpipe.configured.hypotheses import try_effects, with_hypothesis
 from mtpipe.configured.model import ConfiguredModel, Subtraction
 from mtpipe.drift.lowpass import low_pass
 from mtpipe.effects.catalogue import OWN, catalogue
-from mtpipe.effects.effect import Evidence
+from mtpipe.effects.effect import Evidence, SeenCourse
 from mtpipe.experiment.description import Bead, Experiment, Fluid, ForceCourse, Rest, Stage, Tracker
 from mtpipe.experiment.state import bead_state
 from mtpipe.physics.camera import Camera
 from mtpipe.physics.tether import Chain
 from mtpipe.simulation.linear import simulate_motion
-from mtpipe.simulation.readout import force_pieces, kept_frames, recorded, reference_motion
+from mtpipe.simulation.readout import (
+    force_pieces,
+    height_within_pieces,
+    kept_frames,
+    recorded,
+    reference_motion,
+)
 
 FORCES_PN, FRAMES, RATE_HZ = (0.5, 2.0, 6.0, 15.0), 4096, 120.0
 BASE = Experiment(
@@ -39,7 +45,8 @@ BASE = Experiment(
     tracker=Tracker((2.0, 2.0, 3.0)),
     rests=tuple(Rest(force, FRAMES, 5.0 - i) for i, force in enumerate(FORCES_PN)),
 )
-COURSES = (ForceCourse(), ForceCourse(), ForceCourse(-0.3, "step", 0.4), ForceCourse())
+STEP = SeenCourse(ForceCourse(-0.3, "step", 0.4), 0.2)
+COURSES = (SeenCourse(), SeenCourse(), STEP, SeenCourse())
 EVIDENCE = Evidence((30.0,), FORCES_PN, courses=COURSES)
 # What passes the subtraction of the reference bead, where there is one.
 CUTOFF_HZ, REFERENCE_NOISE_NM = 8.0, 0.5
@@ -135,6 +142,7 @@ def traces(experiment, random):
         forces = force * (1 + np.array(changes))
         stretches = [(_state(experiment, f), n) for f, n in zip(forces, lengths, strict=True)]
         motion = simulate_motion(stretches, experiment.camera, random)
+        motion[:, 2] += height_within_pieces(experiment, i, force, frames)
         seen = recorded(motion, np.repeat(forces, lengths), experiment, random)
         own = reference_motion(experiment, frames, random)
         for axis, cutoff_hz in enumerate(subtraction.cutoff_hz):

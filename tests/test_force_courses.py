@@ -26,7 +26,7 @@ from mtpipe.experiment.state import bead_state
 from mtpipe.physics.camera import Camera
 from mtpipe.physics.tether import Chain
 from mtpipe.simulation.linear import simulate_motion
-from mtpipe.simulation.readout import force_pieces, recorded
+from mtpipe.simulation.readout import force_pieces, height_within_pieces, recorded
 
 FORCES_PN, FRAMES, FRAME_S = (0.5, 2.0, 8.0), 4096, 1 / 100
 STEADY = Experiment(
@@ -54,7 +54,7 @@ def seen(experiment, seed):
     phi = [whitening(x, FRAME_S) for x in positions]
     data = tuple(plateau_data(x, FRAME_S, p) for x, p in zip(positions, phi, strict=True))
     fit = fit_configured(ConfiguredModel(data, STEADY, (), NO_SUBTRACTION))
-    return force_courses(fit, positions, FRAME_S)
+    return [seen.course for seen in force_courses(fit, positions, FRAME_S)]
 
 
 @pytest.mark.parametrize(
@@ -98,3 +98,16 @@ def test_a_course_has_its_mean_and_its_change(course):
 def test_a_steady_plateau_is_played_in_one_piece():
     courses = (replace(ForceCourse(0.1), relative_change=0.0), ForceCourse(0.1), ForceCourse())
     assert force_pieces(with_magnets(STEADY, courses=courses), 0, 100) == [(0.0, 100)]
+
+
+def test_heights_follow_a_smooth_course_within_its_pieces():
+    experiment = with_magnets(STEADY, courses=(ForceCourse(0.4),) * 3)
+    force, frames = FORCES_PN[1], 240
+    along = force * (1 + force_course(ForceCourse(0.4), frames))
+    pieces = np.repeat(*map(list, zip(*force_pieces(experiment, 1, frames), strict=True)))
+    expected = [bead_state(experiment, float(f)).extension_nm for f in along]
+    stepped = [bead_state(experiment, force * (1 + float(c))).extension_nm for c in pieces]
+    within = height_within_pieces(experiment, 1, force, frames)
+    np.testing.assert_allclose(np.array(stepped) + within, expected, atol=0.05)
+    steady = with_magnets(STEADY, courses=(ForceCourse(0.4, "step", 0.3),) * 3)
+    assert not height_within_pieces(steady, 1, force, frames).any()

@@ -2,19 +2,14 @@
 
 from __future__ import annotations
 
-import hashlib
-import itertools
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 import pandas as pd
 
-from mtpipe.crosschecking.case import prepare
-from mtpipe.crosschecking.check import BeadCheck, check_bead
-from mtpipe.crosschecking.listed import with_listed
-from mtpipe.errors import MtpipeError
-from mtpipe.processes import executor
+from mtpipe.crosschecking.beads import check_of, per_bead
+from mtpipe.crosschecking.check import BeadCheck
 from mtpipe.recording import Recording
 
 Progress = Callable[[int, int], None]
@@ -71,48 +66,12 @@ def crosscheck(
         `if __name__ == "__main__":` in a script that calls this.
     progress : called with (beads done, of how many).
     """
-    beads = recording.tethered
-    say = progress or (lambda done, total: None)
-    say(0, len(beads))
-    checks: dict[str, BeadCheck] = {}
-    refused: dict[str, str] = {}
-    with executor(min(workers, len(beads))) as pool:
-        done = itertools.count(1)
-        futures = {}
-        for bead in beads:
-            futures[bead] = pool.submit(_check, alone(recording, bead), bead, seed)
-            futures[bead].add_done_callback(lambda _: say(next(done), len(beads)))
-        for bead, future in futures.items():
-            outcome = future.result()
-            if isinstance(outcome, BeadCheck):
-                checks[bead] = outcome
-            else:
-                refused[bead] = outcome
+    checks, refused = per_bead(recording, _check, seed=seed, workers=workers, progress=progress)
     return CrossCheck(recording.name, checks, refused)
 
 
-def _check(recording: Recording, bead: str, seed: int) -> BeadCheck | str:
-    """The check of a bead, or in words why there is none."""
-    try:
-        case = with_listed(prepare(recording, bead), recording.setup)
-        return check_bead(case, bead_generator(seed, bead), with_curves=True)
-    except (MtpipeError, ValueError, np.linalg.LinAlgError) as error:
-        return str(error)
-
-
-def alone(recording: Recording, bead: str) -> Recording:
-    """The recording with this tethered bead only, which is all that its check reads."""
-    kept = (bead, *recording.setup.beads.reference)
-    return replace(
-        recording,
-        positions_nm={name: xyz for name, xyz in recording.positions_nm.items() if name in kept},
-    )
-
-
-def bead_generator(seed: int, bead: str) -> np.random.Generator:
-    """A generator of the bead's own, the same whatever other beads there are."""
-    digest = hashlib.sha256(f"crosscheck {bead}".encode()).digest()
-    return np.random.default_rng([seed, int.from_bytes(digest[:8], "little")])
+def _check(recording: Recording, bead: str, random: np.random.Generator) -> BeadCheck:
+    return check_of(recording, bead, random, with_curves=True)
 
 
 def _rows(check: BeadCheck) -> list[dict[str, object]]:

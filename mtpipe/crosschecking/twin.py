@@ -20,7 +20,13 @@ from mtpipe.experiment.description import Allowance, Experiment
 from mtpipe.experiment.state import bead_state
 from mtpipe.physics.camera import FloatArray
 from mtpipe.simulation.linear import simulate_motion
-from mtpipe.simulation.readout import force_pieces, kept_frames, recorded, reference_motion
+from mtpipe.simulation.readout import (
+    force_pieces,
+    height_within_pieces,
+    kept_frames,
+    recorded,
+    reference_motion,
+)
 
 # Moves are cut into stretches of constant force, and longer ones need not be simulated whole.
 MOVE_PIECES = 4
@@ -46,6 +52,10 @@ class TwinMaker:
         # where frames are dropped, more have to be simulated than the file has
         self.stretch = 1 / (1 - self.experiment.clock.dropped_share)
         stretches, self.slices = _timetable(case, self.experiment, self.stretch)
+        self.within_nm = np.zeros(sum(n for _, n in stretches))
+        for i, piece in enumerate(self.slices):
+            force_pN, frames = float(case.fit.force_pN[i]), piece.stop - piece.start
+            self.within_nm[piece] = height_within_pieces(self.experiment, i, force_pN, frames)
         # what theory of z is not trusted to, every simulation has otherwise
         self.variants = [
             [(bead_state(other, force), n) for force, n in stretches]
@@ -59,6 +69,7 @@ class TwinMaker:
         chosen = random.integers(len(self.variants), size=len(self.variants[0]))
         stretches = [self.variants[k][i] for i, k in enumerate(chosen)]
         motion = simulate_motion(stretches, experiment.camera, random)
+        motion[:, 2] += self.within_nm
         motion = recorded(motion, self.force_pN, experiment, random)
         own = reference_motion(experiment, len(motion), random)
         rest = np.zeros_like(motion)

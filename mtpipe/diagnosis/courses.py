@@ -12,15 +12,23 @@ import math
 from collections.abc import Sequence
 
 import numpy as np
+from scipy import optimize
 
 from mtpipe.configured.fit import ConfiguredFit
-from mtpipe.experiment.description import ForceCourse
+from mtpipe.configured.model import ConfiguredModel
+from mtpipe.effects.effect import SeenCourse
+from mtpipe.errors import FitError
+from mtpipe.experiment.changes import with_magnets
+from mtpipe.experiment.description import Experiment, ForceCourse
 from mtpipe.experiment.readout import force_course
 from mtpipe.physics.camera import FloatArray
 
 WINDOWS = 48
 # Windows are long enough for their means to be independent: so many relaxation times of z.
 APART = 4.0
+FEWEST_WINDOWS = 8
+# Points of a course within a window.
+FINE = 8
 LARGEST = 0.9
 SHAPES = (
     ForceCourse(1.0),
@@ -31,40 +39,62 @@ SHAPES = (
 
 def force_courses(
     fit: ConfiguredFit, positions_nm: Sequence[FloatArray], frame_s: float
-) -> tuple[ForceCourse, ...]:
+) -> tuple[SeenCourse, ...]:
     """The force's course in each plateau, with a change of 0 where none is seen.
 
     Parameters
     ----------
-    fit : of the experiment without changes. positions_nm : per plateau (n, 3), NaN where lost.
+    fit : whose forces and chain are used. positions_nm : per plateau (n, 3), NaN where lost.
     """
+    steady = with_magnets(fit.model.described(fit.theta), courses=())
     return tuple(
-        _course(fit, i, position[:, 2], frame_s) for i, position in enumerate(positions_nm)
+        _course(fit.model, steady, i, position[:, 2], frame_s)
+        for i, position in enumerate(positions_nm)
     )
 
 
-def _course(fit: ConfiguredFit, plateau: int, height_nm: FloatArray, frame_s: float) -> ForceCourse:
-    slopes, spectrum = fit.slopes[plateau], fit.model.data[plateau].spectrum
-    per_ln_force_nm = float(slopes.extension_nm[slopes.rows.index(plateau)])
+def _course(
+    model: ConfiguredModel, steady: Experiment, plateau: int, height_nm: FloatArray, frame_s: float
+) -> SeenCourse:
+    spectrum, force_pN = model.data[plateau].spectrum, steady.rests[plateau].force_pN
     frequency = spectrum.frequency_hz
-    level = fit.expected[plateau].power[:, 2, 2] / spectrum.gain(2)
+    level = model.expected(steady, plateau, force_pN).power[:, 2, 2] / spectrum.gain(2)
     relaxation_s = float(level[0]) / (4 * float(np.trapezoid(level, frequency)))
     duration_s = len(height_nm) * frame_s
     windows = int(min(WINDOWS, duration_s / (APART * relaxation_s)))
-    if windows < 8:
-        return ForceCourse()
+    if windows < FEWEST_WINDOWS:
+        return SeenCourse()
     edges = np.linspace(0, len(height_nm), windows + 1).astype(int)
     pieces = [height_nm[a:b][np.isfinite(height_nm[a:b])] for a, b in itertools.pairwise(edges)]
     count = np.array([len(piece) for piece in pieces])
-    there = count > 0
     means = np.array([piece.mean() if len(piece) else 0.0 for piece in pieces])
     window_s = duration_s / windows
     variance = float(np.interp(1 / (4 * window_s), frequency, level)) / (2 * window_s)
     # frames that are lost make a mean less sure
-    weight = there * count / count.max() / variance
+    weight = count / count.max() / variance
     # sizes, shapes and plateaus are looked through
-    penalty = 0.5 * math.log(windows) + math.log(len(SHAPES)) + math.log(len(fit.expected))
-    return _best(means / per_ln_force_nm, weight * per_ln_force_nm**2, penalty)
+    penalty = 0.5 * math.log(windows) + math.log(len(SHAPES)) + math.log(len(model.data))
+    ln_force, extension = _extensions(model, steady, plateau)
+    slope = float(np.interp(0.0, ln_force, np.gradient(extension, ln_force)))
+    course = _best(means / slope, weight * slope**2, penalty)
+    if course.relative_change == 0:
+        return SeenCourse()
+    return _refined(course, means, weight, ln_force, extension)
+
+
+def _extensions(
+    model: ConfiguredModel, steady: Experiment, plateau: int
+) -> tuple[FloatArray, FloatArray]:
+    """ln of forces over the fitted one, and the mean heights there."""
+    ln_force, extension = [], []
+    for value in np.linspace(-2.5, 1.0, 29).tolist():
+        force = steady.rests[plateau].force_pN * math.exp(value)
+        try:
+            extension.append(model.expected(steady, plateau, force).extension_nm)
+        except FitError:
+            continue
+        ln_force.append(value)
+    return np.array(ln_force), np.array(extension)
 
 
 def _best(relative: FloatArray, weight: FloatArray, penalty: float) -> ForceCourse:
@@ -80,3 +110,31 @@ def _best(relative: FloatArray, weight: FloatArray, penalty: float) -> ForceCour
             size = min(max(size, -LARGEST), LARGEST)
             best, most = ForceCourse(size, shape.kind, shape.at), gain
     return best
+
+
+def _refined(
+    course: ForceCourse,
+    means_nm: FloatArray,
+    weight: FloatArray,
+    ln_force: FloatArray,
+    extension_nm: FloatArray,
+) -> SeenCourse:
+    """Size and time of a course from the heights that the chain has along it."""
+    windows = len(means_nm)
+
+    def residual(theta: FloatArray) -> FloatArray:
+        tried = ForceCourse(float(theta[0]), course.kind, float(theta[1]))
+        force = 1 + force_course(tried, FINE * windows)
+        heights = np.interp(np.log(np.maximum(force, 1e-3)), ln_force, extension_nm)
+        off = means_nm - heights.reshape(windows, FINE).mean(axis=1)
+        return np.asarray(np.sqrt(weight) * (off - np.average(off, weights=weight)))
+
+    low, high = {"ramp": (0.0, 1.0), "settling": (0.01, 0.7), "step": (0.01, 0.99)}[course.kind]
+    start = [course.relative_change, min(max(course.at, low), high)]
+    found = optimize.least_squares(
+        residual, start, bounds=([-LARGEST, low], [LARGEST, high]), diff_step=[1e-3, 1e-3]
+    )
+    at = 0.0 if course.kind == "ramp" else float(found.x[1])
+    slopes = np.asarray(found.jac)
+    stderr = math.sqrt(float(np.linalg.pinv(slopes.T @ slopes)[0, 0]))
+    return SeenCourse(ForceCourse(float(found.x[0]), course.kind, at), stderr)

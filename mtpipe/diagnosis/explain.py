@@ -21,6 +21,7 @@ from mtpipe.corrections.catalogue import CORRECTIONS
 from mtpipe.corrections.correction import Correction
 from mtpipe.crosschecking.case import FORMULAS, Case, preferred_formula
 from mtpipe.crosschecking.check import BeadCheck, check_bead
+from mtpipe.diagnosis.courses import force_courses
 from mtpipe.diagnosis.evidence import evidence_of
 from mtpipe.effects.catalogue import catalogue
 from mtpipe.effects.effect import Effect
@@ -38,7 +39,7 @@ SILENT_P = 0.3
 # Two effects whose net gains differ by less cannot be told apart.
 ALIKE_NATS = 3.0
 MOST_EFFECTS = 3
-# An effect is named beside an unexplained rest only if it explains most of what was odd.
+# An effect is named beside an unexplained rest only if it explains so much of what was odd.
 MOST_OF_IT = 0.7
 # A correction is kept where ln p falls to this share.
 MOST_OF_THE_ODDITY = 0.5
@@ -53,15 +54,15 @@ class Named:
     ----------
     found : its fit, the effects named before it included, or the correction of the traces.
     equivalent : names of effects that the recording cannot tell from it.
-    p_before, p_after : of the battery without and with it.
+    before, after : the check without and with it.
     heldout_gain : ln likelihood gained on time that was not fitted, in nats; nan where the effect
         is none of the spectrum's.
     """
 
     found: Tried | Correction
     equivalent: tuple[str, ...]
-    p_before: float
-    p_after: float
+    before: BeadCheck
+    after: BeadCheck
     heldout_gain: float
 
     @property
@@ -113,7 +114,6 @@ def explain(
     odd = check.p_value < ALARM_P
     say("looking at the course of time")
     check = _corrected(check, named, random)
-    corrections, corrected = list(named), check
     case = check.case
     fit = case.fit
     while len(named) < MOST_EFFECTS:
@@ -125,21 +125,28 @@ def explain(
             nearest = tried[0] if tried else None
             break
         best = tried[0]
-        fit = best_formula(begun_again(best.fit))
+        fit = best_formula(begun_again(_with_forces_found(best, check).fit))
+        best = replace(best, fit=fit, gain=fit.log_likelihood - check.case.fit.log_likelihood)
         say(f"checking with {best.effect.name}")
-        following = check_bead(replace(case, fit=fit), random)
-        alike = tuple(t.effect.name for t in tried[1:] if best.net - t.net < ALIKE_NATS)
+        try:
+            following = check_bead(replace(case, fit=fit), random)
+        except (FitError, ValueError, np.linalg.LinAlgError):
+            nearest = best
+            break
+        alike = tuple(t.effect.name for t in tried[1:] if tried[0].net - t.net < ALIKE_NATS)
         gained = heldout_gain(case, check.case.fit, fit)
-        named.append(Named(best, alike, check.p_value, following.p_value, gained))
+        named.append(Named(best, alike, check, following, gained))
         check, odd = following, True
-    named, check = _without_superfluous(case, named, check, random)
+    named, check = without_superfluous(case, named, check, random)
     consistent = not named and before.p_value >= ALARM_P
     verdict = "consistent" if consistent else "unexplained"
     if named and check.p_value >= ALARM_P:
         verdict = "explained"
-    elif len(named) > len(corrections) and explained_share(corrected, check) < MOST_OF_IT:
-        first = next((one.found for one in named if isinstance(one.found, Tried)), None)
-        nearest, named, check = first or nearest, corrections, corrected
+    else:
+        certain = _certain(named)
+        for one in named[len(certain) :][:1]:
+            nearest = one.found if isinstance(one.found, Tried) else nearest
+        named, check = certain, certain[-1].after if certain else before
     return Explanation(before, check, tuple(named), verdict, nearest)
 
 
@@ -154,9 +161,22 @@ def _corrected(check: BeadCheck, named: list[Named], random: np.random.Generator
             continue
         after = check_bead(found.case, random)
         if after.p_value >= ALARM_P or after.p_value > check.p_value**MOST_OF_THE_ODDITY:
-            named.append(Named(found, (), check.p_value, after.p_value, float("nan")))
+            named.append(Named(found, (), check, after, float("nan")))
             check = after
     return check
+
+
+def _with_forces_found(best: Tried, check: BeadCheck) -> Tried:
+    """A changing force's course read again from the heights, the forces being known better."""
+    if not best.fit.model.experiment.magnets.courses:
+        return best
+    case = check.case
+    courses = force_courses(best.fit, case.positions_nm, case.frame_s)
+    again = replace(best, evidence=replace(best.evidence, courses=courses))
+    try:
+        return replace(again, fit=together(case.fit, [again], best.fit))
+    except (FitError, ValueError, np.linalg.LinAlgError):
+        return best
 
 
 def begun_again(fit: ConfiguredFit) -> ConfiguredFit:
@@ -193,10 +213,19 @@ def best_formula(fit: ConfiguredFit) -> ConfiguredFit:
     return preferred_formula(first, list(fits.values()))
 
 
-def _without_superfluous(
+def without_superfluous(
     case: Case, named: list[Named], check: BeadCheck, random: np.random.Generator
 ) -> tuple[list[Named], BeadCheck]:
-    """Drop effects that the others make needless."""
+    """Drop effects that the others make needless.
+
+    Parameters
+    ----------
+    case : without any effect of the spectrum. named : in the order found. check : with all of them.
+
+    Returns
+    -------
+    The effects left and the check with them, each effect's checks before and after brought in line.
+    """
     fitted = [one.found for one in named if isinstance(one.found, Tried)]
     for one in fitted if len(fitted) > 1 else []:
         rest = [other for other in fitted if other is not one]
@@ -207,10 +236,23 @@ def _without_superfluous(
         if check.case.fit.log_likelihood - fit.log_likelihood - one.penalty < KEPT_NATS:
             again = check_bead(replace(case, fit=fit), random)
             if again.p_value >= min(ALARM_P, check.p_value):
-                left = [other for other in named if other.found is not one]
-                left[-1] = replace(left[-1], p_after=again.p_value)
-                return _without_superfluous(case, left, again, random)
+                at = next(i for i, other in enumerate(named) if other.found is one)
+                left = named[:at] + named[at + 1 :]
+                if at < len(left):
+                    left[at] = replace(left[at], before=named[at].before)
+                left[-1] = replace(left[-1], after=again)
+                return without_superfluous(case, left, again, random)
     return named, check
+
+
+def _certain(named: list[Named]) -> list[Named]:
+    """The effects that may be named beside an unexplained rest, up to the first that may not."""
+    kept: list[Named] = []
+    for one in named:
+        if isinstance(one.found, Tried) and explained_share(one.before, one.after) < MOST_OF_IT:
+            break
+        kept.append(one)
+    return kept
 
 
 def excess(fit: ConfiguredFit) -> float:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import itertools
 import math
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
@@ -13,14 +12,11 @@ import numpy as np
 from mtpipe.battery.look import Look
 from mtpipe.configured.hypotheses import Tried
 from mtpipe.corrections.correction import Strength
-from mtpipe.crosschecking.case import prepare
-from mtpipe.crosschecking.check import BeadCheck, check_bead
-from mtpipe.crosschecking.listed import with_listed
-from mtpipe.crosschecking.recording import CrossCheck, alone, bead_generator
+from mtpipe.crosschecking.beads import DATA_ERRORS, bead_generator, check_of, per_bead
+from mtpipe.crosschecking.check import BeadCheck
+from mtpipe.crosschecking.recording import CrossCheck
 from mtpipe.diagnosis.explain import Explanation, Named, explain
-from mtpipe.errors import MtpipeError
 from mtpipe.physics.camera import FloatArray
-from mtpipe.processes import executor
 from mtpipe.recording import Recording
 
 SCHEMA = "mtpipe.mismatch/1"
@@ -72,9 +68,8 @@ def diagnose(recording: Recording, *, seed: int = 0, progress: Progress | None =
         try:
             random = bead_generator(seed, bead)
             say("comparing with simulations")
-            check = check_bead(with_listed(prepare(recording, bead), recording.setup), random)
-            found[bead] = explain(check, random, progress=say)
-        except (MtpipeError, ValueError, np.linalg.LinAlgError) as error:
+            found[bead] = explain(check_of(recording, bead, random), random, progress=say)
+        except DATA_ERRORS as error:
             refused[bead] = str(error)
     return Mismatch(recording.name, found, refused)
 
@@ -94,36 +89,17 @@ def examine(
     -------
     The cross-check, and the content of `mismatch.json`.
     """
-    beads, say = recording.tethered, progress or (lambda done, total: None)
-    say(0, len(beads))
-    checks: dict[str, BeadCheck] = {}
-    refused: dict[str, str] = {}
-    found: dict[str, dict[str, Any]] = {}
-    with executor(min(workers, len(beads))) as pool:
-        done = itertools.count(1)
-        futures = {}
-        for bead in beads:
-            futures[bead] = pool.submit(_examined, alone(recording, bead), bead, seed)
-            futures[bead].add_done_callback(lambda _: say(next(done), len(beads)))
-        for bead, future in futures.items():
-            outcome = future.result()
-            if isinstance(outcome, str):
-                refused[bead] = outcome
-            else:
-                checks[bead], found[bead] = outcome
-    return CrossCheck(recording.name, checks, refused), content(recording.name, found)
+    found, refused = per_bead(recording, _examined, seed=seed, workers=workers, progress=progress)
+    checks = {bead: check for bead, (check, _) in found.items()}
+    beads = {bead: said for bead, (_, said) in found.items()}
+    return CrossCheck(recording.name, checks, refused), content(recording.name, beads)
 
 
-def _examined(recording: Recording, bead: str, seed: int) -> tuple[BeadCheck, dict[str, Any]] | str:
-    """Check and diagnosis of one bead, or in words why there is none."""
-    random = bead_generator(seed, bead)
-    try:
-        check = check_bead(
-            with_listed(prepare(recording, bead), recording.setup), random, with_curves=True
-        )
-        return check, bead_content(explain(check, random))
-    except (MtpipeError, ValueError, np.linalg.LinAlgError) as error:
-        return str(error)
+def _examined(
+    recording: Recording, bead: str, random: np.random.Generator
+) -> tuple[BeadCheck, dict[str, Any]]:
+    check = check_of(recording, bead, random, with_curves=True)
+    return check, bead_content(explain(check, random))
 
 
 def content(recording: str, beads: Mapping[str, dict[str, Any]]) -> dict[str, Any]:
@@ -195,8 +171,8 @@ def _effect(found: Explanation, one: Named) -> dict[str, Any]:
         },
         "delta_bic": float(-2 * one.found.net) if isinstance(one.found, Tried) else None,
         "heldout_gain_nats": one.heldout_gain if math.isfinite(one.heldout_gain) else None,
-        "p_before": one.p_before,
-        "p_after": one.p_after,
+        "p_before": one.before.p_value,
+        "p_after": one.after.p_value,
         "equivalent": list(one.equivalent),
     }
 
@@ -254,7 +230,8 @@ def sentence(found: Explanation, one: Named) -> str:
     )
     also = f" Equally possible: {', '.join(one.equivalent)}." if one.equivalent else ""
     return (
-        f"{where}{cause}; {consequence}; {agrees} (p {one.p_before:.1g} → {one.p_after:.2g}).{also}"
+        f"{where}{cause}; {consequence}; {agrees} "
+        f"(p {one.before.p_value:.1g} → {one.after.p_value:.2g}).{also}"
     )
 
 

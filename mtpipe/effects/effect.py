@@ -9,11 +9,22 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import partial
 
 from mtpipe.experiment.description import Experiment, ForceCourse
 from mtpipe.experiment.parameter import Change, Parameter
+
+
+@dataclass(frozen=True)
+class SeenCourse:
+    """A force's course in a plateau as its heights show it; a change of 0 where they do not move.
+
+    `stderr` : of its relative change.
+    """
+
+    course: ForceCourse = field(default_factory=ForceCourse)
+    stderr: float = 0.0
 
 
 @dataclass(frozen=True)
@@ -25,14 +36,13 @@ class Evidence:
     lines_hz : frequencies of narrow lines, strongest first.
     force_pN : of the plateaus, as fitted without the effect.
     reference_moves : whether slow motion is the reference's own; None: the data do not tell.
-    courses : of the force in each plateau, as its mean height over time has it; a change of 0
-        where the height does not move more than it does by itself. Empty: not looked at.
+    courses : of the force in each plateau. Empty: not looked at.
     """
 
     lines_hz: tuple[float, ...]
     force_pN: tuple[float, ...]
     reference_moves: bool | None = None
-    courses: tuple[ForceCourse, ...] = ()
+    courses: tuple[SeenCourse, ...] = ()
 
 
 @dataclass(frozen=True)

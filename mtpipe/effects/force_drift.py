@@ -1,7 +1,8 @@
 """Force that changes within plateaus (PHYSICS E23): in all of them alike, or in each its own way.
 
-Spectra and mean heights, which are what is fitted, tell how large a change is. Its direction and
-its course are read from the height over time beforehand (`Evidence.courses`).
+Spectra and mean heights, which are what is fitted, tell little more than that there is a change.
+Its direction and course are read from the height over time beforehand (`Evidence.courses`), and
+its size, far better known from there, enters as prior knowledge.
 """
 
 from __future__ import annotations
@@ -9,12 +10,13 @@ from __future__ import annotations
 from dataclasses import replace
 from functools import partial
 
-from mtpipe.effects.effect import Effect, Evidence, Hypothesis, plain
+from mtpipe.effects.effect import Effect, Evidence, Hypothesis, SeenCourse, plain
 from mtpipe.experiment.changes import with_magnets
 from mtpipe.experiment.description import Experiment, ForceCourse
-from mtpipe.experiment.parameter import Change, Parameter
+from mtpipe.experiment.parameter import Parameter
 
-START, LARGEST = 0.15, 1.0
+NAME = "relative change of the force"
+START, LARGEST, STEP = 0.15, 1.0, 2e-3
 # Of the time constant with which a force settles where the heights do not tell.
 SETTLING_SHARE = 1 / 6
 
@@ -33,31 +35,27 @@ def _change_one(plateau: int, experiment: Experiment, relative: float) -> Experi
 def _hypotheses(experiment: Experiment, evidence: Evidence) -> list[Hypothesis]:
     if experiment.magnets.courses:
         return []
-    rising = sum(course.relative_change for course in evidence.courses) >= 0
+    seen = evidence.courses
+    rising = sum(one.course.relative_change for one in seen) >= 0
     found = []
     for course in (ForceCourse(), ForceCourse(kind="settling", at=SETTLING_SHARE)):
         everywhere = with_magnets(experiment, courses=(course,) * len(experiment.rests))
-        found.append(Hypothesis(everywhere, (_parameter("", rising, START, _change_all),)))
-    changing = [i for i, course in enumerate(evidence.courses) if course.relative_change != 0]
+        size = (START, (0.0, LARGEST)) if rising else (-START, (-LARGEST, 0.0))
+        found.append(Hypothesis(everywhere, (plain(NAME, "", *size, STEP, _change_all),)))
+    changing = [i for i, one in enumerate(seen) if one.course.relative_change != 0]
     if changing:
-        parameters = tuple(
-            _parameter(
-                f", plateau {i}",
-                evidence.courses[i].relative_change > 0,
-                abs(evidence.courses[i].relative_change),
-                partial(_change_one, i),
-            )
-            for i in changing
-        )
-        found.append(Hypothesis(with_magnets(experiment, courses=evidence.courses), parameters))
+        courses = tuple(one.course for one in seen)
+        parameters = tuple(_of_plateau(i, seen[i]) for i in changing)
+        found.append(Hypothesis(with_magnets(experiment, courses=courses), parameters))
     return found
 
 
-def _parameter(where: str, rising: bool, start: float, change: Change) -> Parameter:
-    sign = 1.0 if rising else -1.0
-    bounds = (0.0, LARGEST) if rising else (-LARGEST, 0.0)
-    name = f"relative change of the force{where}"
-    return plain(name, "", sign * min(start, LARGEST), bounds, 2e-3, change)
+def _of_plateau(plateau: int, seen: SeenCourse) -> Parameter:
+    size = seen.course.relative_change
+    return Parameter(
+        f"{NAME}, plateau {plateau}", "", size, -LARGEST, LARGEST, STEP, (size, seen.stderr),
+        partial(_change_one, plateau),
+    )  # fmt: skip
 
 
 def _alike(experiment: Experiment) -> bool:

@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 
 from mtpipe.experiment.description import Experiment, Hopping
 from mtpipe.experiment.readout import force_course, hopping_moments
+from mtpipe.experiment.state import bead_state
 from mtpipe.physics.camera import Camera, FloatArray
 from mtpipe.physics.langevin import simulate_mode
 
@@ -33,6 +34,20 @@ def force_pieces(experiment: Experiment, plateau: int, frames: int) -> list[tupl
         edges = [0, round(course.at * frames), frames]
     relative = force_course(course, frames)
     return [(float(relative[a:b].mean()), b - a) for a, b in itertools.pairwise(edges) if b > a]
+
+
+def height_within_pieces(
+    experiment: Experiment, plateau: int, force_pN: float, frames: int
+) -> FloatArray:
+    """(frames,) nm: what the mean height of the force's course is above that of its pieces."""
+    pieces = force_pieces(experiment, plateau, frames)
+    if len(pieces) <= 2:
+        return np.zeros(frames)
+    relative = force_course(experiment.magnets.course(plateau), frames)
+    constant = np.repeat([change for change, _ in pieces], [n for _, n in pieces])
+    nodes = np.unique([relative.min(), relative.max(), *constant])
+    heights = [bead_state(experiment, force_pN * (1 + float(n))).extension_nm for n in nodes]
+    return np.asarray(np.interp(relative, nodes, heights) - np.interp(constant, nodes, heights))
 
 
 def recorded(

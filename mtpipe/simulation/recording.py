@@ -25,7 +25,7 @@ from mtpipe.plateaus import find_plateaus
 from mtpipe.recording import Recording
 from mtpipe.setup import Setup
 from mtpipe.simulation.linear import simulate_motion
-from mtpipe.simulation.readout import force_pieces, recorded, reference_motion
+from mtpipe.simulation.readout import force_pieces, height_within_pieces, recorded, reference_motion
 
 Progress = Callable[[int, int], None]
 Engine = Literal["linear", "brownian"]
@@ -154,7 +154,12 @@ def _linear(
     state = functools.cache(functools.partial(bead_state, experiment))
     frames = np.diff(table.edges).tolist()
     stretches = [(state(force), n) for force, n in zip(table.force_pN, frames, strict=True)]
-    return lambda random: simulate_motion(stretches, experiment.camera, random)
+    within = np.zeros((table.edges[-1], 3))
+    for i, rest in enumerate(experiment.rests):
+        start = table.edges[table.rest.index(i)]
+        heights = height_within_pieces(experiment, i, rest.force_pN, rest.frames)
+        within[start : start + rest.frames, 2] = heights
+    return lambda random: simulate_motion(stretches, experiment.camera, random) + within
 
 
 def _brownian(
