@@ -12,7 +12,7 @@ import math
 from collections.abc import Sequence
 
 import numpy as np
-from scipy import optimize
+from scipy import interpolate, optimize
 
 from mtpipe.configured.fit import ConfiguredFit
 from mtpipe.configured.model import ConfiguredModel
@@ -33,7 +33,8 @@ LARGEST = 0.9
 SHAPES = (
     ForceCourse(1.0),
     *(ForceCourse(1.0, "settling", at) for at in (1 / 24, 1 / 12, 1 / 6, 1 / 3)),
-    *(ForceCourse(1.0, "step", at) for at in np.linspace(0.05, 0.95, 19).tolist()),
+    # within every window but the outermost: a step is not found by climbing towards it
+    *(ForceCourse(1.0, "step", (k + 0.5) / WINDOWS) for k in range(1, WINDOWS - 1)),
 )
 
 
@@ -74,18 +75,16 @@ def _course(
     weight = count / count.max() / variance
     # sizes, shapes and plateaus are looked through
     penalty = 0.5 * math.log(windows) + math.log(len(SHAPES)) + math.log(len(model.data))
-    ln_force, extension = _extensions(model, steady, plateau)
-    slope = float(np.interp(0.0, ln_force, np.gradient(extension, ln_force)))
+    extension = _extension(model, steady, plateau)
+    slope = float(extension(0.0, 1))
     course = _best(means / slope, weight * slope**2, penalty)
     if course.relative_change == 0:
         return SeenCourse()
-    return _refined(course, means, weight, ln_force, extension)
+    return _refined(course, means, weight, extension)
 
 
-def _extensions(
-    model: ConfiguredModel, steady: Experiment, plateau: int
-) -> tuple[FloatArray, FloatArray]:
-    """ln of forces over the fitted one, and the mean heights there."""
+def _extension(model: ConfiguredModel, steady: Experiment, plateau: int) -> interpolate.CubicSpline:
+    """Mean height in nm against ln of the force over the fitted one."""
     ln_force, extension = [], []
     for value in np.linspace(-2.5, 1.0, 29).tolist():
         force = steady.rests[plateau].force_pN * math.exp(value)
@@ -94,7 +93,7 @@ def _extensions(
         except FitError:
             continue
         ln_force.append(value)
-    return np.array(ln_force), np.array(extension)
+    return interpolate.CubicSpline(ln_force, extension)
 
 
 def _best(relative: FloatArray, weight: FloatArray, penalty: float) -> ForceCourse:
@@ -116,8 +115,7 @@ def _refined(
     course: ForceCourse,
     means_nm: FloatArray,
     weight: FloatArray,
-    ln_force: FloatArray,
-    extension_nm: FloatArray,
+    extension: interpolate.CubicSpline,
 ) -> SeenCourse:
     """Size and time of a course from the heights that the chain has along it."""
     windows = len(means_nm)
@@ -125,14 +123,17 @@ def _refined(
     def residual(theta: FloatArray) -> FloatArray:
         tried = ForceCourse(float(theta[0]), course.kind, float(theta[1]))
         force = 1 + force_course(tried, FINE * windows)
-        heights = np.interp(np.log(np.maximum(force, 1e-3)), ln_force, extension_nm)
+        low, high = extension.x[[0, -1]]
+        heights = extension(np.clip(np.log(np.maximum(force, 1e-3)), low, high))
         off = means_nm - heights.reshape(windows, FINE).mean(axis=1)
         return np.asarray(np.sqrt(weight) * (off - np.average(off, weights=weight)))
 
-    low, high = {"ramp": (0.0, 1.0), "settling": (0.01, 0.7), "step": (0.01, 0.99)}[course.kind]
-    start = [course.relative_change, min(max(course.at, low), high)]
+    earliest, latest = {"ramp": (0.0, 1.0), "settling": (0.01, 0.7), "step": (0.01, 0.99)}[
+        course.kind
+    ]
+    start = [course.relative_change, min(max(course.at, earliest), latest)]
     found = optimize.least_squares(
-        residual, start, bounds=([-LARGEST, low], [LARGEST, high]), diff_step=[1e-3, 1e-3]
+        residual, start, bounds=([-LARGEST, earliest], [LARGEST, latest]), diff_step=[1e-3, 1e-3]
     )
     at = 0.0 if course.kind == "ramp" else float(found.x[1])
     slopes = np.asarray(found.jac)
