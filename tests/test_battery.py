@@ -13,7 +13,7 @@ from scipy import stats
 from mtpipe.battery import shape, spectral, temporal
 from mtpipe.battery.observed import Observed, bridged, whitened
 from mtpipe.configured.data import plateau_data, whitening
-from mtpipe.configured.model import Expectation
+from mtpipe.configured.expectation import Expectation
 from mtpipe.crosschecking.nulls import Nulls, together
 from tests.small_case import generator
 

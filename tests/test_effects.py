@@ -15,9 +15,10 @@ import pytest
 from scipy import stats
 
 from mtpipe.configured.data import plateau_data, whitening
+from mtpipe.configured.expectation import Subtraction
 from mtpipe.configured.fit import fit_configured
 from mtpipe.configured.hypotheses import try_effects, with_hypothesis
-from mtpipe.configured.model import ConfiguredModel, Subtraction
+from mtpipe.configured.model import ConfiguredModel
 from mtpipe.drift.lowpass import low_pass
 from mtpipe.effects.catalogue import OWN, catalogue
 from mtpipe.effects.effect import Evidence, SeenCourse

@@ -9,7 +9,7 @@ import numpy as np
 from scipy import fft
 
 from mtpipe.configured.data import PlateauData
-from mtpipe.configured.model import Expectation
+from mtpipe.configured.expectation import Expectation
 from mtpipe.physics.camera import FloatArray
 
 

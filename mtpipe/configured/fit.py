@@ -14,12 +14,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mtpipe.configured.data import PlateauData
-from mtpipe.configured.model import (
-    DIFFERENCE,
-    ConfiguredModel,
-    Expectation,
-    spectral_log_likelihood,
-)
+from mtpipe.configured.expectation import DIFFERENCE, Expectation
+from mtpipe.configured.model import ConfiguredModel, spectral_log_likelihood
 from mtpipe.errors import FitError
 from mtpipe.experiment.description import Experiment
 from mtpipe.physics.camera import FloatArray

@@ -9,8 +9,9 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from mtpipe.configured.data import plateau_data, whitening
+from mtpipe.configured.expectation import Subtraction
 from mtpipe.configured.fit import ConfiguredFit, fit_configured
-from mtpipe.configured.model import ConfiguredModel, Subtraction
+from mtpipe.configured.model import ConfiguredModel
 from mtpipe.configured.parameters import (
     allowance_parameters,
     exposure_parameters,

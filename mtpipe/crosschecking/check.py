@@ -12,9 +12,9 @@ from mtpipe.battery import agreement, shape, spectral, temporal
 from mtpipe.battery.look import Look
 from mtpipe.battery.observed import Observed, whitened
 from mtpipe.configured.data import PlateauData, plateau_data
+from mtpipe.configured.expectation import Expectation, changed_spectra
 from mtpipe.configured.fit import nearby_fit
-from mtpipe.configured.model import Expectation, changed_spectra
-from mtpipe.crosschecking.case import Case
+from mtpipe.crosschecking.case import Case, described
 from mtpipe.crosschecking.curves import Curve, CurveSet
 from mtpipe.crosschecking.nulls import SMALLEST_P, Nulls, Together, together
 from mtpipe.crosschecking.twin import Twin, TwinMaker
@@ -184,8 +184,10 @@ class _Battery:
 def _projections(case: Case) -> list[list[FloatArray]]:
     """Per plateau and axis, what turns a residual into changes of ln stiffness and ln friction."""
     found = []
+    experiment = described(case)
     for i, data in enumerate(case.fit.model.data):
-        changes = changed_spectra(case.fit.model, case.fit.theta, i)
+        here, force_pN = case.fit.expected[i].power, float(case.fit.force_pN[i])
+        changes = changed_spectra(data, here, experiment, force_pN)
         found.append(
             [agreement.projections(changes[axis], data.spectrum.ordinates) for axis in range(3)]
         )

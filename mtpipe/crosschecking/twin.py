@@ -12,7 +12,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from mtpipe.configured.model import LEAST_HEIGHT_STDERR_NM
+from mtpipe.configured.expectation import LEAST_HEIGHT_STDERR_NM
 from mtpipe.configured.parameters import UPWARD_FRICTION_STDERR, UPWARD_VARIANCE_STDERR
 from mtpipe.crosschecking.case import Case, described
 from mtpipe.drift.lowpass import low_pass

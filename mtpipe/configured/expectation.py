@@ -1,0 +1,220 @@
+"""What one plateau's data are expected to be under a described experiment, at a force.
+
+Fits ask for the same again and again, since most parameters of an experiment concern one plateau,
+or are none of the motion's: what was computed is kept for a while.
+"""
+
+from __future__ import annotations
+
+import functools
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from mtpipe.configured.data import PlateauData
+from mtpipe.drift.lowpass import response
+from mtpipe.experiment.description import (
+    Clock,
+    Experiment,
+    ForceCourse,
+    Line,
+    Optics,
+    Stage,
+    Tracker,
+)
+from mtpipe.experiment.readout import force_course, readout
+from mtpipe.experiment.state import BeadState, bead_state, recorded_modes
+from mtpipe.physics.camera import FloatArray, power_spectrum
+
+# Heights are not believed better than this: rounding, interpolated formulas, time steps.
+LEAST_HEIGHT_STDERR_NM = 0.1
+DIFFERENCE = 1e-3
+LEAST_POWER = 1e-6
+# Forces that stand for a plateau during which the force changes.
+COURSE_POINTS = 5
+
+
+@dataclass(frozen=True)
+class Subtraction:
+    """What drift subtraction adds to every trace: reference noise below a cutoff, per axis."""
+
+    cutoff_hz: tuple[float | None, float | None, float | None]
+    noise_nm: tuple[float, float, float]
+
+
+@dataclass(frozen=True, eq=False)
+class Expectation:
+    """Of one plateau: power matrix per bin (n_bins, 3, 3), mean height and its standard error."""
+
+    power: FloatArray
+    extension_nm: float
+    extension_stderr_nm: float
+
+
+def expectation(
+    data: PlateauData,
+    subtraction: Subtraction,
+    experiment: Experiment,
+    plateau: int,
+    force_pN: float,
+) -> Expectation:
+    """What a plateau's data should be at a force; the mean over its time where the force changes.
+
+    Parameters
+    ----------
+    data : of the plateau; their values are not read, but which frames there are.
+    plateau : its number, which the experiment may know more about.
+
+    Raises
+    ------
+    FitError : the force is too small to keep the bead off the surface.
+    """
+    course = experiment.magnets.course(plateau)
+    magnets = replace(experiment.magnets, courses=())
+    steady = replace(experiment, rests=(), magnets=magnets)
+    return _expectation(data, subtraction, steady, course, force_pN)
+
+
+@functools.lru_cache(maxsize=2048)
+def _expectation(
+    data: PlateauData,
+    subtraction: Subtraction,
+    steady: Experiment,
+    course: ForceCourse,
+    force_pN: float,
+) -> Expectation:
+    if course.relative_change == 0:
+        return _at_steady_force(data, subtraction, steady, force_pN)
+    relative = force_course(course, round(data.duration_s / steady.camera.frame_s))
+    nodes = np.linspace(relative.min(), relative.max(), COURSE_POINTS)
+    # share of the time that counts for each node, linear between them; a step needs its two ends
+    share = np.array([np.interp(relative, nodes, row).mean() for row in np.eye(COURSE_POINTS)])
+    nodes, share = nodes[share > 1e-3], share[share > 1e-3]
+    share = share / share.sum()
+    each = [
+        _at_steady_force(data, subtraction, steady, float(force_pN * (1 + node))) for node in nodes
+    ]
+    heights = np.interp(relative, nodes, [one.extension_nm for one in each])
+    power = np.tensordot(share, [one.power for one in each], 1)
+    power[:, 2, 2] += data.spectrum.power_of(heights, 2)
+    return Expectation(
+        power,
+        float(heights.mean()),
+        float(share @ [one.extension_stderr_nm for one in each]),
+    )
+
+
+def _at_steady_force(
+    data: PlateauData, subtraction: Subtraction, experiment: Experiment, force_pN: float
+) -> Expectation:
+    camera = experiment.camera
+    state = _state(_core(experiment), force_pN)
+    parts = readout(experiment, state, data.duration_s)
+    windows = data.spectrum.windows
+    kernels: list[FloatArray] = []
+    for axis in range(3):
+        moved = np.flatnonzero(parts.covariance_nm2[:, axis, axis])
+        kernel = np.zeros((len(parts.tau_s), len(data.spectrum.frequency_hz)))
+        kernel[moved] = windows[axis].expected(
+            np.ones(len(moved)), parts.tau_s[moved], camera.exposure_s
+        )
+        kernels.append(kernel)
+    power = np.zeros((len(data.spectrum.frequency_hz), 3, 3))
+    level = 2 * camera.frame_s
+    for a in range(3):
+        for b in range(a, 3):
+            variance, white = parts.covariance_nm2[:, a, b], parts.white_nm2[a, b]
+            if not variance.any() and white == 0:
+                continue
+            kernel = kernels[a] if a == b else np.sqrt(kernels[a] * kernels[b])
+            flat = np.sqrt(windows[a].white * windows[b].white)
+            power[:, a, b] = power[:, b, a] = variance @ kernel + level * white * flat
+        power[:, a, a] += level * windows[a].white * _passed(subtraction, experiment, a, data)
+        # dropped frames take white power away; what is left is never none
+        power[:, a, a] = np.maximum(power[:, a, a], LEAST_POWER * power[:, a, a].max())
+    for line in experiment.stage.lines:
+        _add_line(power, line, data)
+    height_variance = 2 * float(parts.covariance_nm2[:, 2, 2] @ parts.tau_s) / data.duration_s
+    height_variance = min(height_variance, float(parts.covariance_nm2[:, 2, 2].sum()))
+    return Expectation(
+        power,
+        parts.extension_nm,
+        float(np.hypot(np.sqrt(height_variance), LEAST_HEIGHT_STDERR_NM)),
+    )
+
+
+def _passed(
+    subtraction: Subtraction, experiment: Experiment, axis: int, data: PlateauData
+) -> FloatArray:
+    """Variance per frame of the reference's noise and motion that subtraction passes on."""
+    frequency = data.spectrum.frequency_hz
+    gain = response(frequency, subtraction.cutoff_hz[axis]) ** 2
+    size = experiment.stage.reference_nm[axis]
+    own = np.zeros_like(frequency)
+    if size > 0:
+        camera = experiment.camera
+        own = power_spectrum(frequency, size**2, experiment.stage.reference_s, camera)
+        own = own / (2 * camera.frame_s)
+    return np.asarray(gain * (subtraction.noise_nm[axis] ** 2 + own))
+
+
+def _add_line(power: FloatArray, line: Line, data: PlateauData) -> None:
+    """Add a vibration's power, in place, to the bin that holds its frequency."""
+    frequency = data.spectrum.frequency_hz
+    at = int(np.argmin(np.abs(frequency - line.frequency_hz)))
+    width = data.spectrum.ordinates[at] / data.duration_s
+    size = np.asarray(line.amplitude_nm)
+    gain = np.sqrt([data.spectrum.gain(axis)[at] for axis in range(3)])
+    power[at] += np.outer(size * gain, size * gain) / 2 / width
+
+
+def changed_spectra(
+    data: PlateauData, here: FloatArray, experiment: Experiment, force_pN: float
+) -> FloatArray:
+    """(3, 2, n_bins) ∂ ln S/∂ ln k and ∂ ln S/∂ ln γ of each axis of a plateau, noise apart.
+
+    A stiffer motion is smaller and faster, more friction makes it slower, all modes alike.
+
+    Parameters
+    ----------
+    here : (n_bins, 3, 3) expected power.
+    """
+    parts = recorded_modes(_state(_core(experiment), force_pN))
+    changes = np.empty((3, 2, len(here)))
+    for axis in range(3):
+        window = data.spectrum.windows[axis]
+        variance = parts.covariance_nm2[:, axis, axis]
+        moved = variance > 0
+        for kind, (size, slowness) in enumerate(((-DIFFERENCE, -DIFFERENCE), (0.0, DIFFERENCE))):
+            spectra = [
+                np.sum(
+                    window.expected(
+                        variance[moved] * np.exp(sign * size),
+                        parts.tau_s[moved] * np.exp(sign * slowness),
+                        experiment.camera.exposure_s,
+                    ),
+                    axis=0,
+                )
+                for sign in (0.5, -0.5)
+            ]
+            changes[axis, kind] = (spectra[0] - spectra[1]) / DIFFERENCE / here[:, axis, axis]
+    return changes
+
+
+@functools.lru_cache(maxsize=4096)
+def _state(core: Experiment, force_pN: float) -> BeadState:
+    return bead_state(core, force_pN)
+
+
+def _core(experiment: Experiment) -> Experiment:
+    """The part of the description that the bead's motion depends on."""
+    return replace(
+        experiment,
+        rests=(),
+        tracker=Tracker(),
+        stage=Stage(),
+        optics=Optics(),
+        clock=Clock(),
+        hopping=None,
+        magnets=replace(experiment.magnets, courses=()),
+    )
