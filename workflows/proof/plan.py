@@ -1,0 +1,68 @@
+"""What each recording of a set conceals, and how strongly.
+
+Recordings come in blocks of twenty: four clean, ten with one effect of the catalogue, three with
+two, three with an effect outside it. Effects and strengths of single ones go round, so that every
+combination is there equally often. It depends on the set's seed and the recording's number alone.
+"""
+
+from __future__ import annotations
+
+import itertools
+from dataclasses import dataclass
+
+import concealed
+import numpy as np
+import outside
+
+BLOCK = ("clean",) * 4 + ("single",) * 10 + ("pair",) * 3 + ("outside",) * 3
+# Nats beyond the penalty of each strength; the last ends where nobody asks further.
+STRENGTHS = {"faint": (10.0, 25.0), "moderate": (25.0, 100.0), "clear": (100.0, 600.0)}
+PAIR_STRENGTHS = ("moderate", "clear")
+
+
+@dataclass(frozen=True)
+class Task:
+    """What a recording is to conceal."""
+
+    kind: str
+    names: tuple[str, ...] = ()
+    strength: str | None = None
+
+
+def task(seed: int, number: int) -> Task:
+    """What recording `number` of a seed's set conceals."""
+    block, place = divmod(number, len(BLOCK))
+    order = np.random.default_rng([seed, block, 1]).permutation(len(BLOCK))
+    kind = BLOCK[order[place]]
+    # how many of its kind came before
+    turn = block * BLOCK.count(kind) + int(sum(BLOCK[i] == kind for i in order[:place]))
+    if kind == "clean":
+        return Task(kind)
+    if kind == "outside":
+        names = sorted(outside.EFFECTS)
+        return Task(kind, (names[_shuffled(seed, 2, turn, len(names))],))
+    if kind == "single":
+        every = list(itertools.product(sorted(concealed.BY_NAME), STRENGTHS))
+        name, size = every[_shuffled(seed, 3, turn, len(every))]
+        return Task(kind, (name,), size)
+    pairs = [
+        (a.name, b.name)
+        for a, b in itertools.combinations(concealed.EFFECTS, 2)
+        if a.kind != b.kind
+    ]
+    pair = pairs[_shuffled(seed, 4, turn, len(pairs))]
+    return Task(kind, pair, PAIR_STRENGTHS[turn % len(PAIR_STRENGTHS)])
+
+
+def strength_of(nats: float) -> str:
+    """The name of a strength, from nats beyond the penalty."""
+    for name, (_, most) in STRENGTHS.items():
+        if nats < most:
+            return name if nats >= STRENGTHS["faint"][0] else "too faint"
+    return "clear"
+
+
+def _shuffled(seed: int, what: int, turn: int, number: int) -> int:
+    """Number `turn` of an endless series in which each of `number` comes once per round."""
+    round_, place = divmod(turn, number)
+    return int(np.random.default_rng([seed, round_, what]).permutation(number)[place])
