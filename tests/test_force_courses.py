@@ -55,7 +55,8 @@ def seen(experiment, seed):
     phi = [whitening(x, FRAME_S) for x in positions]
     data = tuple(plateau_data(x, FRAME_S, p) for x, p in zip(positions, phi, strict=True))
     fit = fit_configured(ConfiguredModel(data, STEADY, (), NO_SUBTRACTION))
-    return [seen.course for seen in force_courses(fit, positions, FRAME_S)]
+    each, common = force_courses(fit, positions, FRAME_S)
+    return [seen.course for seen in each], common
 
 
 @pytest.mark.parametrize(
@@ -70,7 +71,7 @@ def seen(experiment, seed):
 )
 def test_a_change_is_found_where_it_is(course):
     courses = (ForceCourse(), course, ForceCourse())
-    found = seen(with_magnets(STEADY, courses=courses), 1)
+    found, _ = seen(with_magnets(STEADY, courses=courses), 1)
     assert found[0].relative_change == found[2].relative_change == 0
     assert found[1].kind == course.kind
     assert found[1].relative_change == pytest.approx(course.relative_change, abs=0.1)
@@ -79,8 +80,17 @@ def test_a_change_is_found_where_it_is(course):
 
 def test_a_steady_force_is_seen_to_be_steady():
     """One plateau in a hundred may be taken for changing; 3 of 30 are with probability 0.3 %."""
-    changing = [c.relative_change != 0 for seed in range(10) for c in seen(STEADY, seed)]
-    assert sum(changing) <= 2
+    found = [seen(STEADY, seed) for seed in range(10)]
+    assert sum(c.relative_change != 0 for each, _ in found for c in each) <= 2
+    assert sum(common.course.relative_change != 0 for _, common in found) <= 1
+
+
+@pytest.mark.parametrize("course", [ForceCourse(-0.03), ForceCourse(0.04, "settling", 0.15)])
+def test_a_small_change_that_all_plateaus_have_is_found_in_all_together(course):
+    _, common = seen(with_magnets(STEADY, courses=(course,) * 3), 2)
+    assert common.course.kind == course.kind
+    assert abs(common.course.relative_change - course.relative_change) < 4 * common.stderr
+    assert abs(common.course.relative_change) > 4 * common.stderr
 
 
 @pytest.mark.parametrize(

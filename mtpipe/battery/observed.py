@@ -21,7 +21,7 @@ class Observed:
     ----------
     position_nm : (n, 3) on the camera's grid, NaN where lost; drift subtracted.
     reference_nm : (n, 3) reference beads' mean without the drift that was subtracted, or None.
-    camera_offset_nm : (n, 2) to be added to x and y for the camera's own coordinates.
+    camera_offset_nm : (n, 3) to be added for the camera's own coordinates.
     data, expected : spectra and mean height, and what they should be.
     frame_s : frame interval.
     """

@@ -7,6 +7,7 @@ coordinates at a bound that the step would leave are held there.
 
 from __future__ import annotations
 
+import functools
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
@@ -34,17 +35,25 @@ class ConfiguredFit:
 
     Attributes
     ----------
-    theta : coordinates. information : expected, about θ, priors included.
-    expected, slopes : of each plateau, at θ.
+    theta : coordinates.
+    expected : of each plateau, at θ.
     """
 
     model: ConfiguredModel
     theta: FloatArray
-    information: FloatArray
     expected: list[Expectation]
-    slopes: list[Slopes]
     log_likelihood: float
     converged: bool
+
+    @functools.cached_property
+    def slopes(self) -> list[Slopes]:
+        """Of each plateau's expectation, at θ."""
+        return slopes(self.model, self.theta, self.expected)
+
+    @functools.cached_property
+    def information(self) -> FloatArray:
+        """Expected, about θ, priors included."""
+        return information_of(self.model, self.expected, self.slopes)
 
     @property
     def covariance(self) -> FloatArray:
@@ -111,9 +120,7 @@ def fit_configured(
         if gained < ARRIVED and rise < 2 * ARRIVED + 1e-2:
             converged = True
             break
-    derivatives = slopes(model, theta, expected)
-    information = information_of(model, expected, derivatives)
-    return ConfiguredFit(model, theta, information, expected, derivatives, value, converged)
+    return ConfiguredFit(model, theta, expected, value, converged)
 
 
 def first_guess(model: ConfiguredModel) -> FloatArray:

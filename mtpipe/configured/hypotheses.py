@@ -11,7 +11,7 @@ from mtpipe.configured.fit import MOST_ROUNDS, ConfiguredFit, first_guess, fit_c
 from mtpipe.effects.effect import Effect, Evidence, Hypothesis
 from mtpipe.errors import FitError
 
-FIRST_ROUNDS = 4
+FIRST_ROUNDS = 3
 # A hypothesis that has gained less than the best by this many nats, and by this share, is left.
 WORTHWHILE_NATS, WORTHWHILE_SHARE = 30.0, 0.6
 # Recorded heights this many standard errors from the fitted ones are out of the tether's reach.
@@ -25,7 +25,8 @@ class Tried:
     Attributes
     ----------
     gain : rise of ln likelihood over the fit without the effect.
-    penalty : what its parameters cost, half their number times ln of the number of ordinates (BIC).
+    penalty : what its parameters cost, half their number times ln of the number of ordinates (BIC);
+        of sizes that do not earn that, what the fit would lose without them.
     evidence : that the hypotheses began with. index : which of them this is.
     """
 
@@ -113,7 +114,9 @@ def try_effects(fit: ConfiguredFit, effects: Sequence[Effect], evidence: Evidenc
             begun.append(Tried(effect, hypothesis, fitted, gain, penalty, evidence, index))
     best = max((one.gain for one in begun), default=0.0)
     worthwhile = best - max(WORTHWHILE_NATS, WORTHWHILE_SHARE * best)
-    ended = [_ended(one, fit) if one.gain > worthwhile else one for one in begun]
+    ended = [
+        _idle_sizes_forgiven(_ended(one, fit), fit) if one.gain > worthwhile else one for one in begun
+    ]
     strongest: dict[str, Tried] = {}
     for one in ended:
         if one.effect.name not in strongest or one.gain > strongest[one.effect.name].gain:
@@ -125,6 +128,39 @@ def best_of(fit: ConfiguredFit, effect: Effect, evidence: Evidence) -> Tried | N
     """One effect with the best of its hypotheses; None where none applies or can be fitted."""
     tried = try_effects(fit, [effect], evidence)
     return tried[0] if tried else None
+
+
+def _idle_sizes_forgiven(one: Tried, without: ConfiguredFit) -> Tried:
+    """The effect at the price it has without those of its sizes that do not earn theirs.
+
+    A size is at least 0, which is none. The fit keeps them all: they are unknown as before.
+    """
+    model = one.fit.model
+    first = len(model.parameters) - len(one.hypothesis.parameters)
+    each_costs = one.penalty / max(len(one.hypothesis.parameters), 1)
+    stderr = np.sqrt(np.maximum(np.diag(one.fit.covariance), 1e-300))[model.plateaus :]
+    worth = {
+        k: 0.5 * float(one.fit.theta[model.plateaus + k] / stderr[k]) ** 2
+        for k in range(first, len(model.parameters))
+        if model.parameters[k].lower == 0
+    }
+    idle = {k for k, nats in worth.items() if nats < each_costs}
+    if idle and idle == set(worth):
+        idle.remove(max(worth, key=lambda k: worth[k]))
+    if not idle:
+        return one
+    experiment = model.experiment
+    for k in idle:
+        experiment = model.parameters[k].change(experiment, 0.0)
+    kept = [k for k in range(len(model.parameters)) if k not in idle]
+    parameters = tuple(model.parameters[k] for k in kept)
+    theta = one.fit.theta[[*range(model.plateaus), *(model.plateaus + k for k in kept)]]
+    try:
+        fewer = fit_configured(replace(model, experiment=experiment, parameters=parameters), theta)
+    except (FitError, ValueError, np.linalg.LinAlgError):
+        return one
+    lost = one.fit.log_likelihood - fewer.log_likelihood
+    return replace(one, penalty=min(one.penalty, one.penalty - each_costs * len(idle) + lost))
 
 
 def _ended(one: Tried, without: ConfiguredFit) -> Tried:

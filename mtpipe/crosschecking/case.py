@@ -52,7 +52,7 @@ class Case:
     positions_nm : per plateau (n, 3), drift subtracted, NaN where lost or mistracked.
     references_nm : per plateau (n, 3), what is left of the reference beads' mean once the drift
         that was subtracted is taken off; None without references.
-    camera_offset_nm : per plateau (n, 2), what x and y lack to the camera's own coordinates.
+    camera_offset_nm : per plateau (n, 3), what positions lack to the camera's own: the drift.
     starts : frame number at which each plateau starts.
     phi : per plateau, prewhitening of each axis.
     stage_nm_per_root_s : per axis, the stage's random walk near the cutoff of its subtraction.
@@ -212,10 +212,10 @@ def _left_of_reference(
 
 
 def _subtracted(recording: Recording, plateaus: list[Plateau]) -> tuple[FloatArray, ...]:
-    """Per plateau (n, 2), on the camera's grid: the drift subtracted along x and y."""
+    """Per plateau (n, 3), on the camera's grid: the drift that was subtracted."""
     drift = recording.drift
-    lateral = np.zeros((len(recording.time_s), 2)) if drift is None else drift.subtracted_nm[:, :2]
-    return tuple(_on_grid(recording, lateral, plateau) for plateau in plateaus)
+    taken = np.zeros((len(recording.time_s), 3)) if drift is None else drift.subtracted_nm
+    return tuple(_on_grid(recording, taken, plateau) for plateau in plateaus)
 
 
 def _on_grid(recording: Recording, series: FloatArray, plateau: Plateau) -> FloatArray:

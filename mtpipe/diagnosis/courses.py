@@ -10,6 +10,7 @@ from __future__ import annotations
 import itertools
 import math
 from collections.abc import Sequence
+from dataclasses import dataclass
 
 import numpy as np
 from scipy import interpolate, optimize
@@ -30,6 +31,8 @@ FEWEST_WINDOWS = 8
 # Points of a course within a window.
 FINE = 8
 LARGEST = 0.9
+# Share of a change by which a straight line of ln F may be wrong about it.
+BENT = 0.05
 SHAPES = (
     ForceCourse(1.0),
     *(ForceCourse(1.0, "settling", at) for at in (1 / 24, 1 / 12, 1 / 6, 1 / 3)),
@@ -38,25 +41,53 @@ SHAPES = (
 )
 
 
+@dataclass(frozen=True, eq=False)
+class _Heights:
+    """Mean heights of a plateau's windows (windows,) nm, their weights, and the chain's height
+    against ln of the force over the fitted one.
+    """
+
+    means_nm: FloatArray
+    weight: FloatArray
+    extension: interpolate.CubicSpline
+
+    @property
+    def slope_nm(self) -> float:
+        """Height per ln of the force."""
+        return float(self.extension(0.0, 1))
+
+    def projected(self, shape: ForceCourse) -> tuple[float, float]:
+        """Size of a course of this shape by least squares, and its weight."""
+        course = self.slope_nm * force_course(shape, len(self.means_nm))
+        course = course - np.average(course, weights=self.weight)
+        weight = float(np.sum(self.weight * course**2))
+        return float(np.sum(self.weight * course * self.means_nm)) / weight, weight
+
+
 def force_courses(
     fit: ConfiguredFit, positions_nm: Sequence[FloatArray], frame_s: float
-) -> tuple[SeenCourse, ...]:
-    """The force's course in each plateau, with a change of 0 where none is seen.
+) -> tuple[tuple[SeenCourse, ...], SeenCourse]:
+    """The force's course in each plateau, and the one that all have in common.
+
+    A change of 0 where none is seen.
 
     Parameters
     ----------
     fit : whose forces and chain are used. positions_nm : per plateau (n, 3), NaN where lost.
     """
     steady = with_magnets(fit.model.described(fit.theta), courses=())
-    return tuple(
-        _course(fit.model, steady, i, position[:, 2], frame_s)
+    heights = [
+        _heights(fit.model, steady, i, position[:, 2], frame_s)
         for i, position in enumerate(positions_nm)
-    )
+    ]
+    each = tuple(_course(one, len(heights)) if one else SeenCourse() for one in heights)
+    return each, _common([one for one in heights if one])
 
 
-def _course(
+def _heights(
     model: ConfiguredModel, steady: Experiment, plateau: int, height_nm: FloatArray, frame_s: float
-) -> SeenCourse:
+) -> _Heights | None:
+    """None where the plateau is too short for its height to be followed."""
     spectrum, force_pN = model.data[plateau].spectrum, steady.rests[plateau].force_pN
     frequency = spectrum.frequency_hz
     level = model.expected(steady, plateau, force_pN).power[:, 2, 2] / spectrum.gain(2)
@@ -64,7 +95,7 @@ def _course(
     duration_s = len(height_nm) * frame_s
     windows = int(min(WINDOWS, duration_s / (APART * relaxation_s)))
     if windows < FEWEST_WINDOWS:
-        return SeenCourse()
+        return None
     edges = np.linspace(0, len(height_nm), windows + 1).astype(int)
     pieces = [height_nm[a:b][np.isfinite(height_nm[a:b])] for a, b in itertools.pairwise(edges)]
     count = np.array([len(piece) for piece in pieces])
@@ -72,15 +103,36 @@ def _course(
     window_s = duration_s / windows
     variance = float(np.interp(1 / (4 * window_s), frequency, level)) / (2 * window_s)
     # frames that are lost make a mean less sure
-    weight = count / count.max() / variance
+    return _Heights(means, count / count.max() / variance, _extension(model, steady, plateau))
+
+
+def _course(heights: _Heights, plateaus: int) -> SeenCourse:
     # sizes, shapes and plateaus are looked through
-    penalty = 0.5 * math.log(windows) + math.log(len(SHAPES)) + math.log(len(model.data))
-    extension = _extension(model, steady, plateau)
-    slope = float(extension(0.0, 1))
-    course = _best(means / slope, weight * slope**2, penalty)
-    if course.relative_change == 0:
-        return SeenCourse()
-    return _refined(course, means, weight, extension)
+    most = 0.5 * math.log(len(heights.means_nm)) + math.log(len(SHAPES)) + math.log(plateaus)
+    best = ForceCourse()
+    for shape in SHAPES:
+        size, weight = heights.projected(shape)
+        if 0.5 * size**2 * weight > most:
+            size, most = min(max(size, -LARGEST), LARGEST), 0.5 * size**2 * weight
+            best = ForceCourse(size, shape.kind, shape.at)
+    return _refined(best, heights) if best.relative_change else SeenCourse()
+
+
+def _common(plateaus: Sequence[_Heights]) -> SeenCourse:
+    """The steady change or settling that all plateaus have, as a share of each one's force."""
+    shapes = [shape for shape in SHAPES if shape.kind != "step"]
+    windows = sum(len(one.means_nm) for one in plateaus)
+    most, best = 0.5 * math.log(max(windows, 1)) + math.log(len(shapes)), SeenCourse()
+    for shape in shapes if plateaus else []:
+        size, weight = np.array([one.projected(shape) for one in plateaus]).T
+        mean, total = float(np.average(size, weights=weight)), float(weight.sum())
+        if 0.5 * mean**2 * total > most:
+            most = 0.5 * mean**2 * total
+            mean = min(max(mean, -LARGEST), LARGEST)
+            # heights are taken for straight lines of ln F here
+            stderr = math.hypot(total**-0.5, BENT * mean)
+            best = SeenCourse(ForceCourse(mean, shape.kind, shape.at), stderr)
+    return best
 
 
 def _extension(model: ConfiguredModel, steady: Experiment, plateau: int) -> interpolate.CubicSpline:
@@ -96,36 +148,17 @@ def _extension(model: ConfiguredModel, steady: Experiment, plateau: int) -> inte
     return interpolate.CubicSpline(ln_force, extension)
 
 
-def _best(relative: FloatArray, weight: FloatArray, penalty: float) -> ForceCourse:
-    """The course that suits relative forces (windows,) of weights (windows,) best."""
-    deviation = relative - np.average(relative, weights=weight)
-    best, most = ForceCourse(), penalty
-    for shape in SHAPES:
-        course = force_course(shape, len(relative))
-        course = course - np.average(course, weights=weight)
-        size = float(np.sum(weight * course * deviation) / np.sum(weight * course**2))
-        gain = 0.5 * size**2 * float(np.sum(weight * course**2))
-        if gain > most:
-            size = min(max(size, -LARGEST), LARGEST)
-            best, most = ForceCourse(size, shape.kind, shape.at), gain
-    return best
-
-
-def _refined(
-    course: ForceCourse,
-    means_nm: FloatArray,
-    weight: FloatArray,
-    extension: interpolate.CubicSpline,
-) -> SeenCourse:
+def _refined(course: ForceCourse, heights: _Heights) -> SeenCourse:
     """Size and time of a course from the heights that the chain has along it."""
+    means_nm, weight, extension = heights.means_nm, heights.weight, heights.extension
     windows = len(means_nm)
 
     def residual(theta: FloatArray) -> FloatArray:
         tried = ForceCourse(float(theta[0]), course.kind, float(theta[1]))
         force = 1 + force_course(tried, FINE * windows)
         low, high = extension.x[[0, -1]]
-        heights = extension(np.clip(np.log(np.maximum(force, 1e-3)), low, high))
-        off = means_nm - heights.reshape(windows, FINE).mean(axis=1)
+        along = extension(np.clip(np.log(np.maximum(force, 1e-3)), low, high))
+        off = means_nm - along.reshape(windows, FINE).mean(axis=1)
         return np.asarray(np.sqrt(weight) * (off - np.average(off, weights=weight)))
 
     earliest, latest = {"ramp": (0.0, 1.0), "settling": (0.01, 0.7), "step": (0.01, 0.99)}[

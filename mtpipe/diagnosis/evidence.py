@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 
 import numpy as np
 
@@ -14,8 +13,8 @@ from mtpipe.physics.camera import FloatArray
 LINE_P = 1e-3
 MOST_LINES = 3
 BLOCK_S = 1.0
-# A slope counts as another from this many standard errors on.
-FAR_SIGMAS = 3.5
+# So much likelier one of two has to be to be believed.
+DECIDED_NATS = 4.0
 
 
 def evidence_of(check: BeadCheck) -> Evidence:
@@ -29,8 +28,8 @@ def evidence_of(check: BeadCheck) -> Evidence:
         if all(abs(frequency - other) > 0.02 * other + 0.1 for other in distinct):
             distinct.append(frequency)
     forces = tuple(float(f) for f in check.case.fit.force_pN)
-    courses = force_courses(check.case.fit, check.case.positions_nm, check.case.frame_s)
-    return Evidence(tuple(distinct[:MOST_LINES]), forces, reference_moves(check), courses)
+    each, common = force_courses(check.case.fit, check.case.positions_nm, check.case.frame_s)
+    return Evidence(tuple(distinct[:MOST_LINES]), forces, reference_moves(check), each, common)
 
 
 def reference_moves(check: BeadCheck) -> bool | None:
@@ -45,15 +44,14 @@ def reference_moves(check: BeadCheck) -> bool | None:
         return None
     bead, subtracted, thermal = [], [], []
     for i, position in enumerate(case.positions_nm):
-        offset = case.camera_offset_nm[i]
         length = max(2, round(BLOCK_S / case.frame_s))
         blocks = len(position) // length
         if blocks < 4:
             continue
-        own = _block_means(position[:, :2], blocks, length)
-        carried = _block_means(offset, blocks, length)
+        own = _block_means(position, blocks, length)
+        carried = _block_means(case.camera_offset_nm[i], blocks, length)
         spectrum = case.fit.model.data[i].spectrum
-        for axis in range(2):
+        for axis in range(3):
             bead.append(np.diff(own[:, axis]))
             subtracted.append(np.diff(carried[:, axis]))
             level = case.fit.expected[i].power[:, axis, axis] / spectrum.gain(axis)
@@ -69,13 +67,12 @@ def reference_moves(check: BeadCheck) -> bool | None:
     if not total > 0:
         return None
     slope = float(np.sum(weight * b * s)) / total
-    stderr = math.sqrt(float(np.sum((weight * s * (b - slope * s)) ** 2))) / total
-    excess = float(np.sum(weight * b**2) - len(b))
-    if_reference = -min(max(excess / total, 0.0), 1.0)
-    seen, fits = slope < -FAR_SIGMAS * stderr, slope < if_reference + FAR_SIGMAS * stderr
-    if seen == fits:
-        return seen if seen else None
-    return seen
+    variance = float(np.sum((weight * s * (b - slope * s)) ** 2)) / total**2
+    # all that the bead moves more than it should is the reference's, or none of it
+    if_reference = -max(float(np.sum(weight * b**2)) - len(b), 0.0) / total
+    variance_if = variance + 2 * len(b) / total**2
+    nats = 0.5 * (slope**2 / variance - (slope - if_reference) ** 2 / variance_if)
+    return None if abs(nats) < DECIDED_NATS else nats > 0
 
 
 def _block_means(series: FloatArray, blocks: int, length: int) -> FloatArray:

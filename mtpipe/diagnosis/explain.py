@@ -34,11 +34,12 @@ ALARM_P = 0.004
 # Net gain (nats, BIC) from which an effect is seen although the battery is silent, and from which
 # one is kept at all; the catalogue has about 20 entries, which costs 3 nats by itself.
 SEEN_NATS, KEPT_NATS = 9.0, 6.0
-# Where the battery objects as little as this, no effect is looked for.
-SILENT_P = 0.3
 # Two effects whose net gains differ by less cannot be told apart.
 ALIKE_NATS = 3.0
 MOST_EFFECTS = 3
+# So many effects are checked at most before the search ends, and one is rejected if with it ln p is
+# larger than this many times what it was.
+MOST_CANDIDATES, MORE_ODD = 3, 1.25
 # An effect is named beside an unexplained rest only if it explains so much of what was odd.
 MOST_OF_IT = 0.7
 # A correction is kept where ln p falls to this share.
@@ -111,32 +112,28 @@ def explain(
     effects = catalogue() if effects is None else effects
     check, named = before, list[Named]()
     nearest: Tried | None = None
-    odd = check.p_value < ALARM_P
     say("looking at the course of time")
     check = _corrected(check, named, random)
     case = check.case
     fit = case.fit
     while len(named) < MOST_EFFECTS:
-        if check.p_value >= (ALARM_P if named else SILENT_P):
-            break
         say("trying effects")
         tried = try_effects(fit, effects, evidence_of(check))
-        if not tried or tried[0].net < (KEPT_NATS if odd else SEEN_NATS):
+        needed = KEPT_NATS if check.p_value < ALARM_P else SEEN_NATS
+        if not tried or tried[0].net < needed:
             nearest = tried[0] if tried else None
             break
-        best = tried[0]
-        fit = best_formula(begun_again(_with_forces_found(best, check).fit))
-        best = replace(best, fit=fit, gain=fit.log_likelihood - check.case.fit.log_likelihood)
-        say(f"checking with {best.effect.name}")
-        try:
-            following = check_bead(replace(case, fit=fit), random)
-        except (FitError, ValueError, np.linalg.LinAlgError):
-            nearest = best
+        found = None
+        for one in [one for one in tried if one.net >= needed][:MOST_CANDIDATES]:
+            say(f"checking with {one.effect.name}")
+            found = _named(one, tried, check, case, random)
+            if found is not None:
+                break
+        if found is None:
+            nearest = tried[0]
             break
-        alike = tuple(t.effect.name for t in tried[1:] if tried[0].net - t.net < ALIKE_NATS)
-        gained = heldout_gain(case, check.case.fit, fit)
-        named.append(Named(best, alike, check, following, gained))
-        check, odd = following, True
+        named.append(found)
+        check, fit = found.after, found.after.case.fit
     named, check = without_superfluous(case, named, check, random)
     consistent = not named and before.p_value >= ALARM_P
     verdict = "consistent" if consistent else "unexplained"
@@ -144,8 +141,8 @@ def explain(
         verdict = "explained"
     else:
         certain = _certain(named)
-        for one in named[len(certain) :][:1]:
-            nearest = one.found if isinstance(one.found, Tried) else nearest
+        for left_out in named[len(certain) :][:1]:
+            nearest = left_out.found if isinstance(left_out.found, Tried) else nearest
         named, check = certain, certain[-1].after if certain else before
     return Explanation(before, check, tuple(named), verdict, nearest)
 
@@ -166,13 +163,33 @@ def _corrected(check: BeadCheck, named: list[Named], random: np.random.Generator
     return check
 
 
+def _named(
+    one: Tried, tried: Sequence[Tried], check: BeadCheck, case: Case, random: np.random.Generator
+) -> Named | None:
+    """The effect, checked; None where recording and simulation differ even more with it."""
+    fit = best_formula(begun_again(_with_forces_found(one, check).fit))
+    one = replace(one, fit=fit, gain=fit.log_likelihood - check.case.fit.log_likelihood)
+    try:
+        after = check_bead(replace(case, fit=fit), random)
+    except (FitError, ValueError, np.linalg.LinAlgError):
+        return None
+    if after.p_value < min(ALARM_P, check.p_value**MORE_ODD):
+        return None
+    alike = tuple(
+        other.effect.name
+        for other in tried
+        if other.effect.name != one.effect.name and abs(one.net - other.net) < ALIKE_NATS
+    )
+    return Named(one, alike, check, after, heldout_gain(case, check.case.fit, fit))
+
+
 def _with_forces_found(best: Tried, check: BeadCheck) -> Tried:
     """A changing force's course read again from the heights, the forces being known better."""
     if not best.fit.model.experiment.magnets.courses:
         return best
     case = check.case
-    courses = force_courses(best.fit, case.positions_nm, case.frame_s)
-    again = replace(best, evidence=replace(best.evidence, courses=courses))
+    each, common = force_courses(best.fit, case.positions_nm, case.frame_s)
+    again = replace(best, evidence=replace(best.evidence, courses=each, common_course=common))
     try:
         return replace(again, fit=together(case.fit, [again], best.fit))
     except (FitError, ValueError, np.linalg.LinAlgError):

@@ -36,13 +36,15 @@ class Evidence:
     lines_hz : frequencies of narrow lines, strongest first.
     force_pN : of the plateaus, as fitted without the effect.
     reference_moves : whether slow motion is the reference's own; None: the data do not tell.
-    courses : of the force in each plateau. Empty: not looked at.
+    courses, common_course : of the force in each plateau, and in all of them alike. Empty and a
+        change of 0: not looked at, or steady.
     """
 
     lines_hz: tuple[float, ...]
     force_pN: tuple[float, ...]
     reference_moves: bool | None = None
     courses: tuple[SeenCourse, ...] = ()
+    common_course: SeenCourse = field(default_factory=SeenCourse)
 
 
 @dataclass(frozen=True)

@@ -10,15 +10,13 @@ from __future__ import annotations
 from dataclasses import replace
 from functools import partial
 
-from mtpipe.effects.effect import Effect, Evidence, Hypothesis, SeenCourse, plain
+from mtpipe.effects.effect import Effect, Evidence, Hypothesis, SeenCourse
 from mtpipe.experiment.changes import with_magnets
 from mtpipe.experiment.description import Experiment, ForceCourse
-from mtpipe.experiment.parameter import Parameter
+from mtpipe.experiment.parameter import Change, Parameter
 
 NAME = "relative change of the force"
-START, LARGEST, STEP = 0.15, 1.0, 2e-3
-# Of the time constant with which a force settles where the heights do not tell.
-SETTLING_SHARE = 1 / 6
+LARGEST, STEP = 1.0, 2e-3
 
 
 def _change_all(experiment: Experiment, relative: float) -> Experiment:
@@ -35,27 +33,25 @@ def _change_one(plateau: int, experiment: Experiment, relative: float) -> Experi
 def _hypotheses(experiment: Experiment, evidence: Evidence) -> list[Hypothesis]:
     if experiment.magnets.courses:
         return []
-    seen = evidence.courses
-    rising = sum(one.course.relative_change for one in seen) >= 0
     found = []
-    for course in (ForceCourse(), ForceCourse(kind="settling", at=SETTLING_SHARE)):
-        everywhere = with_magnets(experiment, courses=(course,) * len(experiment.rests))
-        size = (START, (0.0, LARGEST)) if rising else (-START, (-LARGEST, 0.0))
-        found.append(Hypothesis(everywhere, (plain(NAME, "", *size, STEP, _change_all),)))
-    changing = [i for i, one in enumerate(seen) if one.course.relative_change != 0]
+    common = evidence.common_course
+    if common.course.relative_change != 0:
+        everywhere = with_magnets(experiment, courses=(common.course,) * len(experiment.rests))
+        found.append(Hypothesis(everywhere, (_change_of(NAME, common, _change_all),)))
+    changing = [i for i, seen in enumerate(evidence.courses) if seen.course.relative_change != 0]
     if changing:
-        courses = tuple(one.course for one in seen)
-        parameters = tuple(_of_plateau(i, seen[i]) for i in changing)
+        courses = tuple(seen.course for seen in evidence.courses)
+        parameters = tuple(
+            _change_of(f"{NAME}, plateau {i}", evidence.courses[i], partial(_change_one, i))
+            for i in changing
+        )
         found.append(Hypothesis(with_magnets(experiment, courses=courses), parameters))
     return found
 
 
-def _of_plateau(plateau: int, seen: SeenCourse) -> Parameter:
+def _change_of(name: str, seen: SeenCourse, change: Change) -> Parameter:
     size = seen.course.relative_change
-    return Parameter(
-        f"{NAME}, plateau {plateau}", "", size, -LARGEST, LARGEST, STEP, (size, seen.stderr),
-        partial(_change_one, plateau),
-    )  # fmt: skip
+    return Parameter(name, "", size, -LARGEST, LARGEST, STEP, (size, seen.stderr), change)
 
 
 def _alike(experiment: Experiment) -> bool:
