@@ -34,6 +34,7 @@ if TYPE_CHECKING:
     from mtpipe.setup import Setup, read_setup
     from mtpipe.simulation.recording import simulate
     from mtpipe.tether_curves import force_extension
+    from mtpipe.tracking.track import TrackedStack, track
 
 _HOME = {
     "METHODS": "methods",
@@ -50,6 +51,7 @@ _HOME = {
     "Setup": "setup",
     "SetupError": "errors",
     "TraceFit": "fit.trace",
+    "TrackedStack": "tracking.track",
     "CrossCheck": "crosschecking.recording",
     "calibrate": "calibration",
     "crosscheck": "crosschecking.recording",
@@ -63,6 +65,7 @@ _HOME = {
     "sample_posterior": "fit.posterior",
     "simulate": "simulation.recording",
     "subtract_drift": "drift",
+    "track": "tracking.track",
 }
 __all__ = [
     "METHODS",
@@ -80,6 +83,7 @@ __all__ = [
     "Setup",
     "SetupError",
     "TraceFit",
+    "TrackedStack",
     "calibrate",
     "crosscheck",
     "diagnose",
@@ -92,6 +96,7 @@ __all__ = [
     "sample_posterior",
     "simulate",
     "subtract_drift",
+    "track",
 ]
 
 

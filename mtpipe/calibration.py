@@ -17,6 +17,7 @@ from mtpipe.bead_results import BeadResult
 from mtpipe.conditions import Conditions, conditions_of
 from mtpipe.exposure import estimate_exposure
 from mtpipe.friction_prior import viscosity_from_others
+from mtpipe.noise_prior import expected_noise_nm
 from mtpipe.notice import Notice
 from mtpipe.processes import executor
 from mtpipe.recording import Recording
@@ -79,7 +80,9 @@ def calibrate(
         done = itertools.count(1)
         futures = []
         for job, own in zip(jobs, conditions_by_bead, strict=True):
-            future = pool.submit(calibrate_bead, *job, replace(shared, conditions=own))
+            expected = expected_noise_nm(recording, job[0], noise)
+            known = replace(shared, conditions=own, noise_nm=expected)
+            future = pool.submit(calibrate_bead, *job, known)
             future.add_done_callback(lambda _: say(next(done), len(jobs)))
             futures.append(future)
         results = tuple(future.result() for future in futures)

@@ -32,8 +32,17 @@ Recording = Annotated[
     typer.Argument(
         metavar="RECORDING",
         help="Recording (CSV, Parquet, or a laboratory's own file), a folder with a series of "
-        "files, or a setup.toml whose [source] names its files.",
+        "files, a setup.toml whose [source] names its files, or an image stack (TIFF), which is "
+        "tracked first.",
         exists=True,
+    ),
+]
+Stack = Annotated[
+    Path,
+    typer.Argument(
+        metavar="STACK",
+        help="Images: a TIFF file of many pages, a folder with a series of files, or a pattern of "
+        'their names (in quotes: "film_*.tif").',
     ),
 ]
 SetupFile = Annotated[
@@ -104,6 +113,112 @@ def run(
             progress=progress,
         )
     summary(result, out)
+
+
+@app.command()
+def track(
+    stack: Stack,
+    out: Annotated[
+        Path,
+        typer.Option(
+            "--out",
+            help="Recording to write: .csv, .csv.gz or .parquet.",
+            dir_okay=False,
+        ),
+    ],
+    setup: Annotated[
+        Path | None,
+        typer.Option("--setup", help="Setup; default: setup.toml beside the stack.", exists=True),
+    ] = None,
+    workers: Workers = None,
+) -> None:
+    """Track the beads of an image stack: TIFF in, a recording for `mtpipe run` out."""
+    from mtpipe.tracking.track import track as track_stack
+
+    with progress_bar() as progress:
+        done = track_stack(
+            stack, out, setup=setup, workers=workers or os.cpu_count() or 1, progress=progress
+        )
+    for notice in done.notes.notices:
+        typer.echo(f"{notice.bead}: {notice.message}" if notice.bead else notice.message)
+    typer.echo(f"Recording: {out} ({len(done.regions)} beads, {done.frames} frames)")
+
+
+@app.command()
+def lut(
+    stack: Stack,
+    z: Annotated[
+        Path,
+        typer.Option(
+            "--z",
+            metavar="POSITIONS",
+            help="Table of focus positions: a column z_nm (or z_um) with a row for each frame, "
+            "or columns frame (the first is 0) and z_nm.",
+            exists=True,
+            dir_okay=False,
+        ),
+    ],
+    out: Annotated[Path, typer.Option("--out", help="Table to write: .npz.", dir_okay=False)],
+    refractive_index_factor: Annotated[
+        float,
+        typer.Option(
+            metavar="FACTOR",
+            help="Height per focus position: 0.8 to 0.88 for an oil objective and a bead in water, "
+            "1 for a water objective or heights that are corrected already; negative where the "
+            "focus counts the other way.",
+        ),
+    ],
+    bead: Annotated[
+        str | None, typer.Option(help="Name of the bead; needed where several are found.")
+    ] = None,
+    region: Annotated[
+        str | None,
+        typer.Option(metavar="X,Y,SIZE", help="Its region: centre and side, in pixels."),
+    ] = None,
+    setup: Annotated[
+        Path | None,
+        typer.Option(
+            "--setup", help="Setup, for the regions of beads and the size of a pixel.", exists=True
+        ),
+    ] = None,
+) -> None:
+    """Make a look-up table for heights from a focus scan of one bead."""
+    from mtpipe.setup import read_setup
+    from mtpipe.tracking.scan import table_from_scan
+
+    if out.suffix != ".npz":
+        raise typer.BadParameter("a name that ends in .npz is needed", param_hint="--out")
+    place = None
+    if region is not None:
+        numbers = _numbers(region, "--region")
+        if len(numbers) != 3 or numbers[2] != round(numbers[2]) or numbers[2] < 16:
+            raise typer.BadParameter(
+                "x and y of the centre and a side of at least 16 whole pixels are needed",
+                param_hint="--region",
+            )
+        place = (numbers[0], numbers[1], round(numbers[2]))
+    with progress_bar() as progress:
+        table = table_from_scan(
+            stack,
+            z,
+            refractive_index_factor=refractive_index_factor,
+            bead=bead,
+            region=place,
+            setup=None if setup is None else read_setup(setup),
+            progress=progress,
+        )
+    try:
+        table.save(out)
+    except OSError as error:
+        raise MtpipeError(f"cannot be written ({error.strerror})", where=str(out)) from None
+    for notice in table.notices:
+        typer.echo(notice.message)
+    low, high = table.z_nm[0], table.z_nm[-1]
+    typer.echo(
+        f"Look-up table of {table.bead}: {out} ({len(table.z_nm)} heights, {low:.0f} to "
+        f"{high:.0f} nm; one image tells z to {float(table.precision_nm.min()):.1f} to "
+        f"{float(table.precision_nm.max()):.1f} nm)"
+    )
 
 
 @app.command()

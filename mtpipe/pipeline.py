@@ -12,7 +12,7 @@ import math
 import tempfile
 import time
 from collections.abc import Callable, Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any
@@ -30,11 +30,14 @@ from mtpipe.errors import MtpipeError
 from mtpipe.extension_curve import ForceExtension
 from mtpipe.files import write_atomically
 from mtpipe.ingest import load
+from mtpipe.ingest.files import SETUP_NAME
 from mtpipe.ingest.surface import put_surface_at_zero
+from mtpipe.noise_floor import noise_notices
 from mtpipe.notice import Notice
 from mtpipe.quality import BeadVerdict, bead_verdicts, trace_flags
 from mtpipe.recording import Recording
 from mtpipe.tether_curves import tether_curves
+from mtpipe.tracking.stack import is_stack
 
 Progress = Callable[[str, int, int], None]
 LEFT_OUT_CODES = ("no_positions", "constant_bead")
@@ -88,7 +91,8 @@ def run(
 
     Parameters
     ----------
-    path : recording, folder of a series of files, or a setup.toml that names its files.
+    path : recording, folder of a series of files, or a setup.toml that names its files. An image
+        stack is tracked first, into `recording.csv` of the folder (`mtpipe.tracking`).
     out : folder to write; files of an earlier run in it are replaced.
     setup : setup.toml; default: beside the recording.
     seed : of the posteriors and of the cross-check's simulations.
@@ -109,8 +113,14 @@ def run(
     say = progress or (lambda step, done, total: None)
     started = datetime.now(UTC).isoformat(timespec="seconds")
     clock = _Clock()
-    say("reading", 0, 1)
-    raw = load(path, setup)
+    if is_stack(path, None if setup is None else Path(setup)):
+        setup = (path if path.is_dir() else path.parent) / SETUP_NAME if setup is None else setup
+        recording_file = _tracked(path, out, Path(setup), workers, say)
+        clock.lap("track")
+        raw = replace(load(recording_file, setup), name=path.name)
+    else:
+        say("reading", 0, 1)
+        raw = load(path, setup)
     clock.lap("read")
     say("subtracting drift", 0, 1)
     # the stretch in which beads touch the surface tells z = 0 better once the stage stands still
@@ -130,10 +140,13 @@ def run(
     curves = tether_curves(calibration)
     clock.lap("force-extension")
     flags = {
-        bead.bead: tuple(
-            notice
-            for plateau in bead.plateaus
-            for notice in trace_flags(calibration, bead, plateau, recording.setup)
+        bead.bead: (
+            *(
+                notice
+                for plateau in bead.plateaus
+                for notice in trace_flags(calibration, bead, plateau, recording.setup)
+            ),
+            *noise_notices(bead, recording),
         )
         for bead in calibration.beads
     }
@@ -166,6 +179,15 @@ def run(
     _write_tables(result, raw, out, _title(path, raw.name))
     write_report(out, progress=lambda done, total: say("drawing the report", done, total))
     return result
+
+
+def _tracked(path: Path, out: Path, setup: Path, workers: int, say: Progress) -> Path:
+    """Track an image stack; the recording is in the run's folder."""
+    from mtpipe.tracking.track import track
+
+    recording = out / "recording.csv"
+    track(path, recording, setup=setup, workers=workers, progress=say)
+    return recording
 
 
 def _left_out(recording: Recording) -> tuple[BeadVerdict, ...]:
@@ -213,7 +235,8 @@ def _title(path: Path, name: str) -> str:
 def _write_tables(result: Run, raw: Recording, out: Path, title: str) -> None:
     calibration = result.calibration
     forces = tables.forces_table(calibration, result.flags, result.others)
-    beads = tables.beads_table(calibration, result.verdicts, result.curves)
+    tracked = result.recording.tracked
+    beads = tables.beads_table(calibration, result.verdicts, result.curves, tracked)
     details = {
         "spectra": tables.spectra_table(calibration),
         "traces": tables.traces_table(raw, result.recording),

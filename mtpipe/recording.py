@@ -83,6 +83,19 @@ class SourceFile:
 
 
 @dataclass(frozen=True)
+class Tracked:
+    """What is known of a recording that mtpipe itself tracked in images.
+
+    `precision_nm` (x, y, z per bead) is the tracking noise per frame that photons and camera make;
+    nan where it is not known. Beads in `table_height` have as z the height in a look-up table,
+    whose zero is not the surface's until the setup says where that is.
+    """
+
+    precision_nm: Mapping[str, tuple[float, float, float]]
+    table_height: frozenset[str]
+
+
+@dataclass(frozen=True)
 class Recording:
     """Tracked positions with setup and plateaus.
 
@@ -100,6 +113,7 @@ class Recording:
     z_zero_stderr_nm : standard error of each bead's z = 0, where it was estimated; infinite where
         z has another zero than the surface. Beads that are not named have their extension as z.
     drift : None for a recording as read; else what was subtracted (`mtpipe.subtract_drift`).
+    tracked : of a recording that `mtpipe track` wrote; None for any other.
     """
 
     name: str
@@ -113,6 +127,7 @@ class Recording:
     files: tuple[SourceFile, ...] = ()
     drift: Drift | None = None
     z_zero_stderr_nm: Mapping[str, float] = field(default_factory=dict)
+    tracked: Tracked | None = None
 
     def __post_init__(self) -> None:
         n = len(self.time_s)

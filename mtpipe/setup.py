@@ -24,6 +24,7 @@ from pydantic import (
 
 from mtpipe.errors import SetupError
 from mtpipe.ingest.source import Source
+from mtpipe.tracking.choice import Tracking
 
 UNKNOWN = "unknown"
 EFFECTS = (
@@ -254,6 +255,7 @@ class Setup(BaseModel):
     plateaus: Plateaus = Plateaus()
     drift: DriftChoice = DriftChoice()
     source: Source | None = None
+    tracking: Tracking = Tracking()
 
 
 def read_setup(path: Path) -> Setup:

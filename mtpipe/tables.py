@@ -20,9 +20,10 @@ from mtpipe.crosschecking.recording import CrossCheck
 from mtpipe.estimate import Estimate
 from mtpipe.extension_curve import ForceExtension
 from mtpipe.fit.tether import TetherFit
+from mtpipe.noise_floor import noise_floor_nm
 from mtpipe.notice import Notice
 from mtpipe.quality import BeadVerdict
-from mtpipe.recording import AXES, Recording
+from mtpipe.recording import AXES, Recording, Tracked
 
 TRACE_POINTS = 2000
 POSTERIOR_POINTS = 400
@@ -134,8 +135,14 @@ def beads_table(
     calibration: Calibration,
     verdicts: Sequence[BeadVerdict],
     curves: Mapping[str, ForceExtension],
+    tracked: Tracked | None,
 ) -> pd.DataFrame:
-    """`beads`: a row per verdict; beads left out on reading have no calibration."""
+    """`beads`: a row per verdict; beads left out on reading have no calibration.
+
+    Parameters
+    ----------
+    tracked : of the recording, None where mtpipe did not track it.
+    """
     rows = []
     results = {bead.bead: bead for bead in calibration.beads}
     for verdict in verdicts:
@@ -165,9 +172,20 @@ def beads_table(
                 "series": bead.series if bead else "",
                 "friction_ratio": ratio.value if ratio else math.nan,
                 "friction_ratio_stderr": ratio.stderr if ratio else math.nan,
+                **_noise_columns(verdict.bead, bead, tracked),
             }
         )
     return pd.DataFrame(rows)
+
+
+def _noise_columns(name: str, bead: BeadResult | None, tracked: Tracked | None) -> dict[str, float]:
+    """Per axis, the noise that the spectra show, and the part that the images explain."""
+    precision = tracked.precision_nm.get(name) if tracked else None
+    columns: dict[str, float] = {}
+    for axis, one in zip(AXES, precision or (math.nan,) * 3, strict=True):
+        floor = noise_floor_nm(bead, axis) if bead else None
+        columns |= {**four(f"noise_floor_{axis}", "nm", floor), f"image_precision_{axis}_nm": one}
+    return columns
 
 
 def _tether_columns(fit: TetherFit | None) -> dict[str, float]:

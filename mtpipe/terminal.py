@@ -56,7 +56,7 @@ def summary(run: Run, out: Path) -> None:
         "persistence (nm)",
     ):
         table.add_column(heading)
-    beads = beads_table(run.calibration, run.verdicts, run.curves)
+    beads = beads_table(run.calibration, run.verdicts, run.curves, run.recording.tracked)
     for row in beads.to_dict("records"):
         table.add_row(
             str(row["bead"]),

@@ -210,6 +210,11 @@ def bead_row(bead: str, forces: pd.DataFrame, plateaus: int) -> dict[str, Any]:
         "friction_ratio": np.nan if bead == REFUSED else 1.012,
         "friction_ratio_stderr": np.nan if bead == REFUSED else 0.0137,
     }
+    tracked = bead == NASTY  # the others are as if from elsewhere
+    for axis, floor, explained in (("x", 1.21, 1.0), ("y", 1.34, 1.1), ("z", np.nan, 3.2)):
+        told = bead != REFUSED
+        row |= estimate(f"noise_floor_{axis}", "nm", floor if told else np.nan, 0.06)
+        row |= {f"image_precision_{axis}_nm": explained if tracked else np.nan}
     for quantity, unit, value, relative in (
         ("contour_length", "nm", 2703.4, 0.002),
         ("persistence_length", "nm", 49.26, 0.031),

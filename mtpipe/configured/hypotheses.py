@@ -115,7 +115,8 @@ def try_effects(fit: ConfiguredFit, effects: Sequence[Effect], evidence: Evidenc
     best = max((one.gain for one in begun), default=0.0)
     worthwhile = best - max(WORTHWHILE_NATS, WORTHWHILE_SHARE * best)
     ended = [
-        _idle_sizes_forgiven(_ended(one, fit), fit) if one.gain > worthwhile else one for one in begun
+        _idle_sizes_forgiven(_ended(one, fit), fit) if one.gain > worthwhile else one
+        for one in begun
     ]
     strongest: dict[str, Tried] = {}
     for one in ended:

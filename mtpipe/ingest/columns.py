@@ -24,6 +24,7 @@ from mtpipe.ingest.source import (
 from mtpipe.recording import AXES
 from mtpipe.setup import Setup
 
+QUALITY_NAME = re.compile(r"(?P<bead>.+)_quality")
 POSITION_NAME = re.compile(r"(?P<bead>.+)_(?P<axis>[xyz])_nm")
 
 
@@ -112,6 +113,12 @@ def canonical_columns(names: Names) -> Assignment:
             found.setdefault(match["bead"], [-1, -1, -1])[AXES.index(match["axis"])] = i
         elif name not in ("time_s", "frame", "magnet_mm"):
             unused.append(name)
+    # the tracker's own measure of each position: frames that failed are empty already
+    unused = [
+        name
+        for name in unused
+        if not ((of := QUALITY_NAME.fullmatch(name)) and of["bead"] in found)
+    ]
     place = {n: names.names.index(n) if n in names.names else -1 for n in names.names}
     time, frame = place.get("time_s", -1), place.get("frame", -1)
     hint = f"It has: {_some(names.names)}. Files of another layout need a [source] table."

@@ -32,6 +32,8 @@ FOREIGN = {
     b"\xd0\xcf\x11\xe0": ("is an Excel workbook", "Save it as text (CSV)."),
     b"II*\x00": ("is an image stack", "Track the beads first (mtpipe track)."),
     b"MM\x00*": ("is an image stack", "Track the beads first (mtpipe track)."),
+    b"II+\x00": ("is an image stack", "Track the beads first (mtpipe track)."),
+    b"MM\x00+": ("is an image stack", "Track the beads first (mtpipe track)."),
     b"\x89PNG": (
         "is an image, no trace",
         "Track the beads of an image stack first (mtpipe track).",
@@ -169,7 +171,7 @@ def data_files(folder: Path) -> list[Path]:
         for p in folder.iterdir()
         if p.is_file() and p.suffix.lower() not in NO_DATA and not p.name.startswith(".")
     ]
-    return sorted(files, key=_natural)
+    return sorted(files, key=natural_order)
 
 
 def _in_folder(folder: Path, setup: Setup) -> tuple[Path, ...]:
@@ -190,7 +192,7 @@ def _named(folder: Path, setup: Setup) -> tuple[Path, ...]:
                 f"there is no file {pattern!r} there, though [source] files names it",
                 where=str(folder),
             )
-        found += [p for p in sorted(matches, key=_natural) if p not in found]
+        found += [p for p in sorted(matches, key=natural_order) if p not in found]
     return tuple(found)
 
 
@@ -216,7 +218,7 @@ def _log_name(source: Source | None) -> str | None:
     return source.magnet.file if source is not None and source.magnet is not None else None
 
 
-def _natural(path: Path) -> list[tuple[int, int, str]]:
+def natural_order(path: Path) -> list[tuple[int, int, str]]:
     """Sorts by name with numbers by value, so that 2.txt comes before 10.txt."""
     parts = re.findall(r"\d+|\D+", path.name)
     return [(0, int(p), "") if p.isdecimal() else (1, 0, p) for p in parts]

@@ -25,6 +25,7 @@ from mtpipe.ingest.presets import MAGSCOPE_HDF5
 from mtpipe.ingest.source import Format, Layout, Lost, Source
 from mtpipe.ingest.surface import find_surface
 from mtpipe.ingest.text import TextTable, open_text
+from mtpipe.ingest.tracked import read_tracked
 from mtpipe.notice import Notice
 from mtpipe.plateaus import find_plateaus
 from mtpipe.recording import Recording
@@ -148,10 +149,15 @@ def _assembled(
     )
     if not plateaus:
         raise _no_plateau(recording)
+    said: tuple[Notice, ...] = ()
+    if source is None or not source.beads:
+        tracked, said = read_tracked(files)
+        recording = dataclasses.replace(recording, tracked=tracked)
     surface = find_surface(recording)
     for bead, height in surface.height_nm.items():
         sound.positions_nm[bead][:, 2] -= height
     notices = (
+        *said,
         *_guesses(tables, source),
         *_remarks(data, sound.positions_nm),
         *clock.notices,

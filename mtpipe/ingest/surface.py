@@ -63,16 +63,23 @@ class Surface:
 
 
 def find_surface(recording: Recording) -> Surface:
-    """Where z = 0 is for each bead; nothing to say about a canonical recording."""
+    """Where z = 0 is for each bead; nothing to say about a canonical recording.
+
+    A recording that mtpipe tracked has heights in a look-up table, and is not canonical in that.
+    """
     source = recording.setup.source
-    if source is None or not source.beads:
+    in_table = recording.tracked.table_height if recording.tracked is not None else frozenset()
+    if (source is None or not source.beads) and not in_table:
         return Surface({}, {}, ())
+    source = source if source is not None else Source()
     heights: dict[str, float] = {}
     errors: dict[str, float] = {}
     notices: list[Notice] = []
     unknown: list[str] = []
     drift = _stage_nm(recording) if recording.drift is None else np.zeros(1)
     for bead in recording.tethered:
+        if not source.beads and bead not in in_table:
+            continue
         z = recording.positions_nm[bead][:, 2]
         if not np.isfinite(z).any():
             continue

@@ -13,6 +13,7 @@ import pandas as pd
 from mtpipe.errors import MtpipeError
 from mtpipe.methods import METHODS
 from mtpipe.notice import Notice
+from mtpipe.recording import AXES
 from mtpipe.setup import Setup, parse_setup
 
 
@@ -47,6 +48,8 @@ COLUMNS: Mapping[str, tuple[str, ...]] = {
         *_four("stretch_modulus", "pN"),
         *_four("radius", "nm"),
         *("series", "friction_ratio", "friction_ratio_stderr"),
+        *(name for axis in AXES for name in _four(f"noise_floor_{axis}", "nm")),
+        *(f"image_precision_{axis}_nm" for axis in AXES),
     ),
     "details/spectra.parquet": (
         *("bead", "plateau", "axis", "frequency_hz", "ordinates"),

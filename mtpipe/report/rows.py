@@ -10,6 +10,7 @@ from typing import Any
 from mtpipe.report import words
 from mtpipe.report.fit_words import ForceSource, force_source
 from mtpipe.report.folder import RunFolder, records
+from mtpipe.report.noise_words import noise_sentence
 from mtpipe.report.plateau_forces import comparisons, share_a_force
 
 VERDICTS = ("good", "caution", "refused")
@@ -38,7 +39,8 @@ class Cell:
 class BeadRow:
     """One bead of the overview and the head of its own page.
 
-    `radius` is as the joint fit tells it, `radius_stated` what the setup says.
+    `radius` is as the joint fit tells it, `radius_stated` what the setup says. `noise` compares the
+    spectra's with the images', where mtpipe tracked them; else it is empty.
     """
 
     bead: str
@@ -52,6 +54,7 @@ class BeadRow:
     friction_ratio: Cell
     radius: Cell
     radius_stated: str
+    noise: str
     source: ForceSource | None
     tether_model: str
 
@@ -205,6 +208,7 @@ def _bead_row(row: Mapping[str, Any], folder: RunFolder) -> BeadRow:
             "taken as exact" if stated.known and not stated.stderr else "no joint fit tells it",
         ),
         radius_stated=words.measured(stated, "nm"),
+        noise=noise_sentence(row),
         source=force_source(row, records(forces), radius_known=stated.known),
         tether_model=words.MODEL.get(words.text(row["tether_model"]), ""),
     )

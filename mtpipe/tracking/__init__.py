@@ -1,0 +1,1 @@
+"""From image stacks to tracked positions."""

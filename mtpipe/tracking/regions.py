@@ -1,0 +1,170 @@
+"""Which regions are tracked, and which look-up table belongs to each.
+
+Regions are those of the setup, else the beads found in the first frames; everything that was seen
+and is not tracked is said. A look-up table is made for one bead, size of region and pixel.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from contextlib import closing
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from mtpipe.errors import RecordingError, SetupError
+from mtpipe.notice import Notice
+from mtpipe.setup import Setup
+from mtpipe.tracking.choice import Tracking
+from mtpipe.tracking.find_beads import FoundBeads, Region, find_beads
+from mtpipe.tracking.stack import Stack
+
+if TYPE_CHECKING:
+    from mtpipe.tracking.lookup_table import LookUpTable
+
+FIRST_FRAMES = 50
+FIRST_BYTES = 1 << 25
+PIXEL_TOLERANCE = 1e-3
+
+
+@dataclass(frozen=True)
+class Tables:
+    """Look-up tables by the setup: one for all beads, and those of single ones."""
+
+    common: Path | None
+    own: Mapping[str, Path]
+    loaded: Mapping[Path, LookUpTable]
+
+    def of(self, beads: Iterable[str]) -> dict[str, Path]:
+        """The table of each bead that has one."""
+        found = {bead: self.own.get(bead, self.common) for bead in beads}
+        return {bead: path for bead, path in found.items() if path is not None}
+
+    def size_px(self, bead: str) -> int | None:
+        """Side of the region that a bead's table was made from."""
+        path = self.of([bead]).get(bead)
+        return None if path is None else self.loaded[path].region_size_px
+
+    def notices(self, regions: Sequence[Region]) -> Iterator[Notice]:
+        """What a user must know of the heights of these beads."""
+        names = [region.name for region in regions]
+        tables = self.of(names)
+        without = [name for name in names if name not in tables]
+        if without:
+            who = "any bead" if len(without) == len(names) else ", ".join(without)
+            said = (
+                f"There is no look-up table of {who}, so z is empty there: without z there is no "
+                "extension, and without extension no force; what is left are fluctuations in x and "
+                "y. `mtpipe lut` makes a table of a focus scan."
+            )
+            yield Notice("no_look_up_table", "warning", said, axis="z")
+        for bead, path in tables.items():
+            made_for = self.loaded[path].bead
+            if made_for != bead:
+                said = (
+                    f"Its heights are from the look-up table of {made_for} ({path.name}); beads "
+                    "differ in their rings, which shifts and scales z."
+                )
+                yield Notice("other_beads_table", "caution", said, bead)
+
+
+def tables_of(choice: Tracking, folder: Path, pixel_nm: float) -> Tables:
+    """Read the look-up tables that a setup names, relative to its folder.
+
+    Raises
+    ------
+    RecordingError : a table is missing, damaged or made with pixels of another size.
+    """
+    from mtpipe.tracking.lookup_table import LookUpTable
+
+    # absolute, as processes read them again
+    own = {bead: (folder / name).resolve() for bead, name in choice.look_up_table_of.items()}
+    common = None if choice.look_up_table is None else (folder / choice.look_up_table).resolve()
+    loaded = {}
+    for path in {*own.values(), *([] if common is None else [common])}:
+        table = LookUpTable.load(path)
+        made = table.pixel_size_nm
+        if made is not None and abs(made / pixel_nm - 1) > PIXEL_TOLERANCE:
+            raise RecordingError(
+                f"was made with pixels of {made:g} nm, the setup says {pixel_nm:g} nm",
+                where=str(path),
+                mend="Correct [camera] pixel_size_nm, or make the table again.",
+            )
+        loaded[path] = table
+    return Tables(common, own, loaded)
+
+
+def regions_of(
+    stack: Stack, setup: Setup, tables: Tables
+) -> tuple[tuple[Region, ...], tuple[Notice, ...]]:
+    """The regions to track, with the sizes that their tables want, and what was not taken.
+
+    Raises
+    ------
+    RecordingError, SetupError : no bead, or one that the setup names is not there.
+    """
+    choice = setup.tracking
+    notices: tuple[Notice, ...] = ()
+    if choice.regions:
+        regions = tuple(Region(r.name, r.x_px, r.y_px, r.size_px) for r in choice.regions)
+    else:
+        found = find_beads(first_frames(stack), size_px=choice.size_px)
+        regions, notices = found.regions, (said_of(found),)
+        if not regions:
+            raise RecordingError(said_of(found).message, where=stack.name)
+    sized = tuple(
+        replace(region, size_px=tables.size_px(region.name) or region.size_px) for region in regions
+    )
+    for region in sized:
+        check_inside(region, stack)
+    names = [region.name for region in sized]
+    there = f"there are {', '.join(names[:12])}{', …' if len(names) > 12 else ''}"
+    for stated, key in (
+        (setup.beads.reference, "[beads] reference"),
+        (choice.look_up_table_of, "[tracking] look_up_table_of"),
+    ):
+        for bead in stated:
+            if bead not in names:
+                raise SetupError(f"{key} names {bead!r}, which is none of the beads: {there}")
+    return sized, notices
+
+
+def first_frames(stack: Stack) -> np.ndarray:
+    """The frames in which beads are looked for: the first 50, fewer of large images."""
+    size = stack.height * stack.width * stack.dtype.itemsize
+    with closing(stack.chunks(max(2, min(FIRST_FRAMES, FIRST_BYTES // size)))) as chunks:
+        return next(chunks)
+
+
+def said_of(found: FoundBeads) -> Notice:
+    """What was found and refused, in words, with the places."""
+    said = f"{len(found.regions)} beads were found in the first frames"
+    if found.regions:
+        places = (f"{r.name} at x = {r.x_px:.0f}, y = {r.y_px:.0f}" for r in found.regions)
+        said += f" ({'; '.join(places)})"
+    said += "."
+    if found.refused:
+        places = (f"at x = {r.x_px:.0f}, y = {r.y_px:.0f}: {r.reason}" for r in found.refused)
+        said += f" {len(found.refused)} are not tracked ({'; '.join(places)})."
+    if found.fainter:
+        said += f" {found.fainter} much smaller or fainter patterns are taken for dirt."
+    return Notice("beads_found", "info", said)
+
+
+def check_inside(region: Region, stack: Stack) -> None:
+    """Raise RecordingError if a region juts out of the image."""
+    half = (region.size_px - 1) / 2
+    inside = (
+        half - 1 <= region.x_px <= stack.width - half
+        and half - 1 <= region.y_px <= stack.height - half
+    )
+    if not inside:
+        raise RecordingError(
+            f"the region of {region.name}, {region.size_px} pixels about x = {region.x_px:.0f}, "
+            f"y = {region.y_px:.0f}, is cut by the border of the image "
+            f"({stack.width} x {stack.height} pixels)",
+            where=stack.name,
+            mend="Move it, make it smaller, or leave the bead out of [[tracking.regions]].",
+        )

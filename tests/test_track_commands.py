@@ -1,0 +1,67 @@
+"""Tracking as users call it: the commands, several processes."""
+
+import numpy as np
+import pandas as pd
+import pytest
+from typer.testing import CliRunner
+
+import mtpipe
+from mtpipe.commands import app
+from mtpipe.tracking.track import track
+from tests.tracked_film import make_film, make_scan
+
+
+@pytest.fixture(scope="module")
+def scan(tmp_path_factory):
+    return make_scan(tmp_path_factory.mktemp("scan"))
+
+
+@pytest.fixture(scope="module")
+def tracked(tmp_path_factory, scan):
+    return make_film(tmp_path_factory.mktemp("film"), scan)
+
+
+def test_processes_and_carriers_change_nothing(tracked, tmp_path):
+    folder, *_ = tracked
+    first = pd.read_csv(folder / "recording.csv", comment="#")
+    steps = []
+    for name, workers in (("a.parquet", 1), ("b.csv.gz", 2)):
+        track(
+            folder / "film.tif",
+            tmp_path / name,
+            setup=folder / "setup.toml",
+            workers=workers,
+            progress=lambda step, done, total: steps.append((step, done, total)),
+        )
+        recording = mtpipe.load(tmp_path / name, folder / "setup.toml")
+        assert recording.tracked.table_height == {"bead1", "bead2"}
+        for bead in ("bead1", "bead2"):
+            columns = [f"{bead}_{axis}_nm" for axis in "xy"]
+            assert np.allclose(recording.positions_nm[bead][:, :2], first[columns], atol=2e-3)
+    assert steps[-1] == ("tracking beads", 400, 400)
+    assert sorted(p.name for p in tmp_path.iterdir()) == ["a.parquet", "b.csv.gz"]
+
+
+def test_the_commands(tracked, scan, tmp_path):
+    folder, *_ = tracked
+    runner = CliRunner()
+    film, setup = str(folder / "film.tif"), str(folder / "setup.toml")
+    done = runner.invoke(
+        app, ["track", film, "--setup", setup, "--out", str(tmp_path / "r.csv"), "--workers", "1"]
+    )
+    assert done.exit_code == 0, done.output
+    assert "2 beads were found" in done.output
+    assert "(2 beads, 400 frames)" in done.output
+    asked = ["lut", str(scan / "scan.tif"), "--z", str(scan / "z.csv")]
+    factor = ["--refractive-index-factor", "0.88"]
+    done = runner.invoke(
+        app, [*asked, *factor, "--out", str(tmp_path / "t.npz"), "--region", "40,45,41"]
+    )
+    assert done.exit_code == 0, done.output
+    assert "Look-up table of bead1" in done.output
+    for wrong in (
+        [*asked, "--out", str(tmp_path / "t.npz")],
+        [*asked, *factor, "--out", str(tmp_path / "t.txt")],
+        [*asked, *factor, "--out", str(tmp_path / "t.npz"), "--region", "40,45"],
+    ):
+        assert runner.invoke(app, wrong).exit_code == 2
