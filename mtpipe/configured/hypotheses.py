@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
@@ -14,6 +15,8 @@ from mtpipe.errors import FitError
 FIRST_ROUNDS = 3
 # A hypothesis that has gained less than the best by this many nats, and by this share, is left.
 WORTHWHILE_NATS, WORTHWHILE_SHARE = 30.0, 0.6
+# So many effects are tried in pairs, and a pair has to be better than one by so much.
+AHEAD, PAIR_NATS = 6, 3.0
 # Recorded heights this many standard errors from the fitted ones are out of the tether's reach.
 FAR_FROM_IT = 100.0
 
@@ -25,8 +28,8 @@ class Tried:
     Attributes
     ----------
     gain : rise of ln likelihood over the fit without the effect.
-    penalty : what its parameters cost, half their number times ln of the number of ordinates (BIC);
-        of sizes that do not earn that, what the fit would lose without them.
+    penalty : what its numbers cost, half as many times ln of the number of ordinates (BIC); of
+        sizes that do not earn that, what the fit would lose without them.
     evidence : that the hypotheses began with. index : which of them this is.
     """
 
@@ -85,10 +88,28 @@ def together(fit: ConfiguredFit, chosen: Sequence[Tried], start: ConfiguredFit) 
     plateaus = start.model.plateaus
     known = {
         parameter.name: float(value)
-        for parameter, value in zip(start.model.parameters, start.theta[plateaus:], strict=True)
+        for other in (*(one.fit for one in chosen), start)
+        for parameter, value in zip(other.model.parameters, other.theta[plateaus:], strict=True)
     }
     values = [known.get(parameter.name, parameter.start) for parameter in model.parameters]
     return fit_configured(model, np.concatenate([start.theta[:plateaus], values]))
+
+
+def looking_ahead(fit: ConfiguredFit, tried: Sequence[Tried]) -> list[Tried]:
+    """Effects in the order in which to take them: first one of the pair that explains most.
+
+    The best alone may be a substitute for two others (`tried`: best first).
+    """
+    best, most = tried[0], tried[0].net + PAIR_NATS
+    for first, second in itertools.combinations(tried[:AHEAD], 2):
+        try:
+            both = together(fit, [first, second], first.fit)
+        except (FitError, ValueError, IndexError, np.linalg.LinAlgError):
+            continue
+        net = both.log_likelihood - fit.log_likelihood - first.penalty - second.penalty
+        if net > most:
+            best, most = first, net
+    return [best, *(one for one in tried if one is not best)]
 
 
 def try_effects(fit: ConfiguredFit, effects: Sequence[Effect], evidence: Evidence) -> list[Tried]:
@@ -109,7 +130,9 @@ def try_effects(fit: ConfiguredFit, effects: Sequence[Effect], evidence: Evidenc
                 fitted = with_hypothesis(fit, hypothesis, rounds=FIRST_ROUNDS)
             except (FitError, ValueError, np.linalg.LinAlgError):
                 continue
-            penalty = 0.5 * len(hypothesis.parameters) * float(np.log(ordinates))
+            # an effect without parameters is a choice still
+            numbers = max(len(hypothesis.parameters) + hypothesis.read, 1)
+            penalty = 0.5 * numbers * float(np.log(ordinates))
             gain = fitted.log_likelihood - fit.log_likelihood
             begun.append(Tried(effect, hypothesis, fitted, gain, penalty, evidence, index))
     best = max((one.gain for one in begun), default=0.0)
@@ -138,7 +161,7 @@ def _idle_sizes_forgiven(one: Tried, without: ConfiguredFit) -> Tried:
     """
     model = one.fit.model
     first = len(model.parameters) - len(one.hypothesis.parameters)
-    each_costs = one.penalty / max(len(one.hypothesis.parameters), 1)
+    each_costs = one.penalty / max(len(one.hypothesis.parameters) + one.hypothesis.read, 1)
     stderr = np.sqrt(np.maximum(np.diag(one.fit.covariance), 1e-300))[model.plateaus :]
     worth = {
         k: 0.5 * float(one.fit.theta[model.plateaus + k] / stderr[k]) ** 2

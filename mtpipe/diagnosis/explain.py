@@ -16,7 +16,7 @@ from scipy import special
 
 from mtpipe.configured.data import PlateauData, plateau_data
 from mtpipe.configured.fit import ConfiguredFit, first_guess, fit_configured
-from mtpipe.configured.hypotheses import Tried, together, try_effects
+from mtpipe.configured.hypotheses import Tried, looking_ahead, together, try_effects
 from mtpipe.corrections.catalogue import CORRECTIONS
 from mtpipe.corrections.correction import Correction
 from mtpipe.crosschecking.case import FORMULAS, Case, preferred_formula
@@ -32,8 +32,9 @@ from mtpipe.physics.tether import Formula
 # Chance of a false alarm that is accepted per bead.
 ALARM_P = 0.004
 # Net gain (nats, BIC) from which an effect is seen although the battery is silent, and from which
-# one is kept at all; the catalogue has about 20 entries, which costs 3 nats by itself.
-SEEN_NATS, KEPT_NATS = 9.0, 6.0
+# one is kept at all. With a penalty of 5 nats a gain of 8 is needed, which comes by chance once in
+# 16 000 tries of one parameter (χ² above 16); the catalogue tries some 30.
+SEEN_NATS, KEPT_NATS = 4.0, 3.0
 # Two effects whose net gains differ by less cannot be told apart.
 ALIKE_NATS = 3.0
 MOST_EFFECTS = 3
@@ -114,7 +115,7 @@ def explain(
     nearest: Tried | None = None
     say("looking at the course of time")
     check = _corrected(check, named, random)
-    case = check.case
+    case, corrections = check.case, tuple(named)
     fit = case.fit
     while len(named) < MOST_EFFECTS:
         say("trying effects")
@@ -123,8 +124,12 @@ def explain(
         if not tried or tried[0].net < needed:
             nearest = tried[0] if tried else None
             break
+        able = [one for one in tried if one.net >= needed]
+        if len(named) == len(corrections) and len(able) > 1:
+            say("trying pairs of effects")
+            able = looking_ahead(fit, able)
         found = None
-        for one in [one for one in tried if one.net >= needed][:MOST_CANDIDATES]:
+        for one in able[:MOST_CANDIDATES]:
             say(f"checking with {one.effect.name}")
             found = _named(one, tried, check, case, random)
             if found is not None:
@@ -144,7 +149,13 @@ def explain(
         for left_out in named[len(certain) :][:1]:
             nearest = left_out.found if isinstance(left_out.found, Tried) else nearest
         named, check = certain, certain[-1].after if certain else before
-    return Explanation(before, check, tuple(named), verdict, nearest)
+    # what is named itself is no alternative to another
+    names = {one.name for one in named}
+    distinct = tuple(
+        replace(one, equivalent=tuple(name for name in one.equivalent if name not in names))
+        for one in named
+    )
+    return Explanation(before, check, distinct, verdict, nearest)
 
 
 def _corrected(check: BeadCheck, named: list[Named], random: np.random.Generator) -> BeadCheck:

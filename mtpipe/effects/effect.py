@@ -49,10 +49,14 @@ class Evidence:
 
 @dataclass(frozen=True)
 class Hypothesis:
-    """A changed experiment, and the parameters that are fitted with it (added to the others)."""
+    """A changed experiment, and the parameters that are fitted with it (added to the others).
+
+    `read` : how many numbers more were read from the data beforehand; they cost like fitted ones.
+    """
 
     experiment: Experiment
     parameters: tuple[Parameter, ...]
+    read: int = 0
 
 
 @dataclass(frozen=True)

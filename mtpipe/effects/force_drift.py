@@ -7,6 +7,7 @@ its size, far better known from there, enters as prior knowledge.
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from dataclasses import replace
 from functools import partial
 
@@ -37,7 +38,8 @@ def _hypotheses(experiment: Experiment, evidence: Evidence) -> list[Hypothesis]:
     common = evidence.common_course
     if common.course.relative_change != 0:
         everywhere = with_magnets(experiment, courses=(common.course,) * len(experiment.rests))
-        found.append(Hypothesis(everywhere, (_change_of(NAME, common, _change_all),)))
+        parameter = _change_of(NAME, common, _change_all)
+        found.append(Hypothesis(everywhere, (parameter,), _read([common.course])))
     changing = [i for i, seen in enumerate(evidence.courses) if seen.course.relative_change != 0]
     if changing:
         courses = tuple(seen.course for seen in evidence.courses)
@@ -45,8 +47,14 @@ def _hypotheses(experiment: Experiment, evidence: Evidence) -> list[Hypothesis]:
             _change_of(f"{NAME}, plateau {i}", evidence.courses[i], partial(_change_one, i))
             for i in changing
         )
-        found.append(Hypothesis(with_magnets(experiment, courses=courses), parameters))
+        there = with_magnets(experiment, courses=courses)
+        found.append(Hypothesis(there, parameters, _read(courses[i] for i in changing)))
     return found
+
+
+def _read(courses: Iterable[ForceCourse]) -> int:
+    """How many of the courses have a time that was read from the heights."""
+    return sum(course.kind != "ramp" for course in courses)
 
 
 def _change_of(name: str, seen: SeenCourse, change: Change) -> Parameter:

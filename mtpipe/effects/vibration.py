@@ -21,7 +21,7 @@ def _hypotheses(experiment: Experiment, evidence: Evidence) -> list[Hypothesis]:
         number = len(experiment.stage.lines)
         lines = (*experiment.stage.lines, Line(frequency, (START_NM, START_NM, START_NM)))
         sizes = tuple(_along(number, i, name) for i, name in enumerate("xyz"))
-        found.append(Hypothesis(with_stage(experiment, lines=lines), sizes))
+        found.append(Hypothesis(with_stage(experiment, lines=lines), sizes, read=1))
     return found
 
 
