@@ -5,8 +5,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from mtpipe.physics.camera import Camera, frame_variance, lag_one_covariance
-from mtpipe.physics.linear import LinearMotion, normal_modes, pair_spectrum
+from mtpipe.physics.camera import Camera, frame_variance, lag_one_covariance, power_spectrum
+from mtpipe.physics.linear import LinearMotion, normal_modes, pair_modes
 from mtpipe.physics.modes import rotating_bead
 
 KT = 4.1
@@ -37,7 +37,8 @@ def test_the_spectrum_is_that_of_the_response_in_the_frequency_domain(seed):
         expected = motion.readout @ whole @ motion.readout.T
         scale = np.abs(expected).max()
         for first, second in ((0, 0), (0, 1), (1, 1)):
-            found = modes.spectrum(frequency, FAST, first, second)
+            variance = modes.amplitude_nm[first] * modes.amplitude_nm[second]
+            found = power_spectrum(frequency, variance, modes.tau_s, FAST).sum()
             # aliases of the sampled motion are above by (πfD)²/3 and by what lies beyond Nyquist
             assert found == pytest.approx(expected[first, second].real, abs=1e-3 * scale)
         assert np.abs(expected.imag).max() < 1e-9 * scale
@@ -89,7 +90,9 @@ def test_the_spectrum_of_a_quadratic_form_integrates_to_its_variance(seed, expos
     frames = 4096
     frequency = np.arange(frames) / frames / frame_s
     # the spectrum repeats at 1/D: the plain sum over a whole period is exact but for wrap-around
-    power = pair_spectrum(np.minimum(frequency, 1 / frame_s - frequency), form, modes, camera)
+    tau_s, variance = pair_modes(form, modes)
+    folded = np.minimum(frequency, 1 / frame_s - frequency)[:, None]
+    power = power_spectrum(folded, variance, tau_s, camera).sum(axis=1)
     found = np.fft.irfft(power[: frames // 2 + 1], frames)[:2] / 2 / frame_s
     q = modes.quadratic(form)
     tau = 1 / (1 / modes.tau_s[:, None] + 1 / modes.tau_s)

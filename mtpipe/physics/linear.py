@@ -14,9 +14,8 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import ArrayLike
 
-from mtpipe.physics.camera import Camera, FloatArray, power_spectrum
+from mtpipe.physics.camera import FloatArray
 
 
 @dataclass(frozen=True, eq=False)
@@ -46,15 +45,6 @@ class NormalModes:
     def covariance_nm2(self) -> FloatArray:
         """(m, m) covariance of the readouts, kT · readout K⁻¹ readoutᵀ (equipartition)."""
         return np.asarray(self.amplitude_nm @ self.amplitude_nm.T)
-
-    def spectrum(
-        self, frequency_hz: ArrayLike, camera: Camera, first: int, second: int | None = None
-    ) -> FloatArray:
-        """One-sided (cross-)spectrum of recorded positions, in nm²/Hz; real in equilibrium."""
-        second = first if second is None else second
-        variance = self.amplitude_nm[first] * self.amplitude_nm[second]
-        frequency = np.asarray(frequency_hz, dtype=float)[..., None]
-        return np.asarray(np.sum(power_spectrum(frequency, variance, self.tau_s, camera), axis=-1))
 
     def quadratic(self, form: FloatArray) -> FloatArray:
         """(d, d) matrix q of ½ Xᵀ form X = ½ Σ q_ij u_i u_j in units of the modes u."""
@@ -95,15 +85,3 @@ def pair_modes(form: FloatArray, modes: NormalModes) -> tuple[FloatArray, FloatA
     there = variance > 1e-12 * np.max(variance, initial=0.0)
     tau = 1 / (rate[first] + rate[second])
     return np.asarray(tau[there]), np.asarray(variance[there])
-
-
-def pair_spectrum(
-    frequency_hz: ArrayLike, form: FloatArray, modes: NormalModes, camera: Camera
-) -> FloatArray:
-    """One-sided spectrum of ½ Xᵀ form X as recorded, in units of the form's result squared per Hz.
-
-    Source: `pair_modes`.
-    """
-    tau_s, variance = pair_modes(form, modes)
-    frequency = np.asarray(frequency_hz, dtype=float)[..., None]
-    return np.asarray(np.sum(power_spectrum(frequency, variance, tau_s, camera), axis=-1))
