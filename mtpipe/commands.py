@@ -32,9 +32,9 @@ Recording = Annotated[
     typer.Argument(
         metavar="RECORDING",
         help="Recording (CSV, Parquet, or a laboratory's own file), a folder with a series of "
-        "files, a setup.toml whose [source] names its files, or an image stack (TIFF), which is "
-        "tracked first.",
-        exists=True,
+        "files, a setup.toml whose [source] names its files, or an image stack (as for `mtpipe "
+        "track`), which is tracked first.",
+        callback=lambda path: _existing(path),
     ),
 ]
 Stack = Annotated[
@@ -51,6 +51,14 @@ SetupFile = Annotated[
 ]
 Seed = Annotated[int, typer.Option(help="Seed of posteriors and simulations.", min=0)]
 Workers = Annotated[int | None, typer.Option(help="Processes; default: one per core.", min=1)]
+
+
+def _existing(path: Path) -> Path:
+    from mtpipe.tracking.stack import is_pattern
+
+    if not path.exists() and not is_pattern(path):
+        raise typer.BadParameter(f"path {str(path)!r} does not exist.")
+    return path
 
 
 def _known_methods(names: list[str]) -> list[str]:
@@ -397,6 +405,8 @@ def main() -> None:
         app()
     except MtpipeError as error:
         typer.echo(f"mtpipe: {error}", err=True)
+    except PermissionError as error:
+        typer.echo(f"mtpipe: {error.filename}: no access ({error.strerror})", err=True)
     except Exception as error:
         if os.environ.get("MTPIPE_DEBUG"):
             traceback.print_exc()

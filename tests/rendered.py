@@ -49,7 +49,9 @@ def table(method=DEFAULT_METHOD, step_nm=50.0) -> LookUpTable:
     return build(*scan(step_nm), method=method)
 
 
-def build(stack, heights_nm, factor=1.0, method=DEFAULT_METHOD) -> LookUpTable:
+def build(
+    stack, heights_nm, factor=1.0, method=DEFAULT_METHOD, saturated_above=None
+) -> LookUpTable:
     return LookUpTable.build(
         stack,
         heights_nm,
@@ -58,6 +60,7 @@ def build(stack, heights_nm, factor=1.0, method=DEFAULT_METHOD) -> LookUpTable:
         pixel_size_nm=PIXEL_NM,
         stack="scan.tif",
         method=method,
+        saturated_above=saturated_above,
     )
 
 

@@ -61,6 +61,20 @@ def test_nothing_is_found_in_noise_and_uneven_light(seed):
             find_beads(frames.astype(float))
 
 
+def test_frames_with_pixels_that_are_no_numbers_are_left_out():
+    frames = film(PLACES).astype(float)
+    frames[0], frames[2, 5, 5] = np.nan, np.inf
+    assert len(find_beads(frames).regions) == 4
+    frames[:, 5, 5] = np.nan
+    with pytest.raises(RecordingError, match="no numbers"):
+        find_beads(frames)
+
+
+def test_images_without_room_for_a_bead():
+    with pytest.raises(RecordingError, match="have 300 x 1 pixels, and a bead takes 16 x 16"):
+        find_beads(np.ones((3, 1, 300)))
+
+
 def test_overlapping_and_cut_beads_are_refused_by_place_and_reason():
     found = find_beads(film([(60, 60), (78, 60), (170, 90), (245, 120), (120, 173)]))
     assert [(round(r.x_px), round(r.y_px)) for r in found.regions] == [(170, 90)]

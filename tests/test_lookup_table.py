@@ -117,8 +117,17 @@ def test_images_without_the_bead_are_left_out_and_told():
     stack[4:6] = 100
     table = rendered.build(stack, heights)
     assert [notice.code for notice in table.notices] == ["scan_images_lost"]
-    assert "2 images" in table.notices[0].message
+    assert "no bead 2" in table.notices[0].message
     assert len(table.z_nm) == 31
+
+
+def test_saturated_images_are_no_part_of_a_table():
+    stack, heights_nm = rendered.scan(repeats=2)
+    stack[10] = np.minimum(stack[10] * 1.9, 255).astype(stack.dtype)
+    table = rendered.build(stack, heights_nm, saturated_above=255.0)
+    assert "saturated 1" in table.notices[0].message
+    with pytest.raises(RecordingError, match=r"found at 0 heights.*images lost: saturated 62"):
+        rendered.build(stack, heights_nm, saturated_above=1.0)
 
 
 @pytest.mark.parametrize(
@@ -135,7 +144,7 @@ def test_scans_that_are_no_table(change, said):
         rendered.build(*change(*rendered.scan(repeats=2)))
 
 
-@pytest.mark.parametrize("factor", [0.0, 88.0])
+@pytest.mark.parametrize("factor", [0.0, 88.0, np.nan])
 def test_factors_that_cannot_be(factor):
     with pytest.raises(RecordingError, match="refractive-index factor"):
         rendered.build(*rendered.scan(repeats=2), factor=factor)

@@ -10,7 +10,7 @@ import tifffile
 
 import mtpipe
 from mtpipe.errors import RecordingError
-from mtpipe.tracking.stack import is_stack, open_stack
+from mtpipe.tracking.stack import check_unchanged, is_stack, open_stack
 from mtpipe.tracking.stack_times import frame_times
 from tests.stack_images import setup_text
 
@@ -179,6 +179,52 @@ def test_times_of_ome_planes(tmp_path):
         times(tmp_path / "a.ome.tif", 100.0)
 
 
+def spread_film(folder, times):
+    """An OME film of two files, whose metadata stand in both; `times` are its Plane elements."""
+    ids = [f"urn:uuid:{k}0000000-0000-0000-0000-000000000000" for k in range(2)]
+    data = "".join(
+        f'<TiffData FirstT="{k}" IFD="{k % 10}" PlaneCount="1">'
+        f'<UUID FileName="{k // 10}.ome.tif">{ids[k // 10]}</UUID></TiffData>'
+        for k in range(20)
+    )
+    for k in range(2):
+        told = (
+            '<?xml version="1.0" encoding="UTF-8"?><OME xmlns="http://www.openmicroscopy.org/'
+            f'Schemas/OME/2016-06" UUID="{ids[k]}"><Image ID="Image:0"><Pixels ID="Pixels:0" '
+            'DimensionOrder="XYCZT" Type="uint16" SizeX="40" SizeY="32" SizeC="1" SizeZ="1" '
+            f'SizeT="20" {times[0]}>{data}{times[1]}</Pixels></Image></OME>'
+        )
+        pages_with(
+            folder / f"{k}.ome.tif",
+            lambda page, told=told: {} if page else {"description": told},
+            FRAMES[10 * k : 10 * k + 10],
+        )
+
+
+PLANES = "".join(f'<Plane TheC="0" TheZ="0" TheT="{k}" DeltaT="{0.01 * k}"/>' for k in range(20))
+
+
+@pytest.mark.parametrize("times_told", [("", PLANES), ('TimeIncrement="0.01"', "")])
+def test_times_of_an_ome_film_that_is_spread_over_files(tmp_path, times_told):
+    spread_film(tmp_path, times_told)
+    stack = open_stack(tmp_path / "0.ome.tif")
+    assert np.array_equal(everything(stack), FRAMES)
+    time_s, notices = times(tmp_path / "0.ome.tif", 100.0)
+    assert np.allclose(time_s, 0.01 * np.arange(20), atol=1e-12)
+    assert notices[0].code == "times_from_stack"
+
+
+def test_ome_times_that_are_no_numbers_are_none(tmp_path):
+    path = tmp_path / "a.ome.tif"
+    metadata = {"axes": "TYX", "TimeIncrement": 0.0125}
+    tifffile.imwrite(path, FRAMES, metadata=metadata)
+    content = path.read_bytes()
+    assert content.count(b'"0.0125"') == 1
+    path.write_bytes(content.replace(b'"0.0125"', b'"often!"'))
+    _, (said,) = times(path, 80.0)
+    assert said.code == "times_from_setup"
+
+
 def test_times_of_imagej_are_its_interval_and_not_its_player(tmp_path):
     told = {"axes": "TYX", "finterval": 0.02, "fps": 7.0}
     tifffile.imwrite(tmp_path / "a.tif", FRAMES, imagej=True, metadata=told)
@@ -341,9 +387,12 @@ def test_empty_pages_and_files_and_single_frames(tmp_path):
     refused(tmp_path / "empty.tif", "is empty")
     (tmp_path / "text.tif").write_text("time_s,a\n")
     refused(tmp_path / "text.tif", "is no TIFF file")
+    (tmp_path / "head.tif").write_bytes((tmp_path / "one.tif").read_bytes()[:8])
+    refused(tmp_path / "head.tif", "is cut off or damaged after page 0")
     refused(tmp_path / "absent.tif", "there is no such file or folder")
     refused(tmp_path / "absent_*.tif", "no file has a name of this pattern")
     (tmp_path / "folder").mkdir()
+    (tmp_path / "folder" / "._a.tif").write_bytes(b"written by macOS")
     refused(tmp_path / "folder", "the folder has no TIFF files")
     path = tmp_path / "hole.tif"
     pages_with(path, lambda k: {})
@@ -362,6 +411,9 @@ def test_a_film_that_grows_while_it_is_read(tmp_path):
         writer.write(FRAMES[0], **GREY)
     with pytest.raises(RecordingError, match=r"a\.tif: grew by \d+ bytes while it was read"):
         list(chunks)
+    path.unlink()
+    with pytest.raises(RecordingError, match=r"a\.tif: cannot be read any more"):
+        check_unchanged(stack.files[0])
 
 
 def test_memory_does_not_grow_with_the_length(tmp_path):

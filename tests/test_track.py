@@ -1,5 +1,7 @@
 """From stack to recording: positions, lost frames, tables, times and what is said of them."""
 
+import errno
+import os
 import tracemalloc
 
 import numpy as np
@@ -15,6 +17,7 @@ from mtpipe.tracking.find_beads import Region
 from mtpipe.tracking.follow import corner, cut, followed
 from mtpipe.tracking.scan import focus_positions_nm, table_from_scan
 from mtpipe.tracking.track import track
+from mtpipe.tracking.track_files import RecordingWriter
 from tests.stack_images import draw, setup_text
 from tests.tracked_film import FIXED, FOCUS_NM, SHAPE, make_film, make_scan, write
 
@@ -218,6 +221,8 @@ def test_a_table_from_named_frames_and_micrometres(scan, tmp_path):
         ("z_nm\n1\n2\n", "has 2 rows where the stack has 64 frames"),
         ("height\n1\n", r"has no column z_nm \(or z_um\).*It has: height"),
         ("frame,z_nm\n64,1\n", "names frame 64, but the stack has 64 frames, 0 to 63"),
+        ("frame,z_nm\n3,1\n4,2\n3,5\n", "names frame 3 twice"),
+        ("z_nm\n", "has no rows"),
     ],
 )
 def test_positions_that_do_not_fit_the_scan(tmp_path, content, match):
@@ -260,6 +265,18 @@ def test_several_beads_in_a_scan_need_a_name(scan):
             "",
             "two are named 'a'",
         ),
+        (
+            "[tracking]\nregions = [{name = 'a', x_px = 40, y_px = 45, size_px = 31}, "
+            "{name = 'b', x_px = 50, y_px = 46, size_px = 31}]",
+            "",
+            "regions of a and b overlap so far .* centres are 10 pixels apart",
+        ),
+        (
+            "[tracking]\nregions = [{name = 'a b', x_px = 40, y_px = 45, size_px = 31}]",
+            "",
+            "has no spaces, commas or quotes",
+        ),
+        ("[tracking]\nsize_px = 90", "", "cut by the border of the image.* smaller size_px"),
     ],
 )
 def test_a_setup_that_cannot_be(tracked, scan, tmp_path, more, reference, match):
@@ -297,6 +314,18 @@ def test_a_recording_of_a_kind_that_is_not_written(tracked, tmp_path):
     folder, *_ = tracked
     with pytest.raises(MtpipeError, match=r"written as \.csv, \.csv\.gz or \.parquet"):
         track(folder / "film.tif", tmp_path / "r.xlsx")
+
+
+def test_a_full_disc_is_told_and_leaves_nothing(tracked, tmp_path, monkeypatch):
+    folder, *_ = tracked
+
+    def full(self, table):
+        raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
+
+    monkeypatch.setattr(RecordingWriter, "_write", full)
+    with pytest.raises(MtpipeError, match=r"r\.csv: cannot be written \(No space left"):
+        track(folder / "film.tif", tmp_path / "r.csv")
+    assert not list(tmp_path.iterdir())
 
 
 def test_a_table_of_another_bead_is_used_with_a_notice(tracked, scan, tmp_path):

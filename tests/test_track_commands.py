@@ -7,7 +7,9 @@ from typer.testing import CliRunner
 
 import mtpipe
 from mtpipe.commands import app
+from mtpipe.errors import RecordingError
 from mtpipe.tracking.track import track
+from tests.stack_images import setup_text
 from tests.tracked_film import make_film, make_scan
 
 
@@ -65,3 +67,11 @@ def test_the_commands(tracked, scan, tmp_path):
         [*asked, *factor, "--out", str(tmp_path / "t.npz"), "--region", "40,45"],
     ):
         assert runner.invoke(app, wrong).exit_code == 2
+
+
+def test_a_series_may_be_run_by_the_pattern_of_its_names(tmp_path):
+    (tmp_path / "setup.toml").write_text(setup_text())
+    missing = ["run", str(tmp_path / "film_*.tif"), "--out", str(tmp_path / "out")]
+    done = CliRunner().invoke(app, missing)
+    assert isinstance(done.exception, RecordingError)
+    assert "no file has a name of this pattern" in str(done.exception)

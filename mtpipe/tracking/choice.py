@@ -6,9 +6,10 @@ docs/tracking.md.
 
 from __future__ import annotations
 
+import re
 from collections import Counter
 
-from pydantic import Field, model_validator
+from pydantic import Field, field_validator, model_validator
 
 from mtpipe.ingest.source import Magnet, Table
 
@@ -16,10 +17,17 @@ from mtpipe.ingest.source import Magnet, Table
 class RegionOfBead(Table):
     """A bead by its name, the pixel at its centre (the first pixel is 0) and its region's side."""
 
-    name: str = Field(min_length=1, pattern=r"^[^,\"\s]+$")
+    name: str
     x_px: float = Field(ge=0)
     y_px: float = Field(ge=0)
     size_px: int = Field(ge=16)
+
+    @field_validator("name")
+    @classmethod
+    def _is_part_of_a_column(cls, name: str) -> str:
+        if not re.fullmatch(r'[^,"\s]+', name):
+            raise ValueError("the name of a bead has no spaces, commas or quotes")
+        return name
 
 
 class Tracking(Table):

@@ -19,6 +19,7 @@ from scipy import ndimage, signal, special
 
 from mtpipe.errors import RecordingError
 from mtpipe.recording import FloatArray
+from mtpipe.tracking.positions import MIN_SIZE_PX
 
 SMOOTHING_PX = 1.0
 # Radii of the discs that are searched, pixels; each √2 times the last.
@@ -71,13 +72,27 @@ def find_beads(frames: FloatArray, *, size_px: int | None = None) -> FoundBeads:
 
     Parameters
     ----------
-    frames : (n, height, width), the first frames, at least two.
+    frames : (n, height, width), the first frames, at least two. Those with pixels that are no
+        numbers are left out.
     size_px : side of a region; default: 3 times the beads' radius, less at the border.
 
     Raises
     ------
-    RecordingError : no bead is there, or none that can be tracked.
+    RecordingError : no bead is there, or the frames are such that none can be found.
     """
+    height, width = frames.shape[1:]
+    if min(height, width) < MIN_SIZE_PX:
+        raise RecordingError(
+            f"the images have {width} x {height} pixels, and a bead takes {MIN_SIZE_PX} x "
+            f"{MIN_SIZE_PX}"
+        )
+    finite = np.isfinite(frames).all(axis=(1, 2))
+    if finite.sum() < 2:
+        raise RecordingError(
+            "pixels of the first frames are no numbers (NaN or infinite)",
+            mend="Replace them, or save the camera's raw images.",
+        )
+    frames = frames[finite]
     seen = moments(frames)
     structure = _structure(seen.mean) + _structure(seen.motion)
     together = _beads_of(structure, seen.noise / math.sqrt(len(frames)), size_px)

@@ -17,6 +17,7 @@ from __future__ import annotations
 import io
 import json
 import zipfile
+from collections import Counter
 from dataclasses import dataclass, replace
 from datetime import UTC, datetime
 from functools import cached_property
@@ -32,7 +33,7 @@ from mtpipe.notice import Notice
 from mtpipe.tracking.information import confused_with, longest_without
 from mtpipe.tracking.library import FloatArray
 from mtpipe.tracking.matching import normalized, ring_count
-from mtpipe.tracking.positions import DEFAULT_METHOD, checked_images, measure
+from mtpipe.tracking.positions import DEFAULT_METHOD, LOST_REASONS, checked_images, measure
 
 SCHEMA = "mtpipe.lookup_table/1"
 # magtrack's own method fits a parabola through seven planes; fewer say little of a range anyway.
@@ -94,6 +95,7 @@ class LookUpTable:
         pixel_size_nm: float | None,
         stack: str,
         method: str = DEFAULT_METHOD,
+        saturated_above: float | None = None,
     ) -> LookUpTable:
         """Make a table from a focus scan; images of the same focus are averaged.
 
@@ -103,6 +105,7 @@ class LookUpTable:
         z_nm : (n,) focus position of each image, before the factor.
         refractive_index_factor : height per focus position; see the module.
         stack : name of the scan.
+        saturated_above : as `mtpipe.tracking.positions.locate`; saturated images are left out.
 
         Raises
         ------
@@ -111,14 +114,16 @@ class LookUpTable:
         images = checked_images(images)
         heights = np.asarray(z_nm, dtype=float) * refractive_index_factor
         _check_heights(heights, len(images), refractive_index_factor, stack)
-        found = measure(images, method, np.inf)
+        found = measure(images, method, np.inf if saturated_above is None else saturated_above)
         good = found.lost == 0
+        counts = Counter(LOST_REASONS[code] for code in found.lost[~good].tolist())
+        lost = ", ".join(f"{reason} {n}" for reason, n in counts.most_common())
         labels = heights.round(PLANE_DIGITS)
         planes = np.unique(labels[good])
         if len(planes) < MIN_PLANES:
             raise RecordingError(
                 f"the bead was found at {len(planes)} heights of {len(np.unique(labels))}, and a "
-                f"look-up table needs {MIN_PLANES}",
+                f"look-up table needs {MIN_PLANES}" + (f" (images lost: {lost})" if lost else ""),
                 where=f"{stack}, bead {bead}",
                 mend="Take a scan of more steps with the bead in the middle of its region.",
             )
@@ -138,9 +143,9 @@ class LookUpTable:
             source=stack,
             made=f"{datetime.now(UTC):%Y-%m-%d}",
         )
-        return _usable(table, int(np.sum(~good)))
+        return _usable(table, lost)
 
-    def save(self, path: Path) -> None:
+    def save(self, path: Path | str) -> None:
         """Write the table whole or not at all, as .npz: its arrays, and the rest as JSON."""
         rest = {
             "schema": SCHEMA,
@@ -161,22 +166,25 @@ class LookUpTable:
             noise=self.noise,
             metadata=np.array(json.dumps(rest)),
         )
-        write_atomically(path, stream.getvalue())
+        write_atomically(Path(path), stream.getvalue())
 
     @classmethod
-    def load(cls, path: Path) -> LookUpTable:
+    def load(cls, path: Path | str) -> LookUpTable:
         """Read a table that `save` wrote.
 
         Raises
         ------
         RecordingError : there is none, or it is not whole.
         """
+        path = Path(path)
         try:
             with path.open("rb") as stream, np.load(stream, allow_pickle=False) as file:
                 rest: dict[str, Any] = json.loads(str(file["metadata"]))
                 rest |= {name: np.asarray(file[name], float) for name in _ARRAYS}
         except FileNotFoundError:
             raise RecordingError("there is no such look-up table", where=str(path)) from None
+        except PermissionError as error:
+            raise RecordingError(f"cannot be read ({error.strerror})", where=str(path)) from None
         except (OSError, ValueError, KeyError, EOFError, zipfile.BadZipFile):
             raise RecordingError(
                 "this is not a look-up table of mtpipe",
@@ -206,20 +214,20 @@ _ARRAYS = ("z_nm", "profiles", "noise")
 
 
 def _check_heights(heights: FloatArray, images: int, factor: float, stack: str) -> None:
+    if not 0.3 < abs(factor) < 3:
+        raise RecordingError(
+            f"a refractive-index factor of {factor:g} cannot be: it is near 0.88 for an oil "
+            "objective into water, 1 without refraction"
+        )
     if heights.shape != (images,):
         raise RecordingError(
             f"{heights.size} focus positions do not fit {images} images", where=stack
         )
     if not np.all(np.isfinite(heights)):
         raise RecordingError("a focus position of the scan is not a number", where=stack)
-    if factor == 0 or not 0.3 < abs(factor) < 3:
-        raise RecordingError(
-            f"a refractive-index factor of {factor:g} cannot be: it is near 0.88 for an oil "
-            "objective into water, 1 without refraction"
-        )
 
 
-def _usable(table: LookUpTable, not_found: int) -> LookUpTable:
+def _usable(table: LookUpTable, lost: str) -> LookUpTable:
     """The table's longest range in which every profile has one height, with what to know of it."""
     where = f"{table.source}, bead {table.bead}"
     confused, unresolved = confused_with(normalized(table.profiles), table.noise)
@@ -239,8 +247,8 @@ def _usable(table: LookUpTable, not_found: int) -> LookUpTable:
             mend="Scan on one side of the focus.",
         )
     notices = []
-    if not_found:
-        said = f"In {not_found} images of the scan the bead was not found; they were left out."
+    if lost:
+        said = f"Images of the scan that were left out, as the bead is lost in them: {lost}."
         notices.append(Notice("scan_images_lost", "caution", said, bead=table.bead))
     low, high = table.z_nm[first], table.z_nm[last - 1]
     if last - first < len(table.z_nm):

@@ -6,6 +6,7 @@ and is not tracked is said. A look-up table is made for one bead, size of region
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import closing
 from dataclasses import dataclass, replace
@@ -107,18 +108,23 @@ def regions_of(
     """
     choice = setup.tracking
     notices: tuple[Notice, ...] = ()
-    if choice.regions:
-        regions = tuple(Region(r.name, r.x_px, r.y_px, r.size_px) for r in choice.regions)
-    else:
-        found = find_beads(first_frames(stack), size_px=choice.size_px)
+    regions = stated_regions(choice)
+    if not regions:
+        found = beads_in(first_frames(stack), stack, choice.size_px)
         regions, notices = found.regions, (said_of(found),)
         if not regions:
-            raise RecordingError(said_of(found).message, where=stack.name)
+            raise RecordingError(
+                said_of(found).message.removesuffix("."),
+                where=stack.name,
+                mend="Give a smaller size_px, or the beads as [[tracking.regions]].",
+            )
     sized = tuple(
         replace(region, size_px=tables.size_px(region.name) or region.size_px) for region in regions
     )
     for region in sized:
         check_inside(region, stack)
+    if choice.regions:  # beads that are found are apart already
+        check_apart(sized, stack)
     names = [region.name for region in sized]
     there = f"there are {', '.join(names[:12])}{', …' if len(names) > 12 else ''}"
     for stated, key in (
@@ -131,6 +137,20 @@ def regions_of(
     return sized, notices
 
 
+def stated_regions(choice: Tracking) -> tuple[Region, ...]:
+    """The regions that the setup states; none where beads are to be found."""
+    return tuple(Region(r.name, r.x_px, r.y_px, r.size_px) for r in choice.regions)
+
+
+def beads_in(frames: np.ndarray, stack: Stack, size_px: int | None) -> FoundBeads:
+    """The beads in some frames of a stack; parameters and errors as `find_beads`."""
+    try:
+        return find_beads(frames, size_px=size_px)
+    except RecordingError as error:
+        error.where = stack.name
+        raise
+
+
 def first_frames(stack: Stack) -> np.ndarray:
     """The frames in which beads are looked for: the first 50, fewer of large images."""
     size = stack.height * stack.width * stack.dtype.itemsize
@@ -138,18 +158,20 @@ def first_frames(stack: Stack) -> np.ndarray:
         return next(chunks)
 
 
-def said_of(found: FoundBeads) -> Notice:
+def said_of(found: FoundBeads, where: str = "the first frames") -> Notice:
     """What was found and refused, in words, with the places."""
-    said = f"{len(found.regions)} beads were found in the first frames"
+    count = len(found.regions)
+    said = f"{count} {'bead was' if count == 1 else 'beads were'} found in {where}"
     if found.regions:
         places = (f"{r.name} at x = {r.x_px:.0f}, y = {r.y_px:.0f}" for r in found.regions)
         said += f" ({'; '.join(places)})"
     said += "."
     if found.refused:
         places = (f"at x = {r.x_px:.0f}, y = {r.y_px:.0f}: {r.reason}" for r in found.refused)
-        said += f" {len(found.refused)} are not tracked ({'; '.join(places)})."
+        count = len(found.refused)
+        said += f" {count} {'is' if count == 1 else 'are'} not tracked ({'; '.join(places)})."
     if found.fainter:
-        said += f" {found.fainter} much smaller or fainter patterns are taken for dirt."
+        said += f" Much smaller or fainter patterns, taken for dirt: {found.fainter}."
     return Notice("beads_found", "info", said)
 
 
@@ -168,3 +190,16 @@ def check_inside(region: Region, stack: Stack) -> None:
             where=stack.name,
             mend="Move it, make it smaller, or leave the bead out of [[tracking.regions]].",
         )
+
+
+def check_apart(regions: Sequence[Region], stack: Stack) -> None:
+    """Raise RecordingError if a region has its centre in another, and so could see its bead."""
+    for one, other in itertools.combinations(regions, 2):
+        apart = max(abs(one.x_px - other.x_px), abs(one.y_px - other.y_px))
+        if apart < max(one.size_px, other.size_px) / 2:
+            raise RecordingError(
+                f"the regions of {one.name} and {other.name} overlap so far that one bead would "
+                f"be tracked as two: their centres are {apart:.0f} pixels apart",
+                where=stack.name,
+                mend="Make them smaller, or leave one out of [[tracking.regions]].",
+            )

@@ -18,11 +18,11 @@ from mtpipe.ingest.read import open_table
 from mtpipe.ingest.source import NM_PER_UNIT, Layout
 from mtpipe.recording import FloatArray
 from mtpipe.setup import Setup
-from mtpipe.tracking.find_beads import Region, find_beads
+from mtpipe.tracking.find_beads import Region
 from mtpipe.tracking.follow import cut
 from mtpipe.tracking.lookup_table import LookUpTable
 from mtpipe.tracking.positions import DEFAULT_METHOD
-from mtpipe.tracking.regions import FIRST_FRAMES, check_inside, said_of
+from mtpipe.tracking.regions import FIRST_FRAMES, beads_in, check_inside, said_of, stated_regions
 from mtpipe.tracking.stack import Stack, open_stack
 
 Progress = Callable[[str, int, int], None]
@@ -48,7 +48,7 @@ def table_from_scan(
     bead : its name; needed where several are found.
     region : x, y of its centre and side of its region, in pixels; default: as the setup has it,
         else it is found.
-    setup : gives regions, method and size of a pixel.
+    setup : gives regions, method, size of a pixel and the camera's largest grey level.
 
     Raises
     ------
@@ -68,6 +68,7 @@ def table_from_scan(
     known = np.isfinite(z_nm)
     pixel = None if setup is None else setup.camera.pixel_size_nm
     method = None if setup is None else setup.tracking.method
+    saturated_above = None if setup is None else setup.tracking.saturated_above
     return LookUpTable.build(
         np.concatenate(images)[known],
         z_nm[known],
@@ -76,6 +77,7 @@ def table_from_scan(
         pixel_size_nm=None if pixel is None else pixel.value,
         stack=opened.name,
         method=method or DEFAULT_METHOD,
+        saturated_above=opened.highest if saturated_above is None else saturated_above,
     )
 
 
@@ -99,6 +101,8 @@ def focus_positions_nm(path: Path, frames: int) -> FloatArray:
     wanted = [names.find(f"z_{unit}", "focus position")]
     wanted += [names.find("frame", "frame number")] if numbered else []
     columns = [np.concatenate(c) for c in zip(*table.batches(wanted), strict=True)]
+    if not columns:
+        raise RecordingError("has no rows", where=str(path))
     focus = columns[0] * NM_PER_UNIT[unit]
     if not numbered:
         if len(focus) != frames:
@@ -116,6 +120,9 @@ def focus_positions_nm(path: Path, frames: int) -> FloatArray:
             f"0 to {frames - 1}",
             where=str(path),
         )
+    named, times = np.unique(number, return_counts=True)
+    if times.max() > 1:
+        raise RecordingError(f"names frame {named[times > 1][0]:g} twice", where=str(path))
     z_nm = np.full(frames, np.nan)
     z_nm[number.astype(int)] = focus
     return z_nm
@@ -130,14 +137,13 @@ def _region(
     """The region of the bead: as told, as in the setup, or found over the whole scan."""
     if region is not None:
         return Region(bead or "bead1", *region)
-    stated = () if setup is None else setup.tracking.regions
-    if stated:
-        regions = tuple(Region(r.name, r.x_px, r.y_px, r.size_px) for r in stated)
+    regions = () if setup is None else stated_regions(setup.tracking)
+    if regions:
         said = "the setup has " + ", ".join(r.name for r in regions)
     else:
         size = None if setup is None else setup.tracking.size_px
-        found = find_beads(_spread(stack), size_px=size)
-        regions, said = found.regions, said_of(found).message.rstrip(".")
+        found = beads_in(_spread(stack), stack, size)
+        regions, said = found.regions, said_of(found, "the scan").message.rstrip(".")
     named = [one for one in regions if bead in (one.name, None)]
     if bead is not None and not named:
         raise RecordingError(f"there is no bead {bead!r} in the scan: {said}", where=stack.name)

@@ -61,6 +61,11 @@ class Stack:
         return sum(file.frames for file in self.files)
 
     @property
+    def highest(self) -> float | None:
+        """The grey level of a saturated pixel, by its bits; None where they do not say."""
+        return float(2**self.bits - 1) if self.bits else None
+
+    @property
     def chunk_frames(self) -> int:
         """Frames per chunk: at most 32 MiB, and at most 128."""
         frame = self.height * self.width * self.dtype.itemsize
@@ -103,8 +108,7 @@ def open_stack(path: Path, progress: Progress | None = None) -> Stack:
         channels, pages that differ, fewer than two frames.
     """
     paths = find_files(path)
-    if len(paths) == 1:
-        paths = all_files_of_ome(paths[0])
+    spread = len(paths) == 1 and len(paths := all_files_of_ome(paths[0])) > 1
     say = progress or (lambda done, total: None)
     looks: list[Look] = []
     for done, one in enumerate(paths):
@@ -122,7 +126,9 @@ def open_stack(path: Path, progress: Progress | None = None) -> Stack:
     height, width, dtype, _ = looks[0].kind
     files = tuple(look.file for look in looks)
     notices = [notice for look in looks for notice in look.notices]
-    stamps, said = Stamps.joined([look.stamps for look in looks], [f.frames for f in files])
+    # the first file of a film that OME spreads over several speaks for all
+    telling = looks[:1] if spread else looks
+    stamps, said = Stamps.joined([look.stamps for look in telling], [f.frames for f in files])
     if len(files) > 1:
         notices += _gaps(files)
     name = files[0].path.name if len(files) == 1 else files[0].path.parent.resolve().name
@@ -167,7 +173,7 @@ def is_stack(path: Path, setup: Path | None = None) -> bool:
             return False
         data = {p.resolve() for p in data_files(path) if p.suffix != ".npz"}
         return not data or data <= _magnet_logs(path, setup or path / SETUP_NAME)
-    return _is_pattern(path)
+    return is_pattern(path)
 
 
 def _magnet_logs(folder: Path, setup: Path) -> set[Path]:
@@ -187,19 +193,25 @@ def find_files(path: Path) -> list[Path]:
     if path.is_file():
         return [path]
     if path.is_dir():
-        found = [p for p in path.iterdir() if p.suffix.lower() in SUFFIXES and p.is_file()]
+        found = [
+            p
+            for p in path.iterdir()
+            # hidden ones are not images: macOS writes `._film.tif` beside film.tif
+            if p.suffix.lower() in SUFFIXES and p.is_file() and not p.name.startswith(".")
+        ]
         nothing = "the folder has no TIFF files"
     else:
         found = [Path(p) for p in glob.glob(str(path)) if Path(p).is_file()]
         nothing = "there is no such file or folder"
-        if _is_pattern(path):
+        if is_pattern(path):
             nothing = "no file has a name of this pattern"
     if not found:
         raise RecordingError(nothing, where=str(path))
-    return sorted((p for p in found if not p.name.startswith(".")), key=natural_order)
+    return sorted(found, key=natural_order)
 
 
-def _is_pattern(path: Path) -> bool:
+def is_pattern(path: Path) -> bool:
+    """Whether a path is a pattern of the names of a series of files."""
     return any(mark in path.name for mark in "*?[")
 
 
@@ -250,7 +262,12 @@ def _frames(file: StackFile, stack: Stack) -> Iterator[Images]:
 
 def check_unchanged(file: StackFile) -> None:
     """Raise RecordingError if a file is not as it was when it was looked at."""
-    status = file.path.stat()
+    try:
+        status = file.path.stat()
+    except OSError as error:
+        raise RecordingError(
+            f"cannot be read any more ({error.strerror})", where=str(file.path)
+        ) from None
     if (status.st_size, status.st_mtime_ns) == (file.size, file.changed_ns):
         return
     more = status.st_size - file.size

@@ -48,7 +48,13 @@ class Stamps:
     def joined(
         pieces: Sequence[Stamps | None], frames: Sequence[int]
     ) -> tuple[Stamps | None, list[Notice]]:
-        """Stamps of a series from those of its files, as far as they all have them."""
+        """Stamps of a series from those of its files, as far as they all have them.
+
+        An OME film that is spread over files has the times of all its frames in the first.
+        """
+        first, total = pieces[0], sum(frames)
+        if first is not None and first.time_s is not None and len(first.time_s) == total:
+            pieces = [first]
         known = [piece for piece in pieces if piece is not None]
         if not known:
             return None, []
@@ -63,6 +69,8 @@ class Stamps:
         if len(parts) < len(known):
             return None, [_unused(known[0].source, "not every file has them")]
         time_s = np.concatenate(parts)
+        if len(time_s) != total:
+            return None, [_unused(known[0].source, f"there are {len(time_s)} of {total} frames")]
         if not np.isfinite(time_s).all():
             missing = int(np.count_nonzero(~np.isfinite(time_s)))
             return None, [_unused(known[0].source, f"{missing} of {len(time_s)} are missing")]
@@ -136,19 +144,30 @@ def _of_ome(xml: str, frames: int) -> Stamps | None:
     pixels = root.find(f".//{space}Pixels")
     if pixels is None:
         return None
+    # planes of the whole film, of which this file may hold a part
+    announced = _number(pixels.get("SizeT", "")) * _number(pixels.get("SizeZ", "1"))
+    frames = int(announced) if announced > frames else frames
     time_s = np.full(frames, np.nan)
     for plane in pixels.iter(f"{space}Plane"):
-        k = max(int(plane.get("TheT", "0")), int(plane.get("TheZ", "0")))
+        k = max(_number(plane.get("TheT", "0")), _number(plane.get("TheZ", "0")))
         unit = SECONDS.get(plane.get("DeltaTUnit", "s"), np.nan)
-        if k < frames and plane.get("DeltaT") is not None:
-            time_s[k] = float(plane.get("DeltaT", "nan")) * unit
+        if 0 <= k < frames:
+            time_s[int(k)] = _number(plane.get("DeltaT", "")) * unit
     if np.isfinite(time_s).any():
         return Stamps("OME DeltaT", time_s)
-    increment = float(pixels.get("TimeIncrement", "0"))
+    increment = _number(pixels.get("TimeIncrement", ""))
     unit = SECONDS.get(pixels.get("TimeIncrementUnit", "s"), np.nan)
     if increment * unit > 0:
         return Stamps("OME TimeIncrement", None, increment * unit)
     return None
+
+
+def _number(text: str) -> float:
+    """A number in metadata; NaN where it is none."""
+    try:
+        return float(text)
+    except ValueError:
+        return np.nan
 
 
 class StampsOfPages:

@@ -21,6 +21,7 @@ if TYPE_CHECKING:
 
 TIFF_MAGICS = (b"II*\x00", b"MM\x00*", b"II+\x00", b"MM\x00+")
 GREY = (0, 1, 32803)  # white is zero, black is zero, raw sensor
+COPY_AGAIN = "Copy the file again, or wait until the film has been written."
 # Height, width, type as numpy writes it, and bits (0: fractions) of a page.
 Kind = tuple[int, int, str, int]
 
@@ -59,8 +60,11 @@ def _tiff_file(tifffile: Any, path: Path, ome: bool) -> TiffFile:
         with path.open("rb") as stream:
             magic = stream.read(4)
         if magic in TIFF_MAGICS:
-            opened: TiffFile = tifffile.TiffFile(path, is_ome=None if ome else False)
-            return opened
+            tif: TiffFile = tifffile.TiffFile(path, is_ome=None if ome else False)
+            if not _has_pages(tif):
+                tif.close()
+                raise ValueError("no page is there")
+            return tif
     except OSError as error:
         raise RecordingError(f"cannot be read ({error.strerror})", where=str(path)) from None
     except Exception as error:  # a damaged file raises anything
@@ -70,6 +74,14 @@ def _tiff_file(tifffile: Any, path: Path, ome: bool) -> TiffFile:
     raise RecordingError(
         "is no TIFF file", where=str(path), mend="Save the film as TIFF, e.g. with ImageJ."
     )
+
+
+def _has_pages(tif: TiffFile) -> bool:
+    """Whether there is a first page; the others are not looked for."""
+    try:
+        return tif.pages.first is not None
+    except IndexError:
+        return False
 
 
 def page_of(tif: TiffFile, k: int, where: str) -> TiffPage:
@@ -122,7 +134,7 @@ def check_data(page: TiffPage, where: str, size: int) -> None:
         raise RecordingError(
             f"is cut off: {max(ends) - size} bytes are missing",
             where=where,
-            mend="Copy the file again, or track what came before it.",
+            mend=COPY_AGAIN,
         )
 
 
@@ -137,5 +149,5 @@ def cut_off(path: Path, pages: int, reason: str) -> RecordingError:
     return RecordingError(
         f"is cut off or damaged after page {pages} ({reason})",
         where=str(path),
-        mend="Copy the file again.",
+        mend=COPY_AGAIN,
     )

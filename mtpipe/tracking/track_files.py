@@ -72,15 +72,11 @@ def check_out(out: Path) -> None:
             where=str(out),
             mend="Choose another --out.",
         )
-    try:
+    with _told(out):
         out.parent.mkdir(parents=True, exist_ok=True)
         trial = _beside(out)
         trial.touch()
         trial.unlink()
-    except OSError as error:
-        raise MtpipeError(
-            f"cannot be written ({error.strerror})", where=str(out), mend="Choose another --out."
-        ) from None
 
 
 class RecordingWriter:
@@ -93,8 +89,16 @@ class RecordingWriter:
         self._header = b""
 
     def write(self, rows: Rows) -> None:
-        """Append rows; all calls have the same columns."""
-        table = rows.table()
+        """Append rows; all calls have the same columns.
+
+        Raises
+        ------
+        MtpipeError : they cannot be written, as on a full disc.
+        """
+        with _told(self._out):
+            self._write(rows.table())
+
+    def _write(self, table: pa.Table) -> None:
         if self._out.suffix == ".parquet":
             import pyarrow.parquet as pq
 
@@ -111,7 +115,11 @@ class RecordingWriter:
         csv.write_csv(table, self._stream, options)
 
     def finish(self, notes: Notes) -> None:
-        """Put the notes before the rows and the whole in its place."""
+        """Put the notes before the rows and the whole in its place; raises as `write`."""
+        with _told(self._out):
+            self._finish(notes)
+
+    def _finish(self, notes: Notes) -> None:
         if self._parquet is not None:
             self._parquet.add_key_value_metadata({PARQUET_KEY: notes.as_json()})
             self.close()
@@ -155,6 +163,17 @@ def recording_written_whole(out: Path) -> Iterator[RecordingWriter]:
         with suppress(OSError):
             writer.close()
         temporary.unlink(missing_ok=True)
+
+
+@contextmanager
+def _told(out: Path) -> Iterator[None]:
+    """Turn what the system says against writing into an error in words."""
+    try:
+        yield
+    except OSError as error:
+        raise MtpipeError(
+            f"cannot be written ({error.strerror})", where=str(out), mend="Choose another --out."
+        ) from None
 
 
 def _beside(out: Path) -> Path:
