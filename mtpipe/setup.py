@@ -258,7 +258,7 @@ class Setup(BaseModel):
     tracking: Tracking = Tracking()
 
 
-def read_setup(path: Path) -> Setup:
+def read_setup(path: Path | str) -> Setup:
     """Read and validate a `setup.toml`.
 
     Raises
@@ -266,7 +266,7 @@ def read_setup(path: Path) -> Setup:
     SetupError : the file is missing, is no TOML, or a key is missing, misspelt or impossible.
     """
     try:
-        content = tomllib.loads(path.read_text(encoding="utf-8"))
+        content = tomllib.loads(Path(path).read_text(encoding="utf-8"))
     except FileNotFoundError:
         raise SetupError("there is no such setup file", where=str(path)) from None
     except (OSError, UnicodeDecodeError) as error:
