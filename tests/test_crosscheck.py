@@ -12,17 +12,17 @@ import pytest
 
 import mtpipe
 from mtpipe.crosschecking.beads import bead_generator
-from mtpipe.crosschecking.case import prepare
+from mtpipe.crosschecking.case import described, prepare
 from mtpipe.crosschecking.check import check_bead
 from mtpipe.crosschecking.curves import KINDS
 from mtpipe.crosschecking.recording import COLUMNS
 from mtpipe.crosschecking.twin import TwinMaker
 from mtpipe.drift import subtract_drift
-from mtpipe.errors import RecordingError, SetupError
+from mtpipe.errors import RecordingError
 from mtpipe.plateaus import find_plateaus
 from mtpipe.setup import Setup
 from mtpipe.tables import crosscheck_curves, crosscheck_table
-from tests.small_case import case, generator, raw, setup
+from tests.small_case import FORCES_PN, case, generator, raw, setup
 
 ROUNDS = (26,)
 
@@ -190,10 +190,23 @@ def test_a_bead_without_heights_is_left_out_with_its_reason(clean):
     assert found.table.empty
 
 
-def test_an_unknown_radius_is_refused_in_a_sentence(clean):
-    unknown = replace(clean, setup=setup(beads={"radius_nm": "unknown"}))
-    with pytest.raises(SetupError, match='radius_nm is "unknown"'):
-        prepare(subtract_drift(unknown), "b1")
+@pytest.mark.parametrize(
+    ("table", "key", "truth"),
+    [
+        ("beads", "radius_nm", 1400.0),
+        ("tether", "contour_length_nm", 2700.0),
+        ("tether", "persistence_length_nm", 50.0),
+    ],
+)
+def test_what_is_unknown_is_estimated_and_the_recording_checked(clean, table, key, truth):
+    unknown = replace(clean, setup=setup(**{table: {key: "unknown"}}))
+    prepared = prepare(subtract_drift(unknown), "b1")
+    found = described(prepared)
+    place = found.bead if table == "beads" else found.chain
+    stderr = float(np.sqrt(prepared.fit.covariance[len(FORCES_PN), len(FORCES_PN)]))
+    assert abs(np.log(getattr(place, key) / truth)) < 4 * stderr
+    assert stderr < 0.05
+    assert check_bead(prepared, generator(3), rounds=ROUNDS).p_value > 1e-3
 
 
 def test_a_high_passed_recording_is_refused(clean):

@@ -19,6 +19,7 @@ from mtpipe.configured.parameters import (
     stated_parameters,
     z_zero_parameter,
 )
+from mtpipe.crosschecking.starts import with_starts
 from mtpipe.drift.combine import combined
 from mtpipe.drift.lowpass import coefficients
 from mtpipe.errors import FitError, RecordingError
@@ -87,7 +88,6 @@ def prepare(recording: Recording, bead: str) -> Case:
     ------
     RecordingError : z was not recorded, or its zero is not the surface, or slow motion was removed
         by a high-pass.
-    SetupError : a value without which nothing can be simulated is unknown.
     FitError : no plateau is long enough, or nothing fits.
     """
     if recording.drift is not None and recording.drift.method == "highpass":
@@ -112,7 +112,11 @@ def prepare(recording: Recording, bead: str) -> Case:
         raise FitError(f"bead {bead} has no plateau of {FEWEST_FRAMES} frames with x, y and z")
     forces = [1.0] * len(kept)
     base, _ = experiment_of(
-        recording.setup, forces, FEWEST_FRAMES, noise_nm=(0.0, 0.0, 0.0), formula=FORMULAS[0]
+        with_starts(recording.setup, positions),
+        forces,
+        FEWEST_FRAMES,
+        noise_nm=(0.0, 0.0, 0.0),
+        formula=FORMULAS[0],
     )
     frame_s = 1 / rate if rate else base.camera.frame_s
     phi = tuple(whitening(x, frame_s) for x in positions)
