@@ -123,3 +123,19 @@ def test_heights_follow_a_smooth_course_within_its_pieces():
     np.testing.assert_allclose(np.array(stepped) + within, expected, atol=0.05)
     steady = with_magnets(STEADY, courses=(ForceCourse(0.4, "step", 0.3),) * 3)
     assert not height_within_pieces(steady, 1, force, frames).any()
+
+
+def test_what_is_lost_is_no_course():
+    """Two plateaus whose heights are lost but for one end: nothing is seen, and nothing fails."""
+    positions = []
+    for i, force in enumerate(FORCES_PN):
+        random = np.random.default_rng(i)
+        state = bead_state(STEADY, force)
+        motion = simulate_motion([(state, FRAMES)], STEADY.camera, random)
+        motion[FRAMES // 12 : -FRAMES // 12 if i else None] = np.nan
+        positions.append(motion)
+    phi = [whitening(x, FRAME_S) for x in positions]
+    data = tuple(plateau_data(x, FRAME_S, p) for x, p in zip(positions, phi, strict=True))
+    fit = fit_configured(ConfiguredModel(data, STEADY, (), NO_SUBTRACTION))
+    each, _ = force_courses(fit, positions, FRAME_S)
+    assert each[0].course.relative_change == 0

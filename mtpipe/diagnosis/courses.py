@@ -61,6 +61,9 @@ class _Heights:
         course = self.slope_nm * force_course(shape, len(self.means_nm))
         course = course - np.average(course, weights=self.weight)
         weight = float(np.sum(self.weight * course**2))
+        if not weight > 0:
+            # lost wherever this course would move it
+            return 0.0, 0.0
         return float(np.sum(self.weight * course * self.means_nm)) / weight, weight
 
 
@@ -125,6 +128,8 @@ def _common(plateaus: Sequence[_Heights]) -> SeenCourse:
     most, best = 0.5 * math.log(max(windows, 1)) + math.log(len(shapes)), SeenCourse()
     for shape in shapes if plateaus else []:
         size, weight = np.array([one.projected(shape) for one in plateaus]).T
+        if not weight.any():
+            continue
         mean, total = float(np.average(size, weights=weight)), float(weight.sum())
         if 0.5 * mean**2 * total > most:
             most = 0.5 * mean**2 * total
