@@ -33,6 +33,7 @@ FINE = 8
 LARGEST = 0.9
 # Share of a change by which a straight line of ln F may be wrong about it.
 BENT = 0.05
+ROUNDING = 1e-9
 SHAPES = (
     ForceCourse(1.0),
     *(ForceCourse(1.0, "settling", at) for at in (1 / 24, 1 / 12, 1 / 6, 1 / 3)),
@@ -61,8 +62,8 @@ class _Heights:
         course = self.slope_nm * force_course(shape, len(self.means_nm))
         course = course - np.average(course, weights=self.weight)
         weight = float(np.sum(self.weight * course**2))
-        if not weight > 0:
-            # lost wherever this course would move it
+        if not weight > ROUNDING * float(self.weight.sum()) * self.slope_nm**2:
+            # what is there does not move with this course
             return 0.0, 0.0
         return float(np.sum(self.weight * course * self.means_nm)) / weight, weight
 
