@@ -48,7 +48,8 @@ class Run:
     """Everything a run found out.
 
     `others` are forces by other methods, where asked for. `flags` are per bead, about its traces;
-    `curves` exist for beads with enough forces; `checked` is the cross-check, unless left out.
+    `curves` exist for beads with enough forces; `checked` is the cross-check, unless left out;
+    `mismatch` and `unexplained` are the content of the diagnosis's files.
     """
 
     recording: Recording
@@ -59,6 +60,7 @@ class Run:
     curves: dict[str, ForceExtension]
     checked: CrossCheck | None
     mismatch: dict[str, Any]
+    unexplained: dict[str, dict[str, Any]]
     seed: int
     started: str
     seconds: dict[str, float]
@@ -153,14 +155,16 @@ def run(
     verdicts = bead_verdicts(
         calibration, flags, curves, recording.setup, _reference_warnings(recording)
     ) + _left_out(recording)
-    checked, mismatch = None, content(recording.name, {})
+    checked, mismatch, unexplained = None, content(recording.name, {}), {}
     if cross_check:
-        checked, mismatch = examine(
+        examined = examine(
             recording,
             seed=seed,
             workers=workers,
             progress=lambda done, total: say("cross-checking beads", done, total),
         )
+        checked, mismatch = examined.checked, examined.mismatch
+        unexplained = examined.unexplained
         clock.lap("crosscheck")
     result = Run(
         recording,
@@ -171,6 +175,7 @@ def run(
         curves,
         checked,
         mismatch,
+        unexplained,
         seed,
         started,
         dict(clock.seconds),
@@ -258,6 +263,9 @@ def _write_tables(result: Run, raw: Recording, out: Path, title: str) -> None:
     named = {**result.mismatch, "recording": title}
     text = json.dumps(named, indent=2, ensure_ascii=False, allow_nan=False)
     write_atomically(out / "mismatch.json", text)
+    left = {"recording": title, "beads": result.unexplained}
+    text = json.dumps(left, ensure_ascii=False, allow_nan=False)
+    write_atomically(out / "details" / "unexplained.json", text)
     write_atomically(out / "run.json", _run_json(result, title))
 
 

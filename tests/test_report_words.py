@@ -9,6 +9,7 @@ from pathlib import Path
 import pytest
 
 from mtpipe.battery import spectral
+from mtpipe.battery.words import STATISTICS
 from mtpipe.report import crosscheck_words, words
 
 
@@ -112,7 +113,7 @@ def test_looks_of_the_cross_check_are_sentences() -> None:
 
 
 def test_every_statistic_of_the_battery_has_its_words() -> None:
-    named = set(crosscheck_words.STATISTICS)
+    named = set(STATISTICS)
     source = Path(spectral.__file__).parent
     said = {"line", "second_line", "stiffness_along_series", "friction_along_series"}
     for file in source.glob("*.py"):

@@ -93,9 +93,10 @@ def lines(seen: Sequence[Observed], spectra: Sequence[Whitened]) -> Values:
 def _local_level(power: FloatArray) -> FloatArray:
     """(n,) mean of the ordinates about each, from their medians, which a line does not move."""
     blocks = max(len(power) // NEIGHBOURS, 1)
-    parts = np.array_split(power, blocks)
-    centre = (np.arange(blocks) + 0.5) * len(power) / blocks
-    level = np.array([np.median(part) for part in parts]) / np.log(2)
+    length = len(power) // blocks
+    parts = power[: blocks * length].reshape(blocks, length)
+    centre = (np.arange(blocks) + 0.5) * length
+    level = np.median(parts, axis=1) / np.log(2)
     return np.asarray(np.interp(np.arange(len(power)), centre, np.maximum(level, 1e-12)))
 
 

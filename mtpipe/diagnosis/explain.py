@@ -8,6 +8,7 @@ it. Effects that the recording cannot tell from the one named are listed beside 
 
 from __future__ import annotations
 
+import functools
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 
@@ -23,6 +24,7 @@ from mtpipe.crosschecking.case import FORMULAS, Case, preferred_formula
 from mtpipe.crosschecking.check import BeadCheck, check_bead
 from mtpipe.diagnosis.courses import force_courses
 from mtpipe.diagnosis.evidence import evidence_of
+from mtpipe.diagnosis.unexplained import Rejected, Unexplained, unexplained
 from mtpipe.effects.catalogue import catalogue
 from mtpipe.effects.effect import Effect
 from mtpipe.errors import FitError
@@ -81,19 +83,27 @@ class Explanation:
     ----------
     before : check against the configured experiment. after : with the effects named.
     verdict : "consistent", "explained" or "unexplained".
-    nearest : the best effect that was rejected, where the verdict is "unexplained".
+    nearest : the effect that came nearest and why it was rejected, where the verdict is
+        "unexplained"; None if none could be tried.
     """
 
     before: BeadCheck
     after: BeadCheck
     named: tuple[Named, ...]
     verdict: str
-    nearest: Tried | None
+    nearest: Rejected | None
 
     @property
     def fit(self) -> ConfiguredFit:
         """The fit with the effects named."""
         return self.after.case.fit
+
+    @functools.cached_property
+    def unexplained(self) -> Unexplained | None:
+        """Place, size and shape of what is left; None where nothing is."""
+        if self.verdict != "unexplained":
+            return None
+        return unexplained(self.after, self.nearest, beside=bool(self.named))
 
 
 def explain(
@@ -112,7 +122,7 @@ def explain(
     say = progress or (lambda step: None)
     effects = catalogue() if effects is None else effects
     check, named = before, list[Named]()
-    nearest: Tried | None = None
+    nearest: Rejected | None = None
     say("looking at the course of time")
     check = _corrected(check, named, random)
     case, corrections = check.case, tuple(named)
@@ -122,20 +132,19 @@ def explain(
         tried = try_effects(fit, effects, evidence_of(check))
         needed = KEPT_NATS if check.p_value < ALARM_P else SEEN_NATS
         if not tried or tried[0].net < needed:
-            nearest = tried[0] if tried else None
+            nearest = Rejected(tried[0], _too_little(tried[0], needed)) if tried else None
             break
         able = [one for one in tried if one.net >= needed]
         if len(named) == len(corrections) and len(able) > 1:
             say("trying pairs of effects")
             able = looking_ahead(fit, able)
-        found = None
         for one in able[:MOST_CANDIDATES]:
             say(f"checking with {one.effect.name}")
             found = _named(one, tried, check, case, random)
-            if found is not None:
+            if isinstance(found, Named):
                 break
-        if found is None:
-            nearest = tried[0]
+            nearest = found if one is able[0] else nearest
+        if isinstance(found, Rejected):
             break
         named.append(found)
         check, fit = found.after, found.after.case.fit
@@ -147,7 +156,8 @@ def explain(
     else:
         certain = _certain(named)
         for left_out in named[len(certain) :][:1]:
-            nearest = left_out.found if isinstance(left_out.found, Tried) else nearest
+            if isinstance(left_out.found, Tried):
+                nearest = Rejected(left_out.found, _too_small_a_share(left_out))
         named, check = certain, certain[-1].after if certain else before
     # what is named itself is no alternative to another
     names = {one.name for one in named}
@@ -155,6 +165,7 @@ def explain(
         replace(one, equivalent=tuple(name for name in one.equivalent if name not in names))
         for one in named
     )
+    nearest = nearest if verdict == "unexplained" else None
     return Explanation(before, check, distinct, verdict, nearest)
 
 
@@ -176,22 +187,46 @@ def _corrected(check: BeadCheck, named: list[Named], random: np.random.Generator
 
 def _named(
     one: Tried, tried: Sequence[Tried], check: BeadCheck, case: Case, random: np.random.Generator
-) -> Named | None:
-    """The effect, checked; None where recording and simulation differ even more with it."""
+) -> Named | Rejected:
+    """The effect, checked; rejected where recording and simulation differ even more with it."""
     fit = best_formula(begun_again(_with_forces_found(one, check).fit))
     one = replace(one, fit=fit, gain=fit.log_likelihood - check.case.fit.log_likelihood)
     try:
         after = check_bead(replace(case, fit=fit), random)
-    except (FitError, ValueError, np.linalg.LinAlgError):
-        return None
+    except (FitError, ValueError, np.linalg.LinAlgError) as error:
+        return Rejected(one, f"gains {one.gain:.0f} nats, but cannot be simulated ({error})")
     if after.p_value < min(ALARM_P, check.p_value**MORE_ODD):
-        return None
+        return Rejected(one, _more_odd(one, check, after))
     alike = tuple(
         other.effect.name
         for other in tried
         if other.effect.name != one.effect.name and abs(one.net - other.net) < ALIKE_NATS
     )
     return Named(one, alike, check, after, heldout_gain(case, check.case.fit, fit))
+
+
+def _too_little(one: Tried, needed: float) -> str:
+    numbers = max(len(one.hypothesis.parameters) + one.hypothesis.read, 1)
+    return (
+        f"gains {one.gain:.1f} nats, too little for its "
+        f"{'parameter' if numbers == 1 else f'{numbers} parameters'} "
+        f"({one.penalty + needed:.1f} are needed)"
+    )
+
+
+def _more_odd(one: Tried, before: BeadCheck, after: BeadCheck) -> str:
+    return (
+        f"gains {one.gain:.0f} nats, but with it recording and simulation differ even more "
+        f"(p {before.p_value:.1g} → {after.p_value:.1g})"
+    )
+
+
+def _too_small_a_share(one: Named) -> str:
+    share = max(explained_share(one.before, one.after), 0.0)
+    return (
+        f"explains {share:.0%} of the misfit, and beside an unexplained rest no cause is named "
+        f"that explains less than {MOST_OF_IT:.0%}"
+    )
 
 
 def _with_forces_found(best: Tried, check: BeadCheck) -> Tried:

@@ -16,6 +16,7 @@ from mtpipe.crosschecking.beads import DATA_ERRORS, bead_generator, check_of, pe
 from mtpipe.crosschecking.check import BeadCheck
 from mtpipe.crosschecking.recording import CrossCheck
 from mtpipe.diagnosis.explain import Explanation, Named, explain
+from mtpipe.diagnosis.unexplained import Unexplained
 from mtpipe.physics.camera import FloatArray
 from mtpipe.recording import Recording
 
@@ -45,6 +46,27 @@ class Mismatch:
         return content(
             self.recording, {bead: bead_content(found) for bead, found in self.beads.items()}
         )
+
+    @property
+    def unexplained(self) -> dict[str, Unexplained]:
+        """Place, size and shape of what is left, of beads that are unexplained."""
+        found = {bead: one.unexplained for bead, one in self.beads.items()}
+        return {bead: left for bead, left in found.items() if left is not None}
+
+
+@dataclass(frozen=True)
+class Examined:
+    """Cross-check and diagnosis of a recording as they are written.
+
+    Attributes
+    ----------
+    checked : the cross-check. mismatch : content of `mismatch.json`.
+    unexplained : content of `details/unexplained.json`, by bead.
+    """
+
+    checked: CrossCheck
+    mismatch: dict[str, Any]
+    unexplained: dict[str, dict[str, Any]]
 
 
 def diagnose(recording: Recording, *, seed: int = 0, progress: Progress | None = None) -> Mismatch:
@@ -80,26 +102,27 @@ def examine(
     seed: int = 0,
     workers: int = 1,
     progress: Callable[[int, int], None] | None = None,
-) -> tuple[CrossCheck, dict[str, Any]]:
+) -> Examined:
     """Cross-check and diagnosis of all beads, spread over processes.
 
     Parameters, raises: as `mtpipe.crosscheck`.
-
-    Returns
-    -------
-    The cross-check, and the content of `mismatch.json`.
     """
     found, refused = per_bead(recording, _examined, seed=seed, workers=workers, progress=progress)
-    checks = {bead: check for bead, (check, _) in found.items()}
-    beads = {bead: said for bead, (_, said) in found.items()}
-    return CrossCheck(recording.name, checks, refused), content(recording.name, beads)
+    checks = {bead: check for bead, (check, _, _) in found.items()}
+    beads = {bead: said for bead, (_, said, _) in found.items()}
+    left = {bead: rest for bead, (_, _, rest) in found.items() if rest is not None}
+    return Examined(
+        CrossCheck(recording.name, checks, refused), content(recording.name, beads), left
+    )
 
 
 def _examined(
     recording: Recording, bead: str, random: np.random.Generator
-) -> tuple[BeadCheck, dict[str, Any]]:
+) -> tuple[BeadCheck, dict[str, Any], dict[str, Any] | None]:
     check = check_of(recording, bead, random, with_curves=True)
-    return check, bead_content(explain(check, random))
+    found = explain(check, random)
+    left = found.unexplained
+    return check, bead_content(found), None if left is None else left.as_dict()
 
 
 def content(recording: str, beads: Mapping[str, dict[str, Any]]) -> dict[str, Any]:
