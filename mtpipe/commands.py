@@ -168,14 +168,14 @@ def lut(
     ],
     out: Annotated[Path, typer.Option("--out", help="Table to write: .npz.", dir_okay=False)],
     refractive_index_factor: Annotated[
-        float,
+        float | None,
         typer.Option(
             metavar="FACTOR",
             help="Height per focus position: 0.8 to 0.88 for an oil objective and a bead in water, "
             "1 for a water objective or heights that are corrected already; negative where the "
-            "focus counts the other way.",
+            "focus counts the other way. Default: 1, and said.",
         ),
-    ],
+    ] = None,
     bead: Annotated[
         str | None, typer.Option(help="Name of the bead; needed where several are found.")
     ] = None,
@@ -209,7 +209,9 @@ def lut(
         table = table_from_scan(
             stack,
             z,
-            refractive_index_factor=refractive_index_factor,
+            refractive_index_factor=(
+                1.0 if refractive_index_factor is None else refractive_index_factor
+            ),
             bead=bead,
             region=place,
             setup=None if setup is None else read_setup(setup),
@@ -221,6 +223,11 @@ def lut(
         raise MtpipeError(f"cannot be written ({error.strerror})", where=str(out)) from None
     for notice in table.notices:
         typer.echo(notice.message)
+    if refractive_index_factor is None:
+        typer.echo(
+            "No --refractive-index-factor was given: focus positions are taken for heights (factor "
+            "1). Behind an oil objective heights in water are 0.8 to 0.88 of that."
+        )
     low, high = table.z_nm[0], table.z_nm[-1]
     typer.echo(
         f"Look-up table of {table.bead}: {out} ({len(table.z_nm)} heights, {low:.0f} to "

@@ -245,7 +245,11 @@ def test_several_beads_in_a_scan_need_a_name(scan):
     ("more", "reference", "match"),
     [
         ("[tracking]\nmethod = 'magic'", "", r"\[tracking\] method: there is no method 'magic'"),
-        ("", '"ref1"', r"\[beads\] reference names 'ref1', which is none of the beads: there are"),
+        (
+            "[tracking]\nregions = [{name = 'a', x_px = 40, y_px = 45, size_px = 31}]",
+            '"ref1"',
+            r"\[beads\] reference names 'ref1', which is none of the beads: there are a",
+        ),
         ("[tracking]\nlook_up_table = 'no.npz'", "", "no.npz: there is no such look-up table"),
         (
             "[tracking]\nregions = [{name = 'a', x_px = 5, y_px = 50, size_px = 31}]",
@@ -345,3 +349,14 @@ def test_damaged_notes_are_told(tracked, tmp_path):
     (tmp_path / "r.csv").write_text(text.replace('"precision_nm"', '"precision', 1))
     with pytest.raises(RecordingError, match="notes on tracking"):
         mtpipe.load(tmp_path / "r.csv", folder / "setup.toml")
+
+
+def test_a_reference_named_before_beads_are_found_is_told(tracked, tmp_path):
+    """The setup of a new film cannot know the names that beads will get."""
+    folder, *_ = tracked
+    (tmp_path / "setup.toml").write_text(setup_text("", '"ref1"'))
+    done = track(folder / "film.tif", tmp_path / "r.csv", setup=tmp_path / "setup.toml")
+    (said,) = [n.message for n in done.notes.notices if n.code == "no_such_reference"]
+    assert "names 'ref1', which is none of the beads: there are bead1, bead2" in said
+    with pytest.raises(MtpipeError, match="ref1"):
+        mtpipe.load(tmp_path / "r.csv")

@@ -61,8 +61,11 @@ def test_the_commands(tracked, scan, tmp_path):
     )
     assert done.exit_code == 0, done.output
     assert "Look-up table of bead1" in done.output
+    assert "No --refractive-index-factor" not in done.output
+    done = runner.invoke(app, [*asked, "--out", str(tmp_path / "t.npz"), "--region", "40,45,41"])
+    assert done.exit_code == 0, done.output
+    assert "focus positions are taken for heights (factor 1)" in done.output
     for wrong in (
-        [*asked, "--out", str(tmp_path / "t.npz")],
         [*asked, *factor, "--out", str(tmp_path / "t.txt")],
         [*asked, *factor, "--out", str(tmp_path / "t.npz"), "--region", "40,45"],
     ):

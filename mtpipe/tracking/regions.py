@@ -132,8 +132,15 @@ def regions_of(
         (choice.look_up_table_of, "[tracking] look_up_table_of"),
     ):
         for bead in stated:
-            if bead not in names:
-                raise SetupError(f"{key} names {bead!r}, which is none of the beads: {there}")
+            if bead in names:
+                continue
+            said = f"{key} names {bead!r}, which is none of the beads: {there}"
+            if choice.regions or key != "[beads] reference":
+                raise SetupError(said)
+            # names of beads that are found cannot be known before
+            notices += (
+                Notice("no_such_reference", "caution", f"{said}. Name one of these there."),
+            )
     return sized, notices
 
 
