@@ -100,6 +100,8 @@ def write_run_folder(folder: Path, *, good: int = 0, plateaus: int = 4) -> Path:
         table.to_parquet(folder / f"{name}.parquet")
     (folder / "run.json").write_text(json.dumps(run(forces)), encoding="utf-8")
     (folder / "mismatch.json").write_text(json.dumps(mismatch(beads[0])), encoding="utf-8")
+    left = {"recording": "made up", "beads": {REFUSED: unexplained()}}
+    (folder / "details/unexplained.json").write_text(json.dumps(left), encoding="utf-8")
     return folder
 
 
@@ -123,7 +125,43 @@ def mismatch(bead: str) -> dict[str, Any]:
         "stderr_before_pN": 0.02,
     }
     found = {"verdict": "explained", "located": [], "effects": [effect], "forces": [force]}
-    return {"schema": "mtpipe.mismatch/1", "recording": "made up", "beads": {bead: found}}
+    left = {"verdict": "unexplained", "located": [], "effects": [], "forces": [force]}
+    beads = {bead: found, REFUSED: left}
+    return {"schema": "mtpipe.mismatch/1", "recording": "made up", "beads": beads}
+
+
+def unexplained() -> dict[str, Any]:
+    """A bead with 20 % too much power about 1 Hz along y, the same at all forces."""
+    f = np.geomspace(0.05, 60, 30)
+    factor = 1 + 0.2 * np.exp(-(np.log(f) ** 2))
+    curves = {"frequency_hz": f, "factor": factor}
+    curves |= {"factor_low": factor - 0.03, "factor_high": factor + 0.03}
+    panels = [
+        {
+            "axis": axis,
+            "plateau": None,
+            "frequency_hz": f.tolist(),
+            "ratio": (factor if axis == "y" else np.ones(30)).tolist(),
+            "ratio_stderr": [0.04] * 30,
+            "correction": {name: values.tolist() for name, values in curves.items()}
+            if axis == "y"
+            else None,
+        }
+        for axis in "xyz"
+    ]
+    place = {"plateau": None, "band_hz": [0.4, 2.5], "factor": 1.16, "factor_stderr": 0.02}
+    force = {"plateau": 0, "magnet_mm": 3.0, "force_pN": 0.98, "corrected_pN": 1.04}
+    return {
+        "sentence": "Nothing in the catalogue explains it. Between 0.4 and 2.5 Hz along y …",
+        "looks": [],
+        "nearest": None,
+        "correction": {
+            "gain_nats": 41.0,
+            "axes": [{"axis": "y", "common": True, "places": [place | {"rms": 0.08}]}],
+            "panels": panels,
+            "forces": [force | {"corrected_stderr_pN": 0.03, "low_pN": 0.95, "high_pN": 1.07}],
+        },
+    }
 
 
 def usable(forces: pd.DataFrame) -> list[dict[str, Any]]:

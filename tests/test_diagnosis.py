@@ -69,6 +69,7 @@ def mismatch(concealed):
     found = mtpipe.diagnose(recording(concealed, SEEDS[concealed]))
     assert isinstance(found, Mismatch)
     assert not found.refused
+    assert not found.unexplained
     return found.as_dict()
 
 
@@ -176,6 +177,8 @@ def test_where_no_effect_helps_the_mismatch_is_unexplained_and_still_located():
     assert row["located"]
     assert row["effects"] == []
     assert all(force["force_pN"] == force["force_before_pN"] for force in row["forces"])
+    assert set(Mismatch("r", {"b1": found}, {}).unexplained) == {"b1"}
+    assert "No effect of the catalogue could be tried." in found.unexplained.sentence
 
 
 def test_a_bead_that_cannot_be_simulated_is_refused_in_words():

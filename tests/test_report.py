@@ -215,7 +215,9 @@ def test_a_damaged_run_leaves_the_report_as_it_was(tmp_path: Path) -> None:
     assert index.read_bytes() == before
 
 
-@pytest.mark.parametrize("name", ["run.json", "beads.parquet", "details/traces.parquet"])
+@pytest.mark.parametrize(
+    "name", ["run.json", "beads.parquet", "details/traces.parquet", "details/unexplained.json"]
+)
 def test_a_missing_file_is_named(tmp_path: Path, name: str) -> None:
     folder = write_run_folder(tmp_path / "run", plateaus=1)
     (folder / name).unlink()
@@ -350,6 +352,21 @@ def test_captions_say_which_posterior_is_shown(pages: dict[str, Page]) -> None:
     assert captions["2/y"]["posterior"].startswith("Posterior of this trace by itself. ")
     assert "common to x and y; y by itself tells" in captions["1/y"]["spectrum"]
     assert "common" not in captions["2/x"]["spectrum"]
+
+
+def test_what_no_effect_explains_is_said_drawn_and_bounded(pages: dict[str, Page]) -> None:
+    page = pages["bead-b10.html"]
+    assert "what was tried does not explain it" in " ".join(page.text.split())
+    assert "Nothing in the catalogue explains it. Between 0.4 and 2.5 Hz along y …" in page.text
+    assert ["0", "3.000", "0.98", "1.04 ± 0.03", "0.95 – 1.07"] in page.rows
+    figure = resolved(page.charts["figures"]["unexplained"], unpacked(page.charts["arrays"]))
+    of = {axis: [one for one in figure["data"] if one["xaxis"] == axis] for axis in ("x", "x2")}
+    assert [one.get("name") for one in of["x"]] == ["recorded / expected"]
+    band, line, points = of["x2"]
+    np.testing.assert_allclose(points["y"], line["y"])
+    assert line["y"].max() == pytest.approx(1.2, abs=0.01)
+    assert band["y"].max() == pytest.approx(1.23, abs=0.01)
+    assert "unexplained" not in pages[GOOD].charts["figures"]
 
 
 def test_what_is_not_identified_says_with_what(tmp_path: Path) -> None:

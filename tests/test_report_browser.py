@@ -166,6 +166,12 @@ def test_a_refused_trace_is_said_to_be(opened: Open) -> None:
     assert page.locator("[data-choice=posterior] .main-svg").count() == 0
 
 
+def test_what_no_effect_explains_is_drawn(opened: Open) -> None:
+    page = opened("bead-b10.html")
+    assert page.locator("[data-figure=unexplained] .main-svg").count() > 0
+    assert page.locator("[data-figure=unexplained] .point").count() == 90
+
+
 @pytest.mark.parametrize("name", ["index.html", GOOD, "bead-b2.html"])
 def test_every_page_draws_and_fits_a_narrow_window(opened: Open, name: str) -> None:
     page = opened(name)

@@ -9,6 +9,7 @@ it. Effects that the recording cannot tell from the one named are listed beside 
 from __future__ import annotations
 
 import functools
+import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 
@@ -43,7 +44,8 @@ MOST_EFFECTS = 3
 # So many effects are checked at most before the search ends, and one is rejected if with it ln p is
 # larger than this many times what it was.
 MOST_CANDIDATES, MORE_ODD = 3, 1.25
-# An effect is named beside an unexplained rest only if it explains so much of what was odd.
+# An effect is named beside an unexplained rest only if it explains so much of the misfit, and ln p
+# falls as a correction's has to.
 MOST_OF_IT = 0.7
 # A correction is kept where ln p falls to this share.
 MOST_OF_THE_ODDITY = 0.5
@@ -84,7 +86,7 @@ class Explanation:
     before : check against the configured experiment. after : with the effects named.
     verdict : "consistent", "explained" or "unexplained".
     nearest : the effect that came nearest and why it was rejected, where the verdict is
-        "unexplained"; None if none could be tried.
+        "unexplained"; None if none could be tried or no more are named at once.
     """
 
     before: BeadCheck
@@ -138,13 +140,15 @@ def explain(
         if len(named) == len(corrections) and len(able) > 1:
             say("trying pairs of effects")
             able = looking_ahead(fit, able)
+        rejected: list[Rejected] = []
         for one in able[:MOST_CANDIDATES]:
             say(f"checking with {one.effect.name}")
             found = _named(one, tried, check, case, random)
             if isinstance(found, Named):
                 break
-            nearest = found if one is able[0] else nearest
+            rejected.append(found)
         if isinstance(found, Rejected):
+            nearest = max(rejected, key=lambda one: one.tried.net)
             break
         named.append(found)
         check, fit = found.after, found.after.case.fit
@@ -157,16 +161,33 @@ def explain(
         certain = _certain(named)
         for left_out in named[len(certain) :][:1]:
             if isinstance(left_out.found, Tried):
-                nearest = Rejected(left_out.found, _too_small_a_share(left_out))
+                nearest = Rejected(left_out.found, _not_enough(left_out))
         named, check = certain, certain[-1].after if certain else before
-    # what is named itself is no alternative to another
-    names = {one.name for one in named}
-    distinct = tuple(
-        replace(one, equivalent=tuple(name for name in one.equivalent if name not in names))
-        for one in named
-    )
+    distinct = tuple(_with_alternatives(one, named, case, effects) for one in named)
     nearest = nearest if verdict == "unexplained" else None
     return Explanation(before, check, distinct, verdict, nearest)
+
+
+def _with_alternatives(
+    one: Named, named: Sequence[Named], case: Case, effects: Sequence[Effect]
+) -> Named:
+    """The effect with what the recording cannot tell from it, given the others that are named.
+
+    The last was compared with the others there; those before it were alone, and are compared again.
+    """
+    fitted = [other.found for other in named if isinstance(other.found, Tried)]
+    if not isinstance(one.found, Tried) or one.found is fitted[-1]:
+        return one
+    others = [other for other in fitted if other is not one.found]
+    try:
+        without = together(case.fit, others, named[-1].after.case.fit)
+    except (FitError, ValueError, IndexError, np.linalg.LinAlgError):
+        return replace(one, equivalent=())
+    tried = try_effects(without, effects, one.found.evidence)
+    own = next((other.net for other in tried if other.effect.name == one.name), -math.inf)
+    names = {other.name for other in named}
+    alike = [t for t in tried if abs(t.net - own) < ALIKE_NATS and t.effect.name not in names]
+    return replace(one, equivalent=tuple(t.effect.name for t in alike))
 
 
 def _corrected(check: BeadCheck, named: list[Named], random: np.random.Generator) -> BeadCheck:
@@ -207,8 +228,9 @@ def _named(
 
 def _too_little(one: Tried, needed: float) -> str:
     numbers = max(len(one.hypothesis.parameters) + one.hypothesis.read, 1)
+    gains = f"gains {one.gain:.1f} nats" if one.gain >= 0.05 else "gains nothing"
     return (
-        f"gains {one.gain:.1f} nats, too little for its "
+        f"{gains}, too little for its "
         f"{'parameter' if numbers == 1 else f'{numbers} parameters'} "
         f"({one.penalty + needed:.1f} are needed)"
     )
@@ -221,11 +243,16 @@ def _more_odd(one: Tried, before: BeadCheck, after: BeadCheck) -> str:
     )
 
 
-def _too_small_a_share(one: Named) -> str:
+def _not_enough(one: Named) -> str:
     share = max(explained_share(one.before, one.after), 0.0)
+    if share < MOST_OF_IT:
+        return (
+            f"explains {share:.0%} of the misfit, and beside an unexplained rest no cause is named "
+            f"that explains less than {MOST_OF_IT:.0%}"
+        )
     return (
-        f"explains {share:.0%} of the misfit, and beside an unexplained rest no cause is named "
-        f"that explains less than {MOST_OF_IT:.0%}"
+        f"explains {share:.0%} of the misfit, but leaves what is about as odd "
+        f"(p {one.before.p_value:.1g} → {one.after.p_value:.1g})"
     )
 
 
@@ -312,7 +339,9 @@ def _certain(named: list[Named]) -> list[Named]:
     """The effects that may be named beside an unexplained rest, up to the first that may not."""
     kept: list[Named] = []
     for one in named:
-        if isinstance(one.found, Tried) and explained_share(one.before, one.after) < MOST_OF_IT:
+        little = explained_share(one.before, one.after) < MOST_OF_IT
+        still_odd = one.after.p_value < one.before.p_value**MOST_OF_THE_ODDITY
+        if isinstance(one.found, Tried) and (little or still_odd):
             break
         kept.append(one)
     return kept

@@ -17,6 +17,7 @@ from mtpipe.crosschecking.check import BeadCheck
 from mtpipe.crosschecking.recording import CrossCheck
 from mtpipe.diagnosis.explain import Explanation, Named, explain
 from mtpipe.diagnosis.unexplained import Unexplained
+from mtpipe.diagnosis.unexplained_content import content_of
 from mtpipe.physics.camera import FloatArray
 from mtpipe.recording import Recording
 
@@ -122,7 +123,7 @@ def _examined(
     check = check_of(recording, bead, random, with_curves=True)
     found = explain(check, random)
     left = found.unexplained
-    return check, bead_content(found), None if left is None else left.as_dict()
+    return check, bead_content(found), None if left is None else content_of(left)
 
 
 def content(recording: str, beads: Mapping[str, dict[str, Any]]) -> dict[str, Any]:

@@ -8,7 +8,7 @@ from mtpipe.effects.effect import Effect, Evidence, Hypothesis, factor
 from mtpipe.experiment.changes import with_optics
 from mtpipe.experiment.description import Experiment
 
-STARTS = (-0.1, 0.1)
+STARTS = (0.0, -0.1, 0.1)
 
 
 def _change(experiment: Experiment, ln_factor: float) -> Experiment:

@@ -6,7 +6,7 @@ from mtpipe.effects.effect import Effect, Evidence, Hypothesis, factor
 from mtpipe.experiment.changes import scaled_contour_length
 from mtpipe.experiment.description import Experiment
 
-STARTS = (-0.1, 0.1)
+STARTS = (0.0, -0.1, 0.1)
 
 
 def _hypotheses(experiment: Experiment, evidence: Evidence) -> list[Hypothesis]:

@@ -101,11 +101,12 @@ class RunFolder:
     """Everything a report is drawn from; tables with the columns of docs/run-folder.md.
 
     `forces` are mtpipe's own, a row per trace; `others` those by other methods of the field.
-    `mismatch` is the diagnosis (FORMATS section 4).
+    `mismatch` is the diagnosis (FORMATS section 4), `unexplained` by bead what it leaves.
     """
 
     run: Mapping[str, Any]
     mismatch: Mapping[str, Any]
+    unexplained: Mapping[str, Any]
     setup: Setup
     notices: tuple[Notice, ...]
     forces: pd.DataFrame
@@ -145,6 +146,7 @@ def read_run_folder(folder: Path) -> RunFolder:
         others=others,
         run=run,
         mismatch=_read_json(folder / "mismatch.json", ("beads",)),
+        unexplained=_read_json(folder / "details" / "unexplained.json", ("beads",))["beads"],
         setup=parse_setup(_experiment(run["setup"]), where=str(folder / "run.json")),
         notices=tuple(Notice(**notice) for notice in run["notices"]),
         **{Path(name).stem: table for name, table in tables.items()},

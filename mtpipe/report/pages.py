@@ -26,6 +26,7 @@ from mtpipe.report.figures_bead import (
 from mtpipe.report.figures_crosscheck import curves_figure, map_figure
 from mtpipe.report.figures_run import drift_figure, forces_figure
 from mtpipe.report.figures_trace import posterior_figure, spectrum_figure
+from mtpipe.report.figures_unexplained import left_panels, unexplained_figure
 from mtpipe.report.folder import RunFolder, read_run_folder, records
 from mtpipe.report.notices import notice_groups
 from mtpipe.report.plateau_forces import comparisons
@@ -173,6 +174,8 @@ def _bead_page(run: RunFolder, row: rows.BeadRow) -> dict[str, Any]:
     checked = rows_crosscheck.crosscheck_rows(run, bead)
     if checked.done:
         figures["crosscheck"] = map_figure(checked)
+    if panels := left_panels(run, bead):
+        figures["unexplained"] = unexplained_figure(arrays, panels)
     curves = _crosscheck_curves(arrays, run, bead)
     usable = [key for key, force in forces.items() if force["status"] != "refused"]
     figures = {name: figure for name, figure in figures.items() if figure["data"]}

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
+from typing import Any
 
 from mtpipe.report.folder import RunFolder
 
@@ -26,10 +28,26 @@ class ForceRow:
 
 
 @dataclass(frozen=True)
+class BoundRow:
+    """Force of a plateau as fitted, with the spectrum's correction free, and between, as text."""
+
+    plateau: int
+    magnet: str
+    fitted: str
+    corrected: str
+    between: str
+
+
+@dataclass(frozen=True)
 class DiagnosisRows:
-    """A bead's diagnosis; `sentence` is empty where there is none."""
+    """A bead's diagnosis; `sentence` is empty where there is none, `left` where nothing is left.
+
+    `bounds`: forces with the correction of the spectrum free; none where there is none.
+    """
 
     sentence: str
+    left: str
+    bounds: tuple[BoundRow, ...]
     effects: tuple[str, ...]
     forces: tuple[ForceRow, ...]
 
@@ -38,12 +56,12 @@ def diagnosis_rows(run: RunFolder, bead: str) -> DiagnosisRows:
     """The diagnosis of a bead; forces only where effects are named."""
     found = run.mismatch["beads"].get(bead)
     if found is None:
-        return DiagnosisRows("", (), ())
+        return DiagnosisRows("", "", (), (), ())
     effects = tuple(f"{one['effect']}: {one['sentence']}" for one in found["effects"])
     forces = tuple(
         ForceRow(
             row["plateau"],
-            "—" if row["magnet_mm"] is None else f"{row['magnet_mm']:.3f}",
+            _magnet(row),
             _with_error(row["force_before_pN"], row["stderr_before_pN"]),
             _with_error(row["force_pN"], row["stderr_pN"]),
             _change(row["force_before_pN"], row["force_pN"]),
@@ -51,7 +69,22 @@ def diagnosis_rows(run: RunFolder, bead: str) -> DiagnosisRows:
         for row in found["forces"]
         if effects
     )
-    return DiagnosisRows(VERDICTS[found["verdict"]], effects, forces)
+    left = run.unexplained.get(bead, {"sentence": "", "correction": None})
+    bounds = tuple(
+        BoundRow(
+            row["plateau"],
+            _magnet(row),
+            f"{row['force_pN']:.3g}",
+            _with_error(row["corrected_pN"], row["corrected_stderr_pN"]),
+            f"{row['low_pN']:.3g} – {row['high_pN']:.3g}",
+        )
+        for row in (left["correction"] or {"forces": ()})["forces"]
+    )
+    return DiagnosisRows(VERDICTS[found["verdict"]], left["sentence"], bounds, effects, forces)
+
+
+def _magnet(row: Mapping[str, Any]) -> str:
+    return "—" if row["magnet_mm"] is None else f"{row['magnet_mm']:.3f}"
 
 
 def _with_error(value: float | None, error: float | None) -> str:

@@ -1,0 +1,213 @@
+"""What is left where no effect of the catalogue explains a recording: place, size and shape.
+
+Three things are said. Of spectra, the smooth factor that the recording asks for
+(`mtpipe.diagnosis.smooth_correction`), and what it does to the forces when it is free: a force then
+lies between the fit and the corrected fit, give or take the error. Of what is no matter of
+frequency (a distribution, a course of time, a narrow line), the looks of the battery that show it,
+with the recorded value beside the simulated ones. Of the catalogue, the effect that came nearest,
+and why it was rejected.
+"""
+
+from __future__ import annotations
+
+import functools
+import math
+from dataclasses import dataclass
+
+import numpy as np
+
+from mtpipe.battery.words import STATISTICS
+from mtpipe.configured.hypotheses import Tried
+from mtpipe.crosschecking.check import BeadCheck
+from mtpipe.diagnosis.smooth_correction import (
+    AxisCorrection,
+    Place,
+    SmoothCorrection,
+    smooth_correction,
+    spectra_of,
+)
+from mtpipe.diagnosis.smooth_fit import Spectra
+from mtpipe.physics.camera import FloatArray
+from mtpipe.recording import AXES
+
+# Statistics that a smooth correction of the spectrum is about.
+SPECTRAL = (
+    "psd_band", "allan_variance", "stiffness", "friction", "stiffness_along_series",
+    "friction_along_series",
+)  # fmt: skip
+ODD_P, MOST_LOOKS = 1e-3, 2
+# Distance from none, in standard errors, from which a plateau's own correction is mentioned.
+CLEAR = 3.0
+INTERVAL_95 = (0.025, 0.975)
+# Factors beyond this, or below one over it, are not told as numbers.
+MOST_TOLD = 100
+
+
+@dataclass(frozen=True, eq=False)
+class Rejected:
+    """An effect of the catalogue that is not named, and why, in words that continue "which …"."""
+
+    tried: Tried
+    reason: str
+
+
+@dataclass(frozen=True, eq=False)
+class Unexplained:
+    """What is left of a bead's mismatch.
+
+    Attributes
+    ----------
+    check : with all that is named. beside : whether anything is.
+    nearest : the effect that came nearest; None if none could be tried, or the search ended
+        because no more effects are named at once.
+    spectra : recorded beside expected power. correction : of the spectra; None if none is needed.
+    """
+
+    check: BeadCheck
+    beside: bool
+    nearest: Rejected | None
+    spectra: Spectra
+    correction: SmoothCorrection | None
+
+    @functools.cached_property
+    def looks(self) -> tuple[int, ...]:
+        """The oddest looks that the correction is not about, best first; of each kind one."""
+        kinds: dict[tuple[str, str], int] = {}
+        for i in np.argsort(self.check.p_values, kind="stable").tolist():
+            look = self.check.looks[i]
+            if self.correction is None or look.statistic not in SPECTRAL:
+                odd = self.check.p_values[i] < ODD_P
+                if odd or (self.correction is None and not kinds):
+                    kinds.setdefault((look.statistic, look.axis), i)
+        return tuple(kinds.values())[:MOST_LOOKS]
+
+    @property
+    def sentence(self) -> str:
+        """All of it in words."""
+        opening = (
+            "What is named does not explain it all."
+            if self.beside
+            else "Nothing in the catalogue explains it."
+        )
+        spectral = [] if self.correction is None else self._of_spectra(self.correction)
+        looks = [_capital(self._of_look(i)) + "." for i in self.looks]
+        first = int(np.argmin(self.check.p_values))
+        inner = looks + spectral if first in self.looks else spectral + looks
+        if self.nearest is not None:
+            closing = [f"Nearest: {self.nearest.tried.effect.name}, which {self.nearest.reason}."]
+        else:
+            closing = [] if self.beside else ["No effect of the catalogue could be tried."]
+        return " ".join([opening, *inner, *closing])
+
+    def _of_spectra(self, correction: SmoothCorrection) -> list[str]:
+        sentences = []
+        for one in correction.axes:
+            number, place = strongest(correction, one)
+            where = "at all forces"
+            if not one.common:
+                clear = [self.number(k) for k in alike(correction, one)]
+                where = f"in plateau{'s' if len(clear) > 1 else ''} {', '.join(map(str, clear))}"
+                if len(clear) > 1:
+                    where += f" (most clearly in {self.number(number)})"
+            sentences.append(
+                f"Between {place.band_hz[0]:.2g} and {place.band_hz[1]:.2g} Hz along "
+                f"{AXES[one.axis]} the recorded power is {_size(place)} what is simulated, {where}."
+            )
+        shift, stderr = correction.ln_force_shift, correction.ln_force_stderr
+        worst = int(np.argmax(np.abs(shift) + stderr))
+        if abs(shift[worst]) + stderr[worst] < 0.005:
+            sentences.append("With that left open, forces are the same within 0.5 %.")
+        else:
+            sentences.append(
+                f"Forces fitted with that left open are up to "
+                f"{_times(float(shift[worst]), float(stderr[worst]), 'higher', 'lower')} "
+                f"(plateau {self.number(worst)})."
+            )
+        return sentences
+
+    def simulated(self, i: int) -> tuple[float, float, float]:
+        """Median and central 95 % of a look's simulated values."""
+        low, median, high = np.quantile(
+            self.check.simulated[:, i], [INTERVAL_95[0], 0.5, INTERVAL_95[1]]
+        )
+        return float(median), float(low), float(high)
+
+    def number(self, plateau: int) -> int:
+        """Of a plateau, by its index."""
+        return self.check.case.plateaus[plateau].number
+
+    def _of_look(self, i: int) -> str:
+        look, value = self.check.looks[i], float(self.check.observed[i])
+        what = STATISTICS.get(look.statistic, ("", look.statistic.replace("_", " ")))[1]
+        parts = [f"along {' and '.join(look.axis)}"] if look.axis else []
+        parts.append(
+            "over all plateaus" if look.pooled else f"in plateau {self.number(look.plateaus[0])}"
+        )
+        if look.band_hz is not None:
+            parts.append(f"at {look.band_hz[0]:.3g} to {look.band_hz[1]:.3g} Hz")
+        if look.time_s is not None:
+            parts.append(f"from {look.time_s[0]:.3g} to {look.time_s[1]:.3g} s")
+        median, low, high = self.simulated(i)
+        return (
+            f"{what} {' '.join(parts)} is {value:.3g}, simulated {median:.3g} "
+            f"({low:.3g} to {high:.3g})"
+        )
+
+
+def unexplained(check: BeadCheck, nearest: Rejected | None, *, beside: bool) -> Unexplained:
+    """Fit the smooth correction to what a check leaves.
+
+    Parameters
+    ----------
+    check : with all that is named. beside : whether anything is.
+    """
+    spectra = spectra_of(check.case.fit)
+    return Unexplained(check, beside, nearest, spectra, smooth_correction(spectra))
+
+
+def strongest(correction: SmoothCorrection, one: AxisCorrection) -> tuple[int, Place]:
+    """The curve of an axis that is farthest from none in standard errors, and where."""
+    places = [correction.place(one, k) for k in range(len(one.coefficients))]
+    k = int(np.argmax([abs(place.ln) / max(place.stderr, 1e-12) for place in places]))
+    return k, places[k]
+
+
+def alike(correction: SmoothCorrection, one: AxisCorrection) -> list[int]:
+    """Plateaus that clearly differ where the strongest curve does, and to the same side."""
+    number, place = strongest(correction, one)
+    found = []
+    for k in range(len(one.coefficients)):
+        ln, stderr = correction.mean(one, k, place.band_hz)
+        if k == number or ln * np.sign(place.ln) > CLEAR * stderr:
+            found.append(k)
+    return found
+
+
+def ln_force_bounds(correction: SmoothCorrection) -> tuple[FloatArray, FloatArray]:
+    """(plateaus,) lowest and highest ln of a force over the fitted one: from the fit to the
+    corrected fit, and one standard error of the latter beyond.
+    """
+    shift, stderr = correction.ln_force_shift, correction.ln_force_stderr
+    return np.minimum(shift, 0.0) - stderr, np.maximum(shift, 0.0) + stderr
+
+
+def _size(place: Place) -> str:
+    return _times(place.ln, place.stderr, "above", "below", much="times")
+
+
+def _times(ln: float, stderr: float, above: str, below: str, much: str = "times as high") -> str:
+    """A factor in words: in percent, or as it is where it is large."""
+    if abs(ln) > math.log(MOST_TOLD):
+        return f"{f'more than {MOST_TOLD}' if ln > 0 else f'less than {1 / MOST_TOLD:g}'} {much}"
+    factor = math.exp(ln)
+    error = factor * stderr
+    if abs(ln) > math.log(2):
+        digits = max(0, -math.floor(math.log10(max(error, 1e-6))))
+        return f"{factor:.{digits}f} ± {error:.{digits}f} {much}"
+    digits = 0 if 100 * error >= 0.95 else 1
+    size = f"{100 * abs(factor - 1):.{digits}f} ± {100 * error:.{digits}f} %"
+    return f"{size} {above if ln > 0 else below}"
+
+
+def _capital(text: str) -> str:
+    return text[0].upper() + text[1:]

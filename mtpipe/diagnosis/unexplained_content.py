@@ -1,0 +1,150 @@
+"""`details/unexplained.json`: what no effect explains, as plain data for the report to draw."""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+import numpy as np
+
+from mtpipe.diagnosis.smooth_correction import (
+    FARTHEST,
+    AxisCorrection,
+    Place,
+    SmoothCorrection,
+)
+from mtpipe.diagnosis.unexplained import CLEAR, Unexplained, ln_force_bounds, strongest
+from mtpipe.recording import AXES
+
+# Recorded power is drawn in so many bands.
+POINTS = 36
+
+
+def content_of(left: Unexplained) -> dict[str, Any]:
+    """`details/unexplained.json` of one bead, as docs/run-folder.md has it."""
+    correction = left.correction
+    return {
+        "sentence": left.sentence,
+        "looks": [_look_dict(left, i) for i in left.looks],
+        "nearest": None
+        if left.nearest is None
+        else {
+            "effect": left.nearest.tried.effect.name,
+            "gain_nats": float(left.nearest.tried.gain),
+            "penalty_nats": float(left.nearest.tried.penalty),
+            "reason": left.nearest.reason,
+        },
+        "correction": None
+        if correction is None
+        else {
+            "gain_nats": correction.gain_nats,
+            "axes": [_axis_dict(left, correction, one) for one in correction.axes],
+            "panels": [_panel(left, correction, axis) for axis in range(3)],
+            "forces": _forces(left, correction),
+        },
+    }
+
+
+def _look_dict(left: Unexplained, i: int) -> dict[str, Any]:
+    look = left.check.looks[i]
+    values = float(left.check.observed[i]), *left.simulated(i), float(left.check.p_values[i])
+    names = "value", "simulated_median", "simulated_low", "simulated_high", "p_value"
+    return {
+        "statistic": look.statistic,
+        "axis": look.axis,
+        "plateaus": [left.number(k) for k in look.plateaus],
+        "band_hz": None if look.band_hz is None else list(look.band_hz),
+        "time_s": None if look.time_s is None else list(look.time_s),
+        **{name: _finite(value) for name, value in zip(names, values, strict=True)},
+    }
+
+
+def _axis_dict(
+    left: Unexplained, correction: SmoothCorrection, one: AxisCorrection
+) -> dict[str, Any]:
+    return {
+        "axis": AXES[one.axis],
+        "common": one.common,
+        "places": [
+            {
+                "plateau": None if one.common else left.number(k),
+                "band_hz": list(place.band_hz),
+                "factor": math.exp(place.ln),
+                "factor_stderr": math.exp(place.ln) * place.stderr,
+                "rms": place.rms,
+            }
+            for k, place in concerned(correction, one)
+        ],
+    }
+
+
+def _panel(left: Unexplained, correction: SmoothCorrection, axis: int) -> dict[str, Any]:
+    """What is drawn of an axis: of all plateaus, or of the one where a correction is clearest.
+
+    Recorded power over what is expected with the forces shifted, averaged over few bands.
+    """
+    one = next((one for one in correction.axes if one.axis == axis), None)
+    number = None if one is None or one.common else strongest(correction, one)[0]
+    spectra = left.spectra
+    mine = (spectra.axis == axis) & ((number is None) | (spectra.plateau == number))
+    edges = np.geomspace(*correction.band_hz, POINTS + 1)
+    cell = np.clip(np.digitize(spectra.frequency_hz[mine], edges) - 1, 0, POINTS - 1)
+    n = spectra.ordinates[mine]
+    total = np.bincount(cell, n, POINTS)
+    there = total > 0
+    summed = [
+        np.bincount(cell, n * values, POINTS)[there] / total[there]
+        for values in (np.log(spectra.frequency_hz[mine]), correction.left[mine])
+    ]
+    panel = {
+        "axis": AXES[axis],
+        "plateau": None if number is None else left.number(number),
+        "frequency_hz": np.exp(summed[0]).tolist(),
+        "ratio": summed[1].tolist(),
+        "ratio_stderr": (summed[1] / np.sqrt(total[there])).tolist(),
+        "correction": None,
+    }
+    if one is not None:
+        ln, stderr = correction.curve(one, number or 0)
+        panel["correction"] = {
+            "frequency_hz": correction.frequency_hz.tolist(),
+            "factor": np.exp(ln).tolist(),
+            "factor_low": np.exp(ln - stderr).tolist(),
+            "factor_high": np.exp(ln + stderr).tolist(),
+        }
+    return panel
+
+
+def _forces(left: Unexplained, correction: SmoothCorrection) -> list[dict[str, Any]]:
+    """Forces as fitted and with the correction free, and the range that holds both."""
+    lower, upper = ln_force_bounds(correction)
+    fitted = left.check.case.fit.force_pN
+    low, corrected, high = (
+        fitted * np.exp(np.clip(ln, -FARTHEST, FARTHEST))
+        for ln in (lower, correction.ln_force_shift, upper)
+    )
+    return [
+        {
+            "plateau": plateau.number,
+            "magnet_mm": plateau.magnet_mm,
+            "force_pN": float(fitted[i]),
+            "corrected_pN": float(corrected[i]),
+            "corrected_stderr_pN": float(corrected[i] * correction.ln_force_stderr[i]),
+            "low_pN": float(low[i]),
+            "high_pN": float(high[i]),
+        }
+        for i, plateau in enumerate(left.check.case.plateaus)
+    ]
+
+
+def concerned(correction: SmoothCorrection, one: AxisCorrection) -> list[tuple[int, Place]]:
+    """Curves of an axis that are clearly not none; at least the strongest."""
+    number, _ = strongest(correction, one)
+    places = [(k, correction.place(one, k)) for k in range(len(one.coefficients))]
+    return [
+        (k, place) for k, place in places if k == number or abs(place.ln) > CLEAR * place.stderr
+    ]
+
+
+def _finite(value: float) -> float | None:
+    return float(value) if math.isfinite(value) else None
