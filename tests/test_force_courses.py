@@ -7,11 +7,11 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from mtpipe.configured.courses import force_courses
 from mtpipe.configured.data import plateau_data, whitening
 from mtpipe.configured.expectation import Subtraction
 from mtpipe.configured.fit import fit_configured
 from mtpipe.configured.model import ConfiguredModel
-from mtpipe.diagnosis.courses import force_courses
 from mtpipe.experiment.changes import with_magnets
 from mtpipe.experiment.description import (
     Bead,

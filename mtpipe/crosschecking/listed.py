@@ -12,6 +12,7 @@ import numpy as np
 
 from mtpipe.battery import spectral
 from mtpipe.battery.observed import Observed, whitened
+from mtpipe.configured.courses import force_courses
 from mtpipe.configured.hypotheses import best_of
 from mtpipe.crosschecking.case import Case
 from mtpipe.effects.catalogue import OWN
@@ -25,8 +26,13 @@ def with_listed(case: Case, setup: Setup) -> Case:
     wanted = [e for e in OWN if e.name in setup.model.effects and e.name not in DESCRIBED]
     for effect in wanted:
         forces = tuple(float(f) for f in case.fit.force_pN)
-        lines = strongest_lines_hz(case) if effect.name == "vibration" else ()
-        tried = best_of(case.fit, effect, Evidence(lines, forces))
+        evidence = Evidence((), forces)
+        if effect.name == "vibration":
+            evidence = replace(evidence, lines_hz=strongest_lines_hz(case))
+        if effect.name == "force_drift":
+            each, common = force_courses(case.fit, case.positions_nm, case.frame_s)
+            evidence = replace(evidence, courses=each, common_course=common)
+        tried = best_of(case.fit, effect, evidence)
         if tried is not None:
             case = replace(case, fit=tried.fit)
     return case

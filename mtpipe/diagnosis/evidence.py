@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
+from mtpipe.configured.courses import force_courses
 from mtpipe.crosschecking.check import BeadCheck
-from mtpipe.diagnosis.courses import force_courses
 from mtpipe.effects.effect import Evidence
 from mtpipe.physics.camera import FloatArray
 

@@ -16,6 +16,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from scipy import special
 
+from mtpipe.configured.courses import force_courses
 from mtpipe.configured.data import PlateauData, plateau_data
 from mtpipe.configured.fit import ConfiguredFit, first_guess, fit_configured
 from mtpipe.configured.hypotheses import Tried, looking_ahead, together, try_effects
@@ -23,7 +24,6 @@ from mtpipe.corrections.catalogue import CORRECTIONS
 from mtpipe.corrections.correction import Correction
 from mtpipe.crosschecking.case import FORMULAS, Case, preferred_formula
 from mtpipe.crosschecking.check import BeadCheck, check_bead
-from mtpipe.diagnosis.courses import force_courses
 from mtpipe.diagnosis.evidence import evidence_of
 from mtpipe.diagnosis.unexplained import Rejected, Unexplained, unexplained
 from mtpipe.effects.catalogue import catalogue

@@ -142,27 +142,31 @@ def bead_content(found: Explanation) -> dict[str, Any]:
 
 
 def located(check: BeadCheck) -> list[dict[str, Any]]:
-    """The most significant looks, one per statistic and axis, best first."""
+    """The most significant looks, one per statistic and axis, best first.
+
+    What concerns two axes together is listed for each of them.
+    """
     places: list[dict[str, Any]] = []
     seen: set[tuple[str, str]] = set()
     for i in np.argsort(check.p_values):
         look, p = check.looks[int(i)], float(check.p_values[int(i)])
-        if len(places) == MOST_PLACES or (p > PLACE_P and places):
+        if len(places) >= MOST_PLACES or (p > PLACE_P and places):
             break
         if (look.statistic, look.axis) in seen:
             continue
         seen.add((look.statistic, look.axis))
-        places.append(
+        places += [
             {
-                "axis": look.axis,
+                "axis": axis,
                 "plateaus": [check.case.plateaus[k].number for k in _concerned(check, look)],
                 "band_hz": None if look.band_hz is None else list(look.band_hz),
                 "time_s": None if look.time_s is None else list(look.time_s),
                 "statistic": look.statistic,
                 "p_value": p,
             }
-        )
-    return places
+            for axis in look.axis or [look.axis]
+        ]
+    return places[:MOST_PLACES]
 
 
 def _concerned(check: BeadCheck, look: Look) -> tuple[int, ...]:
