@@ -38,8 +38,8 @@ ALARM_P = 0.004
 # one is kept at all. With a penalty of 5 nats a gain of 8 is needed, which comes by chance once in
 # 16 000 tries of one parameter (χ² above 16); the catalogue tries some 30.
 SEEN_NATS, KEPT_NATS = 4.0, 3.0
-# Where the battery is as content as this with an effect, no second one is looked for: the form of the
-# first is known only so well, and what is left of it may look like another.
+# Where the battery is as content as this with an effect, no second one is looked for: the form of
+# the first is known only so well, and what is left of it may look like another.
 CONTENT_P = 0.3
 # Two effects whose net gains differ by less cannot be told apart.
 ALIKE_NATS = 3.0
