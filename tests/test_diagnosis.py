@@ -18,7 +18,7 @@ from mtpipe.crosschecking.beads import bead_generator
 from mtpipe.crosschecking.case import FORMULAS, prepare
 from mtpipe.crosschecking.check import check_bead
 from mtpipe.diagnosis.evidence import reference_moves
-from mtpipe.diagnosis.explain import Named, explain, without_superfluous
+from mtpipe.diagnosis.explain import Explanation, Named, explain, without_superfluous
 from mtpipe.diagnosis.mismatch import Mismatch
 from mtpipe.effects.catalogue import OWN
 from mtpipe.effects.effect import Evidence
@@ -228,3 +228,27 @@ def test_an_effect_that_another_makes_needless_is_dropped():
     assert {p.name for p in after.case.fit.model.parameters} == {
         p.name for p in before.case.fit.model.parameters
     } | {"viscosity over configured"}
+
+
+def test_what_alternatives_make_of_a_force_is_in_its_error():
+    """Two that fit equally well: the error is half their distance beside its own, in squares."""
+    random = bead_generator(0, "b1")
+    before = check_bead(prepare(recording("viscosity", 2), "b1"), random)
+    tried = {
+        name: best_of(
+            before.case.fit, next(e for e in OWN if e.name == name), Evidence((), FORCES_PN)
+        )
+        for name in ("viscosity", "lateral_scale")
+    }
+    one, other = tried["viscosity"], tried["lateral_scale"]
+    other = replace(other, gain=one.net + other.penalty)
+    after = check_bead(replace(before.case, fit=one.fit), random)
+    alone = Explanation(
+        before, after, (Named(one, (), before, after, math.nan),), "explained", None
+    )
+    both = replace(alone, named=(Named(one, (other,), before, after, math.nan),))
+    np.testing.assert_allclose(alone.force_stderr_pN, one.fit.force_stderr_pN)
+    apart = other.fit.force_pN - one.fit.force_pN
+    expected = np.sqrt(one.fit.force_stderr_pN**2 + apart**2 / 2)
+    np.testing.assert_allclose(both.force_stderr_pN, expected)
+    assert both.named[0].equivalent == ("lateral_scale",)

@@ -62,17 +62,22 @@ class Named:
     Attributes
     ----------
     found : its fit, the effects named before it included, or the correction of the traces.
-    equivalent : names of effects that the recording cannot tell from it.
+    alternatives : effects that the recording cannot tell from it, fitted in its place.
     before, after : the check without and with it.
     heldout_gain : ln likelihood gained on time that was not fitted, in nats; nan where the effect
         is none of the spectrum's.
     """
 
     found: Tried | Correction
-    equivalent: tuple[str, ...]
+    alternatives: tuple[Tried, ...]
     before: BeadCheck
     after: BeadCheck
     heldout_gain: float
+
+    @property
+    def equivalent(self) -> tuple[str, ...]:
+        """Names of the alternatives."""
+        return tuple(other.effect.name for other in self.alternatives)
 
     @property
     def name(self) -> str:
@@ -102,6 +107,20 @@ class Explanation:
     def fit(self) -> ConfiguredFit:
         """The fit with the effects named."""
         return self.after.case.fit
+
+    @property
+    def force_stderr_pN(self) -> FloatArray:
+        """(plateaus,) standard errors of the fit's forces, what alternatives would make of them
+        included, each with the weight that its ln likelihood after BIC has beside the one named.
+        """
+        variance = self.fit.force_stderr_pN**2
+        for one in self.named:
+            if not isinstance(one.found, Tried) or not one.alternatives:
+                continue
+            weights = np.exp([other.net - one.found.net for other in one.alternatives])
+            apart = [(other.fit.force_pN - self.fit.force_pN) ** 2 for other in one.alternatives]
+            variance = variance + weights @ np.array(apart) / (1 + weights.sum())
+        return np.asarray(np.sqrt(variance))
 
     @functools.cached_property
     def unexplained(self) -> Unexplained | None:
@@ -157,7 +176,9 @@ def explain(
             break
         named.append(found)
         check, fit = found.after, found.after.case.fit
+    found_first = len(named)
     named, check = without_superfluous(case, named, check, random)
+    dropped = len(named) < found_first
     consistent = not named and before.p_value >= ALARM_P
     verdict = "consistent" if consistent else "unexplained"
     if named and check.p_value >= ALARM_P:
@@ -168,7 +189,11 @@ def explain(
             if isinstance(left_out.found, Tried):
                 nearest = Rejected(left_out.found, _not_enough(left_out))
         named, check = certain, certain[-1].after if certain else before
-    distinct = tuple(_with_alternatives(one, named, case, effects) for one in named)
+    # the last was compared with all others there, unless one of them has gone since
+    known = named[-1:] if not dropped else []
+    distinct = tuple(
+        one if one in known else _with_alternatives(one, named, case, effects) for one in named
+    )
     nearest = nearest if verdict == "unexplained" else None
     return Explanation(before, check, distinct, verdict, nearest)
 
@@ -176,23 +201,20 @@ def explain(
 def _with_alternatives(
     one: Named, named: Sequence[Named], case: Case, effects: Sequence[Effect]
 ) -> Named:
-    """The effect with what the recording cannot tell from it, given the others that are named.
-
-    The last was compared with the others there; those before it were alone, and are compared again.
-    """
-    fitted = [other.found for other in named if isinstance(other.found, Tried)]
-    if not isinstance(one.found, Tried) or one.found is fitted[-1]:
+    """The effect with what the recording cannot tell from it, given the others that are named."""
+    if not isinstance(one.found, Tried):
         return one
+    fitted = [other.found for other in named if isinstance(other.found, Tried)]
     others = [other for other in fitted if other is not one.found]
     try:
         without = together(case.fit, others, named[-1].after.case.fit)
     except (FitError, ValueError, IndexError, np.linalg.LinAlgError):
-        return replace(one, equivalent=())
+        return replace(one, alternatives=())
     tried = try_effects(without, effects, one.found.evidence)
     own = next((other.net for other in tried if other.effect.name == one.name), -math.inf)
     names = {other.name for other in named}
     alike = [t for t in tried if abs(t.net - own) < ALIKE_NATS and t.effect.name not in names]
-    return replace(one, equivalent=tuple(t.effect.name for t in alike))
+    return replace(one, alternatives=tuple(alike))
 
 
 def _corrected(check: BeadCheck, named: list[Named], random: np.random.Generator) -> BeadCheck:
@@ -224,7 +246,7 @@ def _named(
     if after.p_value < min(ALARM_P, check.p_value**MORE_ODD):
         return Rejected(one, _more_odd(one, check, after))
     alike = tuple(
-        other.effect.name
+        other
         for other in tried
         if other.effect.name != one.effect.name and abs(one.net - other.net) < ALIKE_NATS
     )

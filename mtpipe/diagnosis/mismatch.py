@@ -280,7 +280,7 @@ def _forces(found: Explanation) -> list[dict[str, Any]]:
                 "plateau": plateau.number,
                 "magnet_mm": plateau.magnet_mm,
                 "force_pN": _number(after.force_pN, i),
-                "stderr_pN": _number(after.force_stderr_pN, i),
+                "stderr_pN": _number(found.force_stderr_pN, i),
                 "force_before_pN": _number(before.force_pN, i),
                 "stderr_before_pN": _number(before.force_stderr_pN, i),
             }
