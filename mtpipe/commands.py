@@ -397,12 +397,17 @@ def demo(
         "mtpipe-demo"
     ),
     workers: Workers = None,
+    film: Annotated[
+        bool, typer.Option("--film", help="Begin with images: a film is rendered and tracked.")
+    ] = False,
 ) -> None:
     """Run on the bundled recordings and compare with the forces that made them."""
     from mtpipe.demo import run_demo
+    from mtpipe.demo_film import run_film_demo
 
+    shown = run_film_demo if film else run_demo
     with progress_bar() as progress:
-        text = run_demo(out, workers=workers or os.cpu_count() or 1, progress=progress)
+        text = shown(out, workers=workers or os.cpu_count() or 1, progress=progress)
     typer.echo(text)
 
 

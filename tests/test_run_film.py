@@ -7,65 +7,23 @@ import pandas as pd
 import pytest
 
 import mtpipe
+from mtpipe.demo_film import FORCES_PN, film_run
 from mtpipe.free_fits import NOISE_FACTOR
-from mtpipe.simulation.bead_image import BeadImage
-from mtpipe.simulation.images import optics_of, render_stack
-from tests import rendered
 
-FORCES_PN = np.array([1.0, 5.0])
-FRAMES = 900
-# where the scan's stage had its zero, below the surface
-TABLE_ZERO_NM = 300.0
 # in reading order, and as they were simulated
-SIMULATED = {"bead1": "ref1", "bead2": "b1"}
-LOW_NM, HIGH_NM = -100.0, 1100.0
-SETUP = """
-schema = 1
-[camera]
-frame_rate_hz = 120.0
-exposure_s = 0.008333333
-pixel_size_nm = 100.0
-[beads]
-radius_nm = 1400.0
-reference = ["bead1"]
-[tether]
-contour_length_nm = 1000.0
-persistence_length_nm = 50.0
-[buffer]
-temperature_K = 298.15
-viscosity_mPa_s = 0.89
-[field]
-direction = "x"
-[model]
-effects = ["wall_drag", "rotation_coupling", "tracking_noise"]
-[plateaus]
-minimum_s = 1.0
-"""
+SIMULATED = {"bead1": "bead1", "bead2": "b1"}
 
 
 @pytest.fixture(scope="module")
 def finished(tmp_path_factory):
     folder = tmp_path_factory.mktemp("film")
-    film = folder / "images"
-    film.mkdir()
-    setup = rendered.setup()
-    truth = render_stack(film / "film.tif", setup, FORCES_PN.tolist(), FRAMES, seed=5)
-    scan = BeadImage.of(optics_of(setup), LOW_NM, HIGH_NM)
-    images, heights_nm = rendered.scan(image=scan, low_nm=LOW_NM, high_nm=HIGH_NM)
-    rendered.build(images, heights_nm + TABLE_ZERO_NM).save(film / "bead.npz")
-    (film / "setup.toml").write_text(
-        f"{SETUP}[source]\nz_zero.value_nm = {TABLE_ZERO_NM}\n"
-        '[tracking]\nlook_up_table = "bead.npz"\nsize_px = 64\n'
-        '[tracking.magnet]\nfile = "film-magnets.csv"\ncolumn = "magnet_mm"\nrow_by_row = true\n'
-        'header = true\ndelimiter = "comma"\n'
-    )
-    return truth, mtpipe.run(film, folder / "out", cross_check=False), folder / "out"
+    truth, run = film_run(folder)
+    return truth, run, folder / "run"
 
 
 def test_the_film_is_tracked_into_the_run_folder(finished):
-    truth, run, out = finished
-    assert run.recording.name == "images"
-    tracked = mtpipe.load(out / "recording.csv", out.parent / "images" / "setup.toml")
+    truth, _, out = finished
+    tracked = mtpipe.load(out / "recording.csv", out.parent / "setup.toml")
     assert tracked.tethered == ("bead2",)
     for bead, name in SIMULATED.items():
         error = tracked.positions_nm[bead] - truth.positions_nm[name]
@@ -85,8 +43,8 @@ def test_forces_are_true(finished):
         mine = forces[forces.axis == axis]
         assert list(mine.plateau) == [0, 1]
         assert np.isfinite(mine.force_pN).all()
-        assert (np.abs(mine.force_pN - FORCES_PN) < 4 * mine.force_stderr_pN).all()
-        assert (mine.force_stderr_pN < 0.25 * FORCES_PN).all()
+        assert (np.abs(mine.force_pN - np.array(FORCES_PN)) < 4 * mine.force_stderr_pN).all()
+        assert (mine.force_stderr_pN < 0.25 * np.array(FORCES_PN)).all()
 
 
 def test_the_noise_expected_is_the_reference_beads_scaled_by_the_images(finished):
