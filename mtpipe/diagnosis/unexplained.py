@@ -110,7 +110,7 @@ class Unexplained:
                 if len(clear) > 1:
                     where += f" (most clearly in {self.number(number)})"
             sentences.append(
-                f"Between {place.band_hz[0]:.2g} and {place.band_hz[1]:.2g} Hz along "
+                f"Between {place.band_hz[0]:.3g} and {place.band_hz[1]:.3g} Hz along "
                 f"{AXES[one.axis]} the recorded power is {_size(place)} what is simulated, {where}."
             )
         shift, stderr = correction.ln_force_shift, correction.ln_force_stderr
