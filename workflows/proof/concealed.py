@@ -15,7 +15,7 @@ from functools import partial
 from typing import Any
 
 import numpy as np
-import traces
+import spoiled_traces
 
 from mtpipe.experiment import changes
 from mtpipe.experiment.description import Experiment, ForceCourse, Hopping, Line
@@ -262,14 +262,14 @@ EFFECTS = (
     Effect(
         "surface_sticking",
         "sticking",
-        spoil=traces.stick,
+        spoil=spoiled_traces.stick,
         sizes={"faint": (1.0, 2.0), "moderate": (3.0, 6.0), "clear": (8.0, 20.0)},
         unit="s",
     ),
     Effect(
         "pixel_locking",
         "pixel",
-        spoil=traces.lock,
+        spoil=spoiled_traces.lock,
         sizes={"faint": (0.5, 0.8), "moderate": (1.0, 1.8), "clear": (2.5, 4.0)},
         unit="nm",
     ),
