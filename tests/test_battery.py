@@ -149,6 +149,17 @@ def test_irreversible_motion_is_told_from_reversible():
     assert abs(found) > 5 * null.std()
 
 
+def test_direction_of_time_has_a_value_for_motion_that_is_hardly_any():
+    """Slow and back where it was: the correlation of successive frames is estimated above 1."""
+
+    def slow(x):
+        wave = np.sin(2 * np.pi * np.arange(len(x)) / len(x))[:, None]
+        return 100 * wave + 1e-3 * x
+
+    found = [value for _, value in temporal.irreversibility([White().seen(generator(7), slow)])]
+    assert np.isfinite(found).all()
+
+
 def test_shape_does_not_depend_on_scale_or_origin():
     plain = White().seen(generator(8))
     moved = White().seen(generator(8), lambda x: 50 + 7 * x)
