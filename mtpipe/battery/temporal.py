@@ -95,10 +95,12 @@ def irreversibility(seen: Sequence[Observed]) -> Values:
     values: Values = []
     for i, one in enumerate(seen):
         series = one.bridged_nm
+        # what bridges lost frames may lie far from the mean of those that are there
+        series = series - series.mean(axis=1, keepdims=True)
         series = series / series.std(axis=1, keepdims=True)
         for axis, name in enumerate(AXES):
             x = series[axis]
-            # of a trace that hardly moves the estimate may exceed 1
+            # of a slow trace the estimate may exceed 1
             ratio = min(float(np.mean(x[1:] * x[:-1])), 1 - 1e-6)
             lag = 1 if ratio < 0.5 else min(int(np.log(0.5) / np.log(ratio)) + 1, len(x) // 8)
             value = float(np.mean(x[lag:] * x[:-lag] * (x[:-lag] - x[lag:])))
