@@ -18,7 +18,7 @@ from mtpipe.crosschecking.beads import bead_generator
 from mtpipe.crosschecking.case import FORMULAS, prepare
 from mtpipe.crosschecking.check import check_bead
 from mtpipe.diagnosis.evidence import reference_moves
-from mtpipe.diagnosis.explain import Explanation, Named, explain, without_superfluous
+from mtpipe.diagnosis.explain import Alternative, Explanation, Named, explain, without_superfluous
 from mtpipe.diagnosis.mismatch import Mismatch
 from mtpipe.effects.catalogue import OWN
 from mtpipe.effects.effect import Evidence
@@ -241,12 +241,11 @@ def test_what_alternatives_make_of_a_force_is_in_its_error():
         for name in ("viscosity", "lateral_scale")
     }
     one, other = tried["viscosity"], tried["lateral_scale"]
-    other = replace(other, gain=one.net + other.penalty)
     after = check_bead(replace(before.case, fit=one.fit), random)
     alone = Explanation(
         before, after, (Named(one, (), before, after, math.nan),), "explained", None
     )
-    both = replace(alone, named=(Named(one, (other,), before, after, math.nan),))
+    both = replace(alone, named=(Named(one, (Alternative(other, 0.0),), before, after, math.nan),))
     np.testing.assert_allclose(alone.force_stderr_pN, one.fit.force_stderr_pN)
     apart = other.fit.force_pN - one.fit.force_pN
     expected = np.sqrt(one.fit.force_stderr_pN**2 + apart**2 / 2)

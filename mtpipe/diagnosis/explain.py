@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import functools
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Collection, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -56,20 +56,28 @@ Progress = Callable[[str], None]
 
 
 @dataclass(frozen=True, eq=False)
+class Alternative:
+    """Another effect fitted in a named one's place; `nats` : its net gain less that one's there."""
+
+    found: Tried
+    nats: float
+
+
+@dataclass(frozen=True, eq=False)
 class Named:
     """An effect that is named.
 
     Attributes
     ----------
     found : its fit, the effects named before it included, or the correction of the traces.
-    alternatives : effects that the recording cannot tell from it, fitted in its place.
+    alternatives : effects that the recording cannot tell from it.
     before, after : the check without and with it.
     heldout_gain : ln likelihood gained on time that was not fitted, in nats; nan where the effect
         is none of the spectrum's.
     """
 
     found: Tried | Correction
-    alternatives: tuple[Tried, ...]
+    alternatives: tuple[Alternative, ...]
     before: BeadCheck
     after: BeadCheck
     heldout_gain: float
@@ -77,7 +85,7 @@ class Named:
     @property
     def equivalent(self) -> tuple[str, ...]:
         """Names of the alternatives."""
-        return tuple(other.effect.name for other in self.alternatives)
+        return tuple(other.found.effect.name for other in self.alternatives)
 
     @property
     def name(self) -> str:
@@ -114,12 +122,10 @@ class Explanation:
         included, each with the weight that its ln likelihood after BIC has beside the one named.
         """
         variance = self.fit.force_stderr_pN**2
-        for one in self.named:
-            if not isinstance(one.found, Tried) or not one.alternatives:
-                continue
-            weights = np.exp([other.net - one.found.net for other in one.alternatives])
-            apart = [(other.fit.force_pN - self.fit.force_pN) ** 2 for other in one.alternatives]
-            variance = variance + weights @ np.array(apart) / (1 + weights.sum())
+        for alternatives in (one.alternatives for one in self.named if one.alternatives):
+            weights = np.exp([other.nats for other in alternatives])
+            apart = [other.found.fit.force_pN - self.fit.force_pN for other in alternatives]
+            variance = variance + weights @ np.square(apart) / (1 + weights.sum())
         return np.asarray(np.sqrt(variance))
 
     @functools.cached_property
@@ -211,10 +217,17 @@ def _with_alternatives(
     except (FitError, ValueError, IndexError, np.linalg.LinAlgError):
         return replace(one, alternatives=())
     tried = try_effects(without, effects, one.found.evidence)
-    own = next((other.net for other in tried if other.effect.name == one.name), -math.inf)
-    names = {other.name for other in named}
-    alike = [t for t in tried if abs(t.net - own) < ALIKE_NATS and t.effect.name not in names]
-    return replace(one, alternatives=tuple(alike))
+    own = next((other.net for other in tried if other.effect.name == one.name), math.inf)
+    return replace(one, alternatives=_alike(own, tried, {other.name for other in named}))
+
+
+def _alike(net: float, tried: Sequence[Tried], named: Collection[str]) -> tuple[Alternative, ...]:
+    """Effects that are not named and whose net gain is about this one's."""
+    return tuple(
+        Alternative(other, other.net - net)
+        for other in tried
+        if other.effect.name not in named and abs(other.net - net) < ALIKE_NATS
+    )
 
 
 def _corrected(check: BeadCheck, named: list[Named], random: np.random.Generator) -> BeadCheck:
@@ -245,11 +258,7 @@ def _named(
         return Rejected(one, f"gains {one.gain:.0f} nats, but cannot be simulated ({error})")
     if after.p_value < min(ALARM_P, check.p_value**MORE_ODD):
         return Rejected(one, _more_odd(one, check, after))
-    alike = tuple(
-        other
-        for other in tried
-        if other.effect.name != one.effect.name and abs(one.net - other.net) < ALIKE_NATS
-    )
+    alike = _alike(one.net, tried, {one.effect.name})
     return Named(one, alike, check, after, heldout_gain(case, check.case.fit, fit))
 
 
