@@ -114,7 +114,7 @@ def test_page_has_a_place_for_every_table(rows, study, cases):
     blocks = study("method_tables").blocks(cases, rows) | {"run": "printed"}
     page = PAGE.read_text(encoding="utf-8")
     assert set(re.findall(r"<!-- study: (.*) -->", page)) == set(blocks)
-    written = study("report").into_page(page, blocks)
+    written = study("pages").into_page(page, blocks)
     assert all(block in written for block in blocks.values())
 
 

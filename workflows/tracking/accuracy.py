@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 import peer
 import pictures
-from page import table
+from pages import table
 
 from mtpipe.simulation.images import Sensor
 from mtpipe.tracking.positions import METHODS, Positions, locate

@@ -15,7 +15,7 @@ from pathlib import Path
 
 import numpy as np
 from accuracy import rms
-from page import table
+from pages import table
 
 import mtpipe
 from mtpipe.bead_results import BeadResult

@@ -2,15 +2,13 @@
 
 from __future__ import annotations
 
-import os
 import subprocess
-import sys
 import tempfile
-import venv
 from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
+import peer_environment
 
 PEER = Path(__file__).parent / "trackpy_peer"
 REQUIREMENTS = PEER / "requirements.txt"
@@ -32,16 +30,7 @@ class Answer:
 
 def environment(folder: Path) -> Path:
     """Python interpreter of a virtual environment with trackpy, made in a folder if need be."""
-    python = folder / ("Scripts/python.exe" if os.name == "nt" else "bin/python")
-    pinned, made = REQUIREMENTS.read_text(encoding="utf-8"), folder / "made-with.txt"
-    if made.exists() and made.read_text(encoding="utf-8") == pinned:
-        return python
-    print(f"making an environment for trackpy in {folder}", file=sys.stderr)
-    venv.create(folder, with_pip=True)
-    install = ["-m", "pip", "install", "--quiet", "--disable-pip-version-check"]
-    subprocess.run([str(python), *install, "-r", str(REQUIREMENTS)], check=True)
-    made.write_text(pinned, encoding="utf-8")
-    return python
+    return peer_environment.environment(folder, REQUIREMENTS)
 
 
 def locate(python: Path, images: np.ndarray, truth_px: np.ndarray) -> Answer:

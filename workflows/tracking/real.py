@@ -11,7 +11,7 @@ from pathlib import Path
 
 import numpy as np
 from accuracy import nm
-from page import table
+from pages import table
 
 from mtpipe.errors import RecordingError
 from mtpipe.tracking.lookup_table import LookUpTable

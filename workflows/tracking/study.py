@@ -11,6 +11,7 @@ from __future__ import annotations
 
 import argparse
 import os
+import sys
 import tempfile
 import time
 from collections.abc import Callable
@@ -21,9 +22,10 @@ from pathlib import Path
 # one core; the libraries read this when they are loaded
 os.environ |= dict.fromkeys(("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS"), "1")
 
+sys.path.append(str(Path(__file__).parents[1] / "common"))
 import accuracy
 import forces
-import page
+import pages
 import peer
 import real
 
@@ -96,7 +98,7 @@ def main() -> None:
         print(f"\n{part}\n{'-' * len(part)}\n{block}", flush=True)
         if asked.write is not None:
             text = asked.write.read_text(encoding="utf-8")
-            asked.write.write_text(page.into_page(text, {part: block}), encoding="utf-8")
+            asked.write.write_text(pages.into_page(text, {part: block}), encoding="utf-8")
 
 
 def _options(part: str, choice: Choice) -> str:

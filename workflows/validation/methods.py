@@ -15,6 +15,7 @@ import functools
 import itertools
 import math
 import os
+import sys
 import tempfile
 import time
 from collections.abc import Callable, Iterable, Iterator, Sequence
@@ -27,7 +28,9 @@ import method_tables
 import numpy as np
 import pandas as pd
 import peers
-import report
+
+sys.path.append(str(Path(__file__).parents[1] / "common"))
+import pages
 import traces
 from method_tables import LIKELIHOOD, POSTERIOR
 from traces import Case
@@ -79,7 +82,7 @@ def main() -> None:
         print(f"\n{name}\n{'-' * len(name)}\n{block}")
     if choice.write is not None:
         page = choice.write.read_text(encoding="utf-8")
-        choice.write.write_text(report.into_page(page, blocks), encoding="utf-8")
+        choice.write.write_text(pages.into_page(page, blocks), encoding="utf-8")
 
 
 def own_rows(run: Run, cases: Sequence[Case], seed: int, repeats: int) -> list[dict[str, object]]:

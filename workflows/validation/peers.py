@@ -6,11 +6,9 @@ with the versions in `tweezepy_peer/requirements.txt`.
 
 from __future__ import annotations
 
-import os
 import subprocess
 import sys
 import tempfile
-import venv
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Literal
@@ -18,6 +16,9 @@ from typing import Literal
 import numpy as np
 import traces
 from traces import Case
+
+sys.path.append(str(Path(__file__).parents[1] / "common"))
+import peer_environment
 
 PEER = Path(__file__).parent / "tweezepy_peer"
 REQUIREMENTS = PEER / "requirements.txt"
@@ -38,16 +39,7 @@ class Job:
 
 def environment(folder: Path) -> Path:
     """Python interpreter of a virtual environment with tweezepy, made in a folder if need be."""
-    python = folder / ("Scripts/python.exe" if os.name == "nt" else "bin/python")
-    pinned, made = REQUIREMENTS.read_text(encoding="utf-8"), folder / "made-with.txt"
-    if made.exists() and made.read_text(encoding="utf-8") == pinned:
-        return python
-    print(f"making an environment for tweezepy in {folder}", file=sys.stderr)
-    venv.create(folder, with_pip=True)
-    install = ["-m", "pip", "install", "--quiet", "--disable-pip-version-check"]
-    subprocess.run([str(python), *install, "-r", str(REQUIREMENTS)], check=True)
-    made.write_text(pinned, encoding="utf-8")
-    return python
+    return peer_environment.environment(folder, REQUIREMENTS)
 
 
 def fit(job: Job) -> tuple[list[str], np.ndarray, np.ndarray]:

@@ -9,9 +9,10 @@ from __future__ import annotations
 
 import itertools
 import math
-import re
+import sys
 from collections import Counter
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -19,6 +20,9 @@ import pandas as pd
 from recordings import Outcome
 from scipy import stats
 from traces import RELAXATION_OVER_TRACE, Case
+
+sys.path.append(str(Path(__file__).parents[1] / "common"))
+from pages import table
 
 CORNER_BANDS = (0.0, 0.1, 0.5, 1.0, 2.0, math.inf)
 RELAXATION_BANDS = (0.0, 20.0, 50.0, 200.0, math.inf)
@@ -250,28 +254,6 @@ def challenge_table(answers: Sequence[tuple[list[dict[str, object]], dict[str, A
             tethers,
         ),
     ])  # fmt: skip
-
-
-def table(header: str, lines: Sequence[Sequence[str]]) -> str:
-    """A Markdown table; header cells separated by |."""
-    names = header.split(" | ")
-    rule = "|" + " --- |" * len(names)
-    return "\n".join([f"| {header} |", rule, *("| " + " | ".join(line) + " |" for line in lines)])
-
-
-def into_page(page: str, blocks: Mapping[str, str]) -> str:
-    """A page with its blocks replaced.
-
-    Raises
-    ------
-    ValueError : the page has no place for a block.
-    """
-    for name, block in blocks.items():
-        place = re.compile(rf"(<!-- study: {name} -->\n).*?(<!-- end -->)", re.DOTALL)
-        page, found = place.subn(lambda m, b=block: f"{m[1]}{b}\n{m[2]}", page)
-        if found != 1:
-            raise ValueError(f"the page needs one place <!-- study: {name} -->, has {found}")
-    return page
 
 
 def _of(part: str, cases: Sequence[Case]) -> list[Case]:

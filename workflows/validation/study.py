@@ -11,6 +11,7 @@ from __future__ import annotations
 import argparse
 import itertools
 import os
+import sys
 import time
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
@@ -23,6 +24,9 @@ import challenge
 import pandas as pd
 import recordings
 import report
+
+sys.path.append(str(Path(__file__).parents[1] / "common"))
+import pages
 import series
 import series_cases
 import series_tables
@@ -71,7 +75,7 @@ def main() -> None:
             print(f"\n{name}\n{'-' * len(name)}\n{blocks[name]}", flush=True)
         if choice.write is not None:
             page = choice.write.read_text(encoding="utf-8")
-            choice.write.write_text(report.into_page(page, blocks), encoding="utf-8")
+            choice.write.write_text(pages.into_page(page, blocks), encoding="utf-8")
 
 
 @dataclass(frozen=True)
