@@ -252,6 +252,9 @@ def _named(
     """The effect, checked; rejected where recording and simulation differ even more with it."""
     fit = best_formula(begun_again(_with_forces_found(one, check).fit))
     one = replace(one, fit=fit, gain=fit.log_likelihood - check.case.fit.log_likelihood)
+    heldout = heldout_gain(case, check.case.fit, fit)
+    if heldout <= 0:
+        return Rejected(one, f"gains {one.gain:.0f} nats, but none on time that was not fitted")
     try:
         after = check_bead(replace(case, fit=fit), random)
     except (FitError, ValueError, np.linalg.LinAlgError) as error:
@@ -259,7 +262,7 @@ def _named(
     if after.p_value < min(ALARM_P, check.p_value**MORE_ODD):
         return Rejected(one, _more_odd(one, check, after))
     alike = _alike(one.net, tried, {one.effect.name})
-    return Named(one, alike, check, after, heldout_gain(case, check.case.fit, fit))
+    return Named(one, alike, check, after, heldout)
 
 
 def _too_little(one: Tried, needed: float) -> str:

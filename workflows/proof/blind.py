@@ -17,6 +17,10 @@ import mtpipe
 from mtpipe.files import write_atomically
 
 BEAD = "b1"
+# What is recorded of a named effect.
+OF_AN_EFFECT = (
+    "effect", "parameters", "delta_bic", "heldout_gain_nats", "p_before", "p_after", "equivalent",
+)  # fmt: skip
 # Significant digits of what is recorded of a diagnosis.
 DIGITS = 6
 
@@ -91,10 +95,7 @@ def compact(bead: dict[str, Any]) -> dict[str, Any]:
     kept: dict[str, Any] = {
         "verdict": bead["verdict"],
         "located": bead["located"][:3],
-        "effects": [
-            {key: one[key] for key in ("effect", "parameters", "p_before", "p_after", "equivalent")}
-            for one in bead["effects"]
-        ],
+        "effects": [{key: one[key] for key in OF_AN_EFFECT} for one in bead["effects"]],
         "forces": bead["forces"],
     }
     rounded: dict[str, Any] = _rounded(kept)
