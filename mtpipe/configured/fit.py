@@ -105,7 +105,7 @@ def fit_configured(
             try:
                 following = model.all_expected(trial)
                 there = model.log_likelihood(following, trial)
-            except (FitError, ValueError, np.linalg.LinAlgError):
+            except (FitError, ValueError):
                 there = -np.inf
             if there > value - 1e-9:
                 moved = True

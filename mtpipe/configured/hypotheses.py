@@ -75,10 +75,17 @@ def _farthest(fit: ConfiguredFit) -> float:
 
 
 def together(fit: ConfiguredFit, chosen: Sequence[Tried], start: ConfiguredFit) -> ConfiguredFit:
-    """Fit several effects at once, their parameters beginning where another fit has them."""
+    """Fit several effects at once, their parameters beginning where another fit has them.
+
+    Raises
+    ------
+    FitError : one does not apply beside the others.
+    """
     model = fit.model
     for one in chosen:
         hypotheses = one.effect.hypotheses(model.experiment, one.evidence)
+        if not hypotheses:
+            raise FitError(f"{one.effect.name} does not apply beside the others")
         hypothesis = hypotheses[min(one.index, len(hypotheses) - 1)]
         model = replace(
             model,
@@ -104,7 +111,7 @@ def looking_ahead(fit: ConfiguredFit, tried: Sequence[Tried]) -> list[Tried]:
     for first, second in itertools.combinations(tried[:AHEAD], 2):
         try:
             both = together(fit, [first, second], first.fit)
-        except (FitError, ValueError, IndexError, np.linalg.LinAlgError):
+        except (FitError, ValueError):
             continue
         net = both.log_likelihood - fit.log_likelihood - first.penalty - second.penalty
         if net > most:
@@ -128,7 +135,7 @@ def try_effects(fit: ConfiguredFit, effects: Sequence[Effect], evidence: Evidenc
                 continue
             try:
                 fitted = with_hypothesis(fit, hypothesis, rounds=FIRST_ROUNDS)
-            except (FitError, ValueError, np.linalg.LinAlgError):
+            except (FitError, ValueError):
                 continue
             # an effect without parameters is a choice still
             numbers = max(len(hypothesis.parameters) + hypothesis.read, 1)
@@ -181,7 +188,7 @@ def _idle_sizes_forgiven(one: Tried, without: ConfiguredFit) -> Tried:
     theta = one.fit.theta[[*range(model.plateaus), *(model.plateaus + k for k in kept)]]
     try:
         fewer = fit_configured(replace(model, experiment=experiment, parameters=parameters), theta)
-    except (FitError, ValueError, np.linalg.LinAlgError):
+    except (FitError, ValueError):
         return one
     lost = one.fit.log_likelihood - fewer.log_likelihood
     return replace(one, penalty=min(one.penalty, one.penalty - each_costs * len(idle) + lost))
@@ -192,6 +199,6 @@ def _ended(one: Tried, without: ConfiguredFit) -> Tried:
         return one
     try:
         fitted = fit_configured(one.fit.model, one.fit.theta)
-    except (FitError, ValueError, np.linalg.LinAlgError):
+    except (FitError, ValueError):
         return one
     return replace(one, fit=fitted, gain=fitted.log_likelihood - without.log_likelihood)

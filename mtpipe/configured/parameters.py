@@ -1,10 +1,9 @@
-"""What of a configured experiment is free: values stated with an error or not known, and noise."""
+"""What of a configured experiment is free: values stated with an error, or not known."""
 
 from __future__ import annotations
 
 import math
 from dataclasses import replace
-from functools import partial
 
 from mtpipe.experiment.changes import (
     scaled_contour_length,
@@ -13,19 +12,14 @@ from mtpipe.experiment.changes import (
     scaled_radius,
     scaled_viscosity,
 )
-from mtpipe.experiment.description import Experiment, Triple
-from mtpipe.experiment.parameter import Change, Parameter
+from mtpipe.experiment.description import Experiment
+from mtpipe.experiment.parameter import EXPOSURE, SHORTEST_EXPOSURE, Change, Parameter
 from mtpipe.physics.camera import Camera
-from mtpipe.recording import AXES
 from mtpipe.setup import Measured, Setup
 
 # Half-width, in ln, within which a value that is not known is looked for.
 UNKNOWN_LN = 1.5
 STATED_SIGMAS = 6.0
-# The factor on the exposure, by the name that the effect's parameter has: where it is free already,
-# the effect is not tried. No exposure is shorter than this share of a frame.
-EXPOSURE, SHORTEST_EXPOSURE = "exposure over configured", 0.02
-LARGEST_NOISE_NM2 = 1e6
 
 # How far theory of z's own motion is trusted, relative; and from plateau to plateau.
 UPWARD_FRICTION_STDERR, UPWARD_VARIANCE_STDERR = 0.03, 0.02
@@ -71,36 +65,12 @@ def scaled(name: str, stated: Measured, change: Change) -> Parameter | None:
     return Parameter(f"ln {name}", "", 0.0, -width, width, 1e-3, (0.0, error), change)
 
 
-def noise_parameters(start_nm: Triple) -> tuple[Parameter, ...]:
-    """Variance of the tracking noise along each axis, in nm²."""
-    return tuple(
-        Parameter(
-            f"tracking noise {name}",
-            "nm²",
-            start_nm[axis] ** 2,
-            0.0,
-            LARGEST_NOISE_NM2,
-            max(0.02 * start_nm[axis] ** 2, 1e-3),
-            None,
-            partial(_noise, axis),
-        )
-        for axis, name in enumerate(AXES)
-    )
-
-
 def z_zero_parameter(stderr_nm: float) -> Parameter:
     """Error of the height's zero, common to all plateaus."""
 
     return Parameter(
         "z zero", "nm", 0.0, -10 * stderr_nm, 10 * stderr_nm, 0.1, (0.0, stderr_nm), _z_zero
     )
-
-
-def _noise(axis: int, experiment: Experiment, value: float) -> Experiment:
-    noise = list(experiment.tracker.noise_nm)
-    noise[axis] = math.sqrt(max(value, 0.0))
-    tracker = replace(experiment.tracker, noise_nm=(noise[0], noise[1], noise[2]))
-    return replace(experiment, tracker=tracker)
 
 
 def _z_zero(experiment: Experiment, value: float) -> Experiment:

@@ -22,7 +22,7 @@ from mtpipe.recording import Recording
 
 T = TypeVar("T")
 # What goes wrong with data; anything else is a fault of the program and is not hidden.
-DATA_ERRORS = (MtpipeError, ValueError, np.linalg.LinAlgError)
+DATA_ERRORS = (MtpipeError, ValueError)
 
 
 def per_bead(

@@ -15,7 +15,6 @@ from mtpipe.configured.model import ConfiguredModel
 from mtpipe.configured.parameters import (
     allowance_parameters,
     exposure_parameters,
-    noise_parameters,
     stated_parameters,
     z_zero_parameter,
 )
@@ -25,6 +24,7 @@ from mtpipe.drift.lowpass import coefficients
 from mtpipe.errors import FitError, RecordingError
 from mtpipe.experiment.description import Experiment, Rest, Triple
 from mtpipe.experiment.from_setup import experiment_of
+from mtpipe.experiment.parameter import noise_parameters
 from mtpipe.physics.camera import FloatArray
 from mtpipe.physics.tether import Formula
 from mtpipe.recording import Plateau, Recording

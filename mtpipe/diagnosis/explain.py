@@ -14,23 +14,21 @@ from collections.abc import Callable, Collection, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from scipy import special
 
-from mtpipe.configured.courses import force_courses
-from mtpipe.configured.data import PlateauData, plateau_data
-from mtpipe.configured.fit import ConfiguredFit, first_guess, fit_configured
+from mtpipe.configured.fit import ConfiguredFit
 from mtpipe.configured.hypotheses import Tried, looking_ahead, together, try_effects
 from mtpipe.corrections.catalogue import CORRECTIONS
 from mtpipe.corrections.correction import Correction
-from mtpipe.crosschecking.case import FORMULAS, Case, preferred_formula
+from mtpipe.crosschecking.case import Case
 from mtpipe.crosschecking.check import BeadCheck, check_bead
 from mtpipe.diagnosis.evidence import evidence_of
+from mtpipe.diagnosis.misfit import explained_share, heldout_gain
+from mtpipe.diagnosis.refit import begun_again, best_formula, with_forces_found
 from mtpipe.diagnosis.unexplained import Rejected, Unexplained, unexplained
 from mtpipe.effects.catalogue import catalogue
 from mtpipe.effects.effect import Effect
 from mtpipe.errors import FitError
 from mtpipe.physics.camera import FloatArray
-from mtpipe.physics.tether import Formula
 
 # Chance of a false alarm that is accepted per bead.
 ALARM_P = 0.004
@@ -214,7 +212,7 @@ def _with_alternatives(
     others = [other for other in fitted if other is not one.found]
     try:
         without = together(case.fit, others, named[-1].after.case.fit)
-    except (FitError, ValueError, IndexError, np.linalg.LinAlgError):
+    except (FitError, ValueError):
         return replace(one, alternatives=())
     tried = try_effects(without, effects, one.found.evidence)
     own = next((other.net for other in tried if other.effect.name == one.name), math.inf)
@@ -250,14 +248,14 @@ def _named(
     one: Tried, tried: Sequence[Tried], check: BeadCheck, case: Case, random: np.random.Generator
 ) -> Named | Rejected:
     """The effect, checked; rejected where recording and simulation differ even more with it."""
-    fit = best_formula(begun_again(_with_forces_found(one, check).fit))
+    fit = best_formula(begun_again(with_forces_found(one, check).fit))
     one = replace(one, fit=fit, gain=fit.log_likelihood - check.case.fit.log_likelihood)
     heldout = heldout_gain(case, check.case.fit, fit)
     if heldout <= 0:
         return Rejected(one, f"gains {one.gain:.0f} nats, but none on time that was not fitted")
     try:
         after = check_bead(replace(case, fit=fit), random)
-    except (FitError, ValueError, np.linalg.LinAlgError) as error:
+    except (FitError, ValueError) as error:
         return Rejected(one, f"gains {one.gain:.0f} nats, but cannot be simulated ({error})")
     if after.p_value < min(ALARM_P, check.p_value**MORE_ODD):
         return Rejected(one, _more_odd(one, check, after))
@@ -295,53 +293,6 @@ def _not_enough(one: Named) -> str:
     )
 
 
-def _with_forces_found(best: Tried, check: BeadCheck) -> Tried:
-    """A changing force's course read again from the heights, the forces being known better."""
-    if not best.fit.model.experiment.magnets.courses:
-        return best
-    case = check.case
-    each, common = force_courses(best.fit, case.positions_nm, case.frame_s)
-    again = replace(best, evidence=replace(best.evidence, courses=each, common_course=common))
-    try:
-        return replace(again, fit=together(case.fit, [again], best.fit))
-    except (FitError, ValueError, np.linalg.LinAlgError):
-        return best
-
-
-def begun_again(fit: ConfiguredFit) -> ConfiguredFit:
-    """The fit from forces found afresh, if it is better: the old ones suited the old experiment."""
-    values = fit.theta[fit.model.plateaus :]
-    parameters = tuple(
-        replace(parameter, start=float(value))
-        for parameter, value in zip(fit.model.parameters, values, strict=True)
-    )
-    model = replace(fit.model, parameters=parameters)
-    try:
-        fresh = fit_configured(model, first_guess(model))
-    except (FitError, ValueError):
-        return fit
-    if fresh.log_likelihood <= fit.log_likelihood:
-        return fit
-    return replace(fresh, model=fit.model)
-
-
-def best_formula(fit: ConfiguredFit) -> ConfiguredFit:
-    """The same effects with the chain's formula that the data ask for."""
-    chain = fit.model.experiment.chain
-    if chain.formula.startswith("extensible"):
-        return fit
-    fits: dict[Formula, ConfiguredFit] = {chain.formula: fit}
-    for formula in FORMULAS:
-        if formula != chain.formula:
-            other = replace(fit.model.experiment, chain=replace(chain, formula=formula))
-            try:
-                fits[formula] = fit_configured(replace(fit.model, experiment=other), fit.theta)
-            except (FitError, ValueError):
-                continue
-    first = fits.pop(FORMULAS[0], fit)
-    return preferred_formula(first, list(fits.values()))
-
-
 def without_superfluous(
     case: Case, named: list[Named], check: BeadCheck, random: np.random.Generator
 ) -> tuple[list[Named], BeadCheck]:
@@ -360,7 +311,7 @@ def without_superfluous(
         rest = [other for other in fitted if other is not one]
         try:
             fit = together(case.fit, rest, check.case.fit)
-        except (FitError, ValueError, IndexError):
+        except (FitError, ValueError):
             continue
         if check.case.fit.log_likelihood - fit.log_likelihood - one.penalty < KEPT_NATS:
             again = check_bead(replace(case, fit=fit), random)
@@ -384,56 +335,3 @@ def _certain(named: list[Named]) -> list[Named]:
             break
         kept.append(one)
     return kept
-
-
-def excess(fit: ConfiguredFit) -> float:
-    """ln likelihood that is missing to a spectrum that fits as well as chance allows."""
-    total = 0.0
-    for data, model in zip(fit.model.data, fit.expected, strict=True):
-        n = data.spectrum.ordinates[:, None]
-        power = np.diagonal(data.spectrum.power, axis1=1, axis2=2)
-        ratio = power / np.diagonal(model.power, axis1=1, axis2=2)
-        missing = n * (ratio - 1 - np.log(np.maximum(ratio, 1e-12)))
-        total += float(np.sum(missing - n * (np.log(n) - special.digamma(n))))
-        pull = (data.mean_nm[2] - model.extension_nm) / model.extension_stderr_nm
-        total += 0.5 * (pull**2 - 1)
-        cross = data.spectrum.power - model.power
-        for a, b in ((0, 1), (0, 2), (1, 2)):
-            size = model.power[:, a, a] * model.power[:, b, b]
-            total += float(np.sum(n[:, 0] * cross[:, a, b] ** 2 / size - 0.5))
-    return total
-
-
-def explained_share(before: BeadCheck, after: BeadCheck) -> float:
-    """Share of the misfit that is gone."""
-    first, last = excess(before.case.fit), excess(after.case.fit)
-    return 0.0 if first <= 0 else 1 - max(last, 0.0) / first
-
-
-def heldout_gain(case: Case, without: ConfiguredFit, with_it: ConfiguredFit) -> float:
-    """ln likelihood gained by an effect on the half of every plateau that was not fitted, and
-    exchanged; nan where the halves are too short, or differ because the force changes.
-    """
-    if any(fit.model.experiment.magnets.courses for fit in (without, with_it)):
-        return float("nan")
-    halves = []
-    for first in (True, False):
-        data: list[PlateauData] = []
-        for position, phi in zip(case.positions_nm, case.phi, strict=True):
-            middle = len(position) // 2
-            piece: FloatArray = position[:middle] if first else position[middle:]
-            try:
-                data.append(plateau_data(piece, case.frame_s, phi))
-            except FitError:
-                return float("nan")
-        halves.append(tuple(data))
-    gain = 0.0
-    for fitted, left in ((0, 1), (1, 0)):
-        for fit, sign in ((with_it, 1), (without, -1)):
-            try:
-                half = fit_configured(replace(fit.model, data=halves[fitted]), fit.theta)
-                other = replace(fit.model, data=halves[left])
-                gain += sign * other.log_likelihood(other.all_expected(half.theta), half.theta)
-            except (FitError, ValueError):
-                return float("nan")
-    return gain

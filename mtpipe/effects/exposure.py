@@ -4,11 +4,10 @@ from __future__ import annotations
 
 import math
 
-from mtpipe.configured.parameters import EXPOSURE, SHORTEST_EXPOSURE
 from mtpipe.effects.effect import Effect, Evidence, Hypothesis
 from mtpipe.experiment.changes import scaled_exposure
 from mtpipe.experiment.description import Experiment
-from mtpipe.experiment.parameter import Parameter
+from mtpipe.experiment.parameter import EXPOSURE, SHORTEST_EXPOSURE, Parameter
 
 STARTS = (-0.3, 0.3)
 

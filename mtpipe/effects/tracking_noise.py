@@ -4,9 +4,9 @@ from __future__ import annotations
 
 from dataclasses import replace
 
-from mtpipe.configured.parameters import noise_parameters
 from mtpipe.effects.effect import Effect, Evidence, Hypothesis
 from mtpipe.experiment.description import Experiment
+from mtpipe.experiment.parameter import noise_parameters
 
 
 def _hypotheses(experiment: Experiment, evidence: Evidence) -> list[Hypothesis]:

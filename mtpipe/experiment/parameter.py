@@ -1,11 +1,22 @@
-"""A parameter of an experiment: a change of its description that has a size."""
+"""A parameter of an experiment: a change of its description that has a size.
+
+Here also those that are free in some fits and effects in others, under one name, so that nothing
+is free twice.
+"""
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from functools import partial
 
-from mtpipe.experiment.description import Experiment
+from mtpipe.experiment.description import Experiment, Triple
+from mtpipe.recording import AXES
+
+# The factor on the exposure, and the share of a frame that no exposure is shorter than.
+EXPOSURE, SHORTEST_EXPOSURE = "exposure over configured", 0.02
+LARGEST_NOISE_NM2 = 1e6
 
 # Functions of a module, or `partial` of one: fits are sent between processes.
 Change = Callable[[Experiment, float], Experiment]
@@ -32,3 +43,27 @@ class Parameter:
     step: float
     prior: tuple[float, float] | None
     change: Change
+
+
+def noise_parameters(start_nm: Triple) -> tuple[Parameter, ...]:
+    """Variance of the tracking noise along each axis, in nm²."""
+    return tuple(
+        Parameter(
+            f"tracking noise {name}",
+            "nm²",
+            start_nm[axis] ** 2,
+            0.0,
+            LARGEST_NOISE_NM2,
+            max(0.02 * start_nm[axis] ** 2, 1e-3),
+            None,
+            partial(_noise, axis),
+        )
+        for axis, name in enumerate(AXES)
+    )
+
+
+def _noise(axis: int, experiment: Experiment, value: float) -> Experiment:
+    noise = list(experiment.tracker.noise_nm)
+    noise[axis] = math.sqrt(max(value, 0.0))
+    tracker = replace(experiment.tracker, noise_nm=(noise[0], noise[1], noise[2]))
+    return replace(experiment, tracker=tracker)

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
+from mtpipe.compiled import compiled
 from mtpipe.physics.camera import FloatArray
-from mtpipe.simulation.compiled import compiled
 
 
 @compiled

@@ -14,7 +14,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from mtpipe.simulation.compiled import compiled
+from mtpipe.compiled import compiled
 from mtpipe.tracking.library import optics
 
 FloatArray = NDArray[np.float64]

@@ -16,10 +16,10 @@ from __future__ import annotations
 
 import numpy as np
 
+from mtpipe.compiled import compiled
 from mtpipe.physics import friction
 from mtpipe.physics.camera import FloatArray
 from mtpipe.simulation.bead import BrownianBead
-from mtpipe.simulation.compiled import compiled
 
 _HEIGHTS = 4096
 

@@ -16,8 +16,8 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import ArrayLike
 
+from mtpipe.compiled import compiled
 from mtpipe.physics.camera import Camera, FloatArray
-from mtpipe.simulation.compiled import compiled
 from mtpipe.simulation.steps import divide_frame
 
 PAPER_TIME_STEP_S = 5e-6

@@ -12,7 +12,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from mtpipe.simulation.compiled import compiled
+from mtpipe.compiled import compiled
 from mtpipe.tracking.matching import ring_count
 
 FloatArray = NDArray[np.float64]

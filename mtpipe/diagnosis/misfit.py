@@ -1,0 +1,68 @@
+"""How far a fit is from the data, and what an effect gains where it was not fitted."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+from scipy import special
+
+from mtpipe.configured.data import PlateauData, plateau_data
+from mtpipe.configured.fit import ConfiguredFit, fit_configured
+from mtpipe.crosschecking.case import Case
+from mtpipe.crosschecking.check import BeadCheck
+from mtpipe.errors import FitError
+from mtpipe.physics.camera import FloatArray
+
+
+def excess(fit: ConfiguredFit) -> float:
+    """ln likelihood that is missing to a spectrum that fits as well as chance allows."""
+    total = 0.0
+    for data, model in zip(fit.model.data, fit.expected, strict=True):
+        n = data.spectrum.ordinates[:, None]
+        power = np.diagonal(data.spectrum.power, axis1=1, axis2=2)
+        ratio = power / np.diagonal(model.power, axis1=1, axis2=2)
+        missing = n * (ratio - 1 - np.log(np.maximum(ratio, 1e-12)))
+        total += float(np.sum(missing - n * (np.log(n) - special.digamma(n))))
+        pull = (data.mean_nm[2] - model.extension_nm) / model.extension_stderr_nm
+        total += 0.5 * (pull**2 - 1)
+        cross = data.spectrum.power - model.power
+        for a, b in ((0, 1), (0, 2), (1, 2)):
+            size = model.power[:, a, a] * model.power[:, b, b]
+            total += float(np.sum(n[:, 0] * cross[:, a, b] ** 2 / size - 0.5))
+    return total
+
+
+def explained_share(before: BeadCheck, after: BeadCheck) -> float:
+    """Share of the misfit that is gone."""
+    first, last = excess(before.case.fit), excess(after.case.fit)
+    return 0.0 if first <= 0 else 1 - max(last, 0.0) / first
+
+
+def heldout_gain(case: Case, without: ConfiguredFit, with_it: ConfiguredFit) -> float:
+    """ln likelihood gained by an effect on the half of every plateau that was not fitted, and
+    exchanged; nan where the halves are too short, or differ because the force changes.
+    """
+    if any(fit.model.experiment.magnets.courses for fit in (without, with_it)):
+        return float("nan")
+    halves = []
+    for first in (True, False):
+        data: list[PlateauData] = []
+        for position, phi in zip(case.positions_nm, case.phi, strict=True):
+            middle = len(position) // 2
+            piece: FloatArray = position[:middle] if first else position[middle:]
+            try:
+                data.append(plateau_data(piece, case.frame_s, phi))
+            except FitError:
+                return float("nan")
+        halves.append(tuple(data))
+    gain = 0.0
+    for fitted, left in ((0, 1), (1, 0)):
+        for fit, sign in ((with_it, 1), (without, -1)):
+            try:
+                half = fit_configured(replace(fit.model, data=halves[fitted]), fit.theta)
+                other = replace(fit.model, data=halves[left])
+                gain += sign * other.log_likelihood(other.all_expected(half.theta), half.theta)
+            except (FitError, ValueError):
+                return float("nan")
+    return gain

@@ -1,0 +1,60 @@
+"""An effect's fit made better before it is checked: from other starts, with another chain."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+from mtpipe.configured.courses import force_courses
+from mtpipe.configured.fit import ConfiguredFit, first_guess, fit_configured
+from mtpipe.configured.hypotheses import Tried, together
+from mtpipe.crosschecking.case import FORMULAS, preferred_formula
+from mtpipe.crosschecking.check import BeadCheck
+from mtpipe.errors import FitError
+from mtpipe.physics.tether import Formula
+
+
+def with_forces_found(best: Tried, check: BeadCheck) -> Tried:
+    """A changing force's course read again from the heights, the forces being known better."""
+    if not best.fit.model.experiment.magnets.courses:
+        return best
+    case = check.case
+    each, common = force_courses(best.fit, case.positions_nm, case.frame_s)
+    again = replace(best, evidence=replace(best.evidence, courses=each, common_course=common))
+    try:
+        return replace(again, fit=together(case.fit, [again], best.fit))
+    except (FitError, ValueError):
+        return best
+
+
+def begun_again(fit: ConfiguredFit) -> ConfiguredFit:
+    """The fit from forces found afresh, if it is better: the old ones suited the old experiment."""
+    values = fit.theta[fit.model.plateaus :]
+    parameters = tuple(
+        replace(parameter, start=float(value))
+        for parameter, value in zip(fit.model.parameters, values, strict=True)
+    )
+    model = replace(fit.model, parameters=parameters)
+    try:
+        fresh = fit_configured(model, first_guess(model))
+    except (FitError, ValueError):
+        return fit
+    if fresh.log_likelihood <= fit.log_likelihood:
+        return fit
+    return replace(fresh, model=fit.model)
+
+
+def best_formula(fit: ConfiguredFit) -> ConfiguredFit:
+    """The same effects with the chain's formula that the data ask for."""
+    chain = fit.model.experiment.chain
+    if chain.formula.startswith("extensible"):
+        return fit
+    fits: dict[Formula, ConfiguredFit] = {chain.formula: fit}
+    for formula in FORMULAS:
+        if formula != chain.formula:
+            other = replace(fit.model.experiment, chain=replace(chain, formula=formula))
+            try:
+                fits[formula] = fit_configured(replace(fit.model, experiment=other), fit.theta)
+            except (FitError, ValueError):
+                continue
+    first = fits.pop(FORMULAS[0], fit)
+    return preferred_formula(first, list(fits.values()))
