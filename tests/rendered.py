@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import functools
+import tomllib
 
 import numpy as np
 
@@ -15,6 +16,27 @@ from mtpipe.tracking.positions import DEFAULT_METHOD
 PIXEL_NM, SIZE_PX = 100.0, 64
 MIDDLE_PX = (SIZE_PX - 1) / 2
 LOW_NM, HIGH_NM = 0.0, 1500.0
+# A short tether, so that few heights have to be drawn.
+SETUP = f"""\
+schema = 1
+[camera]
+frame_rate_hz = 120.0
+exposure_s = 0.008333333
+pixel_size_nm = {PIXEL_NM}
+[beads]
+radius_nm = 1400.0
+reference = ["ref1"]
+[tether]
+contour_length_nm = 1000.0
+persistence_length_nm = 50.0
+[buffer]
+temperature_K = 298.15
+viscosity_mPa_s = 0.89
+[field]
+direction = "x"
+[model]
+effects = ["wall_drag", "rotation_coupling", "tracking_noise"]
+"""
 
 
 @functools.cache
@@ -64,20 +86,7 @@ def build(
     )
 
 
-def setup(exposure_s=1 / 120, **model) -> Setup:
-    """A short tether, so that few heights have to be drawn."""
-    return parse_setup(
-        {
-            "schema": 1,
-            "camera": {
-                "frame_rate_hz": 120.0,
-                "exposure_s": exposure_s,
-                "pixel_size_nm": PIXEL_NM,
-            },
-            "beads": {"radius_nm": 1400.0, "reference": ["ref1"]},
-            "tether": {"contour_length_nm": 1000.0, "persistence_length_nm": 50.0},
-            "buffer": {"temperature_K": 298.15, "viscosity_mPa_s": 0.89},
-            "field": {"direction": "x"},
-            "model": {"effects": ["wall_drag", "rotation_coupling", "tracking_noise"]} | model,
-        }
-    )
+def setup(exposure_s=1 / 120) -> Setup:
+    content = tomllib.loads(SETUP)
+    content["camera"]["exposure_s"] = exposure_s
+    return parse_setup(content)

@@ -16,28 +16,7 @@ from mtpipe.simulation.images import Sensor, optics_of, parts_of, render_stack
 from mtpipe.tracking.library import optics
 from tests import rendered
 
-SETUP = """
-schema = 1
-[camera]
-frame_rate_hz = 120.0
-exposure_s = 0.008333333
-pixel_size_nm = 100.0
-[beads]
-radius_nm = 1400.0
-reference = ["ref1"]
-[tether]
-contour_length_nm = 1000.0
-persistence_length_nm = 50.0
-[buffer]
-temperature_K = 298.15
-viscosity_mPa_s = 0.89
-[field]
-direction = "x"
-[model]
-effects = ["wall_drag", "rotation_coupling", "tracking_noise"]
-[source]
-z_zero = { value_nm = 0.0 }
-"""
+SETUP = f"{rendered.SETUP}[source]\nz_zero = {{ value_nm = 0.0 }}\n"
 
 
 def alone(image, x, y, z, size=90):

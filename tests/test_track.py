@@ -19,17 +19,7 @@ from mtpipe.tracking.scan import focus_positions_nm, table_from_scan
 from mtpipe.tracking.track import track
 from mtpipe.tracking.track_files import RecordingWriter
 from tests.stack_images import draw, setup_text
-from tests.tracked_film import FIXED, FOCUS_NM, SHAPE, make_film, make_scan, write
-
-
-@pytest.fixture(scope="module")
-def scan(tmp_path_factory):
-    return make_scan(tmp_path_factory.mktemp("scan"))
-
-
-@pytest.fixture(scope="module")
-def tracked(tmp_path_factory, scan):
-    return make_film(tmp_path_factory.mktemp("film"), scan)
+from tests.tracked_film import FIXED, FOCUS_NM, SHAPE, write
 
 
 def test_positions_are_those_that_were_drawn(tracked):

@@ -2,7 +2,6 @@
 
 import numpy as np
 import pandas as pd
-import pytest
 from typer.testing import CliRunner
 
 import mtpipe
@@ -10,17 +9,6 @@ from mtpipe.commands import app
 from mtpipe.errors import RecordingError
 from mtpipe.tracking.track import track
 from tests.stack_images import setup_text
-from tests.tracked_film import make_film, make_scan
-
-
-@pytest.fixture(scope="module")
-def scan(tmp_path_factory):
-    return make_scan(tmp_path_factory.mktemp("scan"))
-
-
-@pytest.fixture(scope="module")
-def tracked(tmp_path_factory, scan):
-    return make_film(tmp_path_factory.mktemp("film"), scan)
 
 
 def test_processes_and_carriers_change_nothing(tracked, tmp_path):

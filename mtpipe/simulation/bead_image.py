@@ -12,12 +12,11 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from mtpipe.compiled import compiled
+from mtpipe.physics.camera import FloatArray
 from mtpipe.tracking.library import optics
 
-FloatArray = NDArray[np.float64]
 PLANE_NM, FINE_NM, FINE_PX = 100.0, 5.0, 0.05
 # The model is drawn with pixels so much smaller, on as many angles averaged.
 FINER, ANGLES = 3, 48

@@ -20,14 +20,13 @@ from numpy.typing import NDArray
 from mtpipe.errors import SetupError
 from mtpipe.experiment.description import Experiment
 from mtpipe.experiment.from_setup import experiment_of
-from mtpipe.physics.camera import Camera
+from mtpipe.physics.camera import Camera, FloatArray
 from mtpipe.plateaus import find_plateaus
 from mtpipe.recording import Recording
 from mtpipe.setup import Setup
 from mtpipe.simulation.bead_image import BeadImage, BeadOptics
 from mtpipe.simulation.recording import SPACING_NM, simulate_experiment
 
-FloatArray = NDArray[np.float64]
 Frames = NDArray[np.uint8] | NDArray[np.uint16]
 # Frames drawn at once; a stack is never in memory as a whole.
 BLOCK = 64

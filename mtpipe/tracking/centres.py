@@ -13,7 +13,8 @@ from typing import Any
 
 import numpy as np
 
-from mtpipe.tracking.library import FloatArray, from_device, magtrack, stack_of
+from mtpipe.physics.camera import FloatArray
+from mtpipe.tracking.library import from_device, magtrack, stack_of
 
 CENTRES = ("center_of_mass", "auto_conv", "auto_conv_multiline")
 # What is left of a wrong start falls to 6 % with each repetition (measured on rendered beads).

@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.stats import norm
 
-from mtpipe.tracking.library import FloatArray
+from mtpipe.physics.camera import FloatArray
 
 CONFUSION = 1e-6
 

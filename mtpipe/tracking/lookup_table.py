@@ -30,8 +30,8 @@ from scipy.interpolate import CubicSpline
 from mtpipe.errors import RecordingError
 from mtpipe.files import write_atomically
 from mtpipe.notice import Notice
+from mtpipe.physics.camera import FloatArray
 from mtpipe.tracking.information import confused_with, longest_without
-from mtpipe.tracking.library import FloatArray
 from mtpipe.tracking.matching import normalized, ring_count
 from mtpipe.tracking.positions import DEFAULT_METHOD, LOST_REASONS, checked_images, measure
 

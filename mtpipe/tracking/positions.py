@@ -24,8 +24,9 @@ from numpy.typing import NDArray
 from scipy.special import fdtri
 
 from mtpipe.errors import RecordingError
+from mtpipe.physics.camera import FloatArray
 from mtpipe.tracking.centres import CENTRES, centres
-from mtpipe.tracking.library import FloatArray, from_device, magtrack, on_device, stack_of
+from mtpipe.tracking.library import from_device, magtrack, on_device, stack_of
 from mtpipe.tracking.matching import match, ring_count
 
 if TYPE_CHECKING:

@@ -21,7 +21,7 @@ from numpy.typing import NDArray
 from scipy.ndimage import correlate1d
 from scipy.stats import chi2
 
-from mtpipe.tracking.library import FloatArray
+from mtpipe.physics.camera import FloatArray
 from mtpipe.tracking.positions import DEFAULT_METHOD, checked_images, locate
 
 if TYPE_CHECKING:

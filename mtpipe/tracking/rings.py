@@ -10,12 +10,10 @@ region away. Importing this module imports numba.
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
 from mtpipe.compiled import compiled
+from mtpipe.physics.camera import FloatArray
 from mtpipe.tracking.matching import ring_count
-
-FloatArray = NDArray[np.float64]
 
 
 def profiles(
