@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import itertools
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
@@ -28,8 +29,9 @@ class Tried:
     Attributes
     ----------
     gain : rise of ln likelihood over the fit without the effect.
-    penalty : what its numbers cost, half as many times ln of the number of ordinates (BIC); of
-        sizes that do not earn that, what the fit would lose without them.
+    penalty : what its numbers cost, half as many times ln of the number of ordinates (BIC), and
+        what its form was chosen from; of sizes that do not earn that, what the fit would lose
+        without them.
     evidence : that the hypotheses began with. index : which of them this is.
     """
 
@@ -137,9 +139,8 @@ def try_effects(fit: ConfiguredFit, effects: Sequence[Effect], evidence: Evidenc
                 fitted = with_hypothesis(fit, hypothesis, rounds=FIRST_ROUNDS)
             except (FitError, ValueError):
                 continue
-            # an effect without parameters is a choice still
-            numbers = max(len(hypothesis.parameters) + hypothesis.read, 1)
-            penalty = 0.5 * numbers * float(np.log(ordinates))
+            penalty = 0.5 * hypothesis.numbers * math.log(ordinates)
+            penalty += math.log(hypothesis.chosen_from)
             gain = fitted.log_likelihood - fit.log_likelihood
             begun.append(Tried(effect, hypothesis, fitted, gain, penalty, evidence, index))
     best = max((one.gain for one in begun), default=0.0)
@@ -168,7 +169,7 @@ def _idle_sizes_forgiven(one: Tried, without: ConfiguredFit) -> Tried:
     """
     model = one.fit.model
     first = len(model.parameters) - len(one.hypothesis.parameters)
-    each_costs = one.penalty / max(len(one.hypothesis.parameters) + one.hypothesis.read, 1)
+    each_costs = (one.penalty - math.log(one.hypothesis.chosen_from)) / one.hypothesis.numbers
     stderr = np.sqrt(np.maximum(np.diag(one.fit.covariance), 1e-300))[model.plateaus :]
     worth = {
         k: 0.5 * float(one.fit.theta[model.plateaus + k] / stderr[k]) ** 2

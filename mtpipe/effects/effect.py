@@ -51,12 +51,24 @@ class Evidence:
 class Hypothesis:
     """A changed experiment, and the parameters that are fitted with it (added to the others).
 
-    `read` : how many numbers more were read from the data beforehand; they cost like fitted ones.
+    Attributes
+    ----------
+    read : how many numbers more were read from the data beforehand; they cost like fitted ones.
+    chosen_from : how many forms this one was chosen from beforehand; that costs its logarithm.
+    given : how many of the parameters have a prior that is no matter of these data; they cost no
+        more than that.
     """
 
     experiment: Experiment
     parameters: tuple[Parameter, ...]
     read: int = 0
+    chosen_from: int = 1
+    given: int = 0
+
+    @property
+    def numbers(self) -> int:
+        """How many numbers it has; an effect without parameters is a choice still."""
+        return max(len(self.parameters) + self.read - self.given, 1)
 
 
 @dataclass(frozen=True)

@@ -7,6 +7,7 @@ its size, far better known from there, enters as prior knowledge.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterable
 from dataclasses import replace
 from functools import partial
@@ -18,6 +19,8 @@ from mtpipe.experiment.parameter import Change, Parameter
 
 NAME = "relative change of the force"
 LARGEST, STEP = 1.0, 2e-3
+# Kinds of course of one plateau; a step is not common to all.
+KINDS, COMMON_KINDS = 3, 2
 
 
 def _change_all(experiment: Experiment, relative: float) -> Experiment:
@@ -39,7 +42,7 @@ def _hypotheses(experiment: Experiment, evidence: Evidence) -> list[Hypothesis]:
     if common.course.relative_change != 0:
         everywhere = with_magnets(experiment, courses=(common.course,) * len(experiment.rests))
         parameter = _change_of(NAME, common, _change_all)
-        found.append(Hypothesis(everywhere, (parameter,), _read([common.course])))
+        found.append(Hypothesis(everywhere, (parameter,), _read([common.course]), COMMON_KINDS))
     changing = [i for i, seen in enumerate(evidence.courses) if seen.course.relative_change != 0]
     if changing:
         courses = tuple(seen.course for seen in evidence.courses)
@@ -48,7 +51,9 @@ def _hypotheses(experiment: Experiment, evidence: Evidence) -> list[Hypothesis]:
             for i in changing
         )
         there = with_magnets(experiment, courses=courses)
-        found.append(Hypothesis(there, parameters, _read(courses[i] for i in changing)))
+        # which plateaus change, and how each
+        forms = math.comb(len(courses), len(changing)) * KINDS ** len(changing)
+        found.append(Hypothesis(there, parameters, _read(courses[i] for i in changing), forms))
     return found
 
 

@@ -6,7 +6,7 @@ import math
 from functools import partial
 
 from mtpipe.effects.effect import Effect, Evidence, Hypothesis, logarithm, variance
-from mtpipe.experiment.changes import with_stage
+from mtpipe.experiment.changes import with_optics, with_stage
 from mtpipe.experiment.description import Experiment
 from mtpipe.experiment.parameter import Parameter
 
@@ -25,8 +25,19 @@ def _moved(axis: int, experiment: Experiment, square: float) -> Experiment:
     return with_stage(experiment, reference_nm=(size[0], size[1], size[2]))
 
 
+def _begun(experiment: Experiment, value: float) -> Experiment:
+    zero = experiment.optics.z_zero_nm - value * experiment.stage.reference_nm[2]
+    return with_optics(experiment, z_zero_nm=zero)
+
+
 def _relaxing(experiment: Experiment, value: float) -> Experiment:
     return with_stage(experiment, reference_s=value)
+
+
+# Positions are counted from where the reference was at the start, in units of its motion.
+AT_THE_START = Parameter(
+    "reference at the start, z over its motion", "", 0.0, -6.0, 6.0, 0.01, (0.0, 1.0), _begun
+)
 
 
 def _hypotheses(experiment: Experiment, evidence: Evidence) -> list[Hypothesis]:
@@ -39,7 +50,9 @@ def _hypotheses(experiment: Experiment, evidence: Evidence) -> list[Hypothesis]:
             (
                 *sizes,
                 logarithm("reference relaxation time", "s", start, (0.005, 100.0), _relaxing),
+                AT_THE_START,
             ),
+            given=1,
         )
         for start in STARTS_S
     ]
