@@ -13,14 +13,23 @@ import pytest
 from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 
+from mtpipe.experiment.changes import with_magnets
+from mtpipe.experiment.description import Stage
+from mtpipe.experiment.from_setup import experiment_of
+from mtpipe.experiment.state import bead_state
 from mtpipe.physics import camera as cam
 from mtpipe.physics import friction, tether, tethered_bead
 from mtpipe.physics.buffer import thermal_energy_pN_nm
 from mtpipe.physics.camera import Camera
 from mtpipe.physics.modes import SINGLE_MODE
+from mtpipe.setup import parse_setup
 from mtpipe.simulation.brownian import BrownianBead, longest_time_step_s, simulate_bead
+from mtpipe.simulation.chain_table import ChainTable, tabulate
+from mtpipe.simulation.equilibrium import draw_state
+from mtpipe.simulation.recording import simulate_experiment
 from mtpipe.simulation.springs import simulate_path, simulate_springs
 from mtpipe.simulation.steps import divide_frame, emulate_camera
+from tests.simulated import setup_content
 
 KT = float(thermal_energy_pN_nm(293.15))
 FRAME_S = 1 / 120
@@ -311,6 +320,108 @@ def test_a_soft_alignment_adds_to_the_variance_along_the_field(kappa):
     assert error < 0.1 * (expected - KT * length / force)
 
 
+def held_sideways(share, force_pN=4.0, **changes):
+    """A bead of which the magnets hold a share of the stiffness along the field."""
+    length = float(tether.mean_extension_nm(chain(), force_pN))
+    return bead(force_pN=force_pN, sideways_per_nm=share / (1 - share) / length, **changes)
+
+
+def swung_about_the_anchor(held, swing_nm, height_nm):
+    """0 on average, in nm, for what swings about the anchor as one piece, its height with it.
+
+    The mean of a rotation's generator on swing times Boltzmann weight is 0: with the energy
+    -F height + F s swing²/2, kT<height> = F<swing²> + F s<swing² height>, for any chain.
+    """
+    pull = held.force_pN / KT
+    return pull * swing_nm**2 * (1 + held.sideways_per_nm * height_nm) - height_nm
+
+
+@pytest.mark.parametrize("turns", [True, False])
+@pytest.mark.parametrize("share", [1 / 3, 0.999])
+def test_equipartition_holds_exactly_where_the_magnets_hold_the_bead_sideways(share, turns):
+    """At 0.999 the magnets are the fastest, and set the time step."""
+    held = held_sideways(share, turns=turns)
+    assert longest_time_step_s(held, Camera(1.0, 0.0)) < 1e-5 or share < 0.5
+    trace = simulate_bead(held, Camera(3e-3, 0.0), 12_000, np.random.default_rng(16))
+    x, y, z = trace.position_nm.T
+    length = float(tether.mean_extension_nm(held.chain, held.force_pN))
+    # across the field tether and bead swing as one piece, where it turns; else as along it
+    height = z + held.radius_nm if turns else z
+    error = assert_mean(swung_about_the_anchor(held, y, height), 0.0)
+    assert error < 0.02 * (length + turns * held.radius_nm)
+    assert_mean(y, 0.0)
+    assert_mean(x, 0.0)
+    if not turns:
+        assert assert_mean(swung_about_the_anchor(held, x, height), 0.0) < 0.02 * length
+
+
+@pytest.mark.parametrize("share", [1 / 3, 0.9])
+def test_a_bead_held_sideways_starts_in_equilibrium(share):
+    held = held_sideways(share)
+    fine, random = tabulate(held.chain, held.force_pN), np.random.default_rng(17)
+    # a thousand nodes are enough, and faster
+    columns = (fine.distance_nm, fine.energy_pN_nm, fine.secant_pN_per_nm)
+    table = ChainTable(*(column[::64] for column in columns))
+    starts = np.array([draw_state(held, table, held.force_pN, random) for _ in range(4000)])
+    x, y, z = starts[:, :3].T
+    length = float(tether.mean_extension_nm(held.chain, held.force_pN))
+    reach = length + held.radius_nm
+    error = assert_mean(swung_about_the_anchor(held, y, z + held.radius_nm), 0.0)
+    assert error < 0.04 * reach
+    # along the field the height is the tether's end's, which is its mean but for some nm
+    assert_mean(swung_about_the_anchor(held, x, length), 0.0, bias=0.005 * length)
+
+
+@pytest.mark.parametrize("alignment_pN_nm", [None, 4e3])
+@pytest.mark.parametrize("direction", ["x", "y"])
+def test_the_magnets_hold_an_experiment_s_bead_sideways(direction, alignment_pN_nm):
+    """Variances of a recording, step by step, are those of the stiffness matrix (E15)."""
+    force, frames = 4.0, 12_000
+    effects = ["wall_drag", "rotation_coupling"]
+    setup = parse_setup(
+        setup_content(field={"direction": direction}, model={"effects": effects}),
+    )
+    experiment, _ = experiment_of(setup, [force], frames, stage=Stage())
+    experiment = dataclasses.replace(experiment, camera=Camera(3e-3, 0.0))
+    length = float(tether.mean_extension_nm(experiment.chain, force))
+    experiment = with_magnets(
+        experiment, sideways_per_nm=0.5 / length, alignment_pN_nm=alignment_pN_nm
+    )
+    state = bead_state(experiment, force)
+    amplitude = state.modes.amplitude_nm
+    expected = np.sum(amplitude**2, axis=1)
+    recording = simulate_experiment(experiment, setup, 18, engine="brownian")
+    position = recording.positions_nm["b1"]
+    spread = position - position.mean(axis=0)
+    for axis in (0, 1):
+        error = assert_mean(spread[:, axis] ** 2, expected[axis], bias=0.01 * expected[axis])
+        assert error < 0.03 * expected[axis]  # a third is the magnets'
+    # held so, the bead swings less and hangs higher, by 0.4 nm; tilting it hangs lower
+    error = assert_mean(position[:, 2], state.extension_nm, bias=0.1)
+    assert error < 0.07
+    # the closed form, with the locked tilt
+    if alignment_pN_nm is None:
+        kT = experiment.fluid.thermal_energy_pN_nm
+        held = force * experiment.magnets.sideways_per_nm
+        across = kT / (force / (length + experiment.bead.radius_nm) + held)
+        both = [kT / (force / length + held), across]
+        assert expected[:2] == pytest.approx(both if direction == "x" else both[::-1], rel=1e-6)
+
+
+def test_magnets_hold_a_bead_where_the_field_does_also_off_its_lowest_point():
+    force, radius, angle = 4.0, 500.0, 0.6
+    off = held_sideways(0.5, attachment_angle_rad=angle)
+    trace = simulate_bead(off, Camera(5e-3, 0.0), 10_000, np.random.default_rng(19))
+    x, y, _ = trace.position_nm.T
+    length = float(tether.mean_extension_nm(off.chain, force))
+    side, down = radius * np.sin(angle), radius * np.cos(angle)
+    held = force * off.sideways_per_nm
+    assert_mean(x, -side)
+    assert_mean((x + side) ** 2, KT / (force / length + held), bias=0.005 * KT * length / force)
+    expected = KT / (force / (length + down) + held)
+    assert_mean(y**2, expected, bias=0.01 * expected)
+
+
 def test_an_attachment_off_the_lowest_point_couples_the_axes():
     """The lever is R cos, height and position along the field covary, the mean is shifted."""
     force, radius, angle, kappa = 4.0, 500.0, 0.6, 5e4
@@ -366,11 +477,12 @@ def test_blur_takes_the_variance_that_the_closed_form_says():
     formula=st.sampled_from(["marko-siggia", "bouchiat", "extensible"]),
     share=st.sampled_from([0.0, 0.5, 1.0]),
     kappa=st.sampled_from([None, 1e3, 1e5]),
+    sideways=st.sampled_from([0.0, 1e-4, 5e-3]),
     flags=st.tuples(st.booleans(), st.booleans(), st.integers(0, 1)),
     angle=st.floats(0, 1.5),
 )
 def test_the_bead_stays_above_the_surface_and_on_its_tether(
-    contour_nm, radius_nm, force_pN, formula, share, kappa, flags, angle
+    contour_nm, radius_nm, force_pN, formula, share, kappa, sideways, flags, angle
 ):
     modulus = 1000.0 if formula == "extensible" else None
     odd = BrownianBead(
@@ -382,6 +494,7 @@ def test_the_bead_stays_above_the_surface_and_on_its_tether(
         turns=flags[1],
         along=flags[2],
         alignment_pN_nm=kappa,
+        sideways_per_nm=sideways,
         attachment_angle_rad=angle,
     )
     assume(radius_nm * (1 - np.cos(angle)) < 0.3 * contour_nm)
@@ -406,16 +519,20 @@ def test_what_makes_no_sense_is_refused():
         ({"radius_nm": 0.0}, "radius_nm"),
         ({"along": 2}, "along"),
         ({"alignment_pN_nm": -1.0}, "alignment_pN_nm"),
+        ({"sideways_per_nm": -1e-4}, "sideways_per_nm"),
         ({"attachment_angle_rad": 2.0}, "attachment_angle_rad"),
     ):
         with pytest.raises(ValueError, match=words):
             bead(**changes)
 
 
-def test_a_bead_that_cannot_leave_the_surface_is_refused():
+def test_a_bead_that_cannot_leave_the_surface_or_its_place_is_refused():
     stuck = bead(100, 3000, 1.0, turns=False, attachment_angle_rad=1.0)
     with pytest.raises(ValueError, match="does not let the bead out of the surface"):
         simulate_bead(stuck, Camera(0.01, 0.01), 1, np.random.default_rng(0))
+    clamped = bead(sideways_per_nm=1e4)
+    with pytest.raises(ValueError, match="leave nothing of the tether's swing"):
+        simulate_bead(clamped, Camera(0.01, 0.01), 1, np.random.default_rng(0))
 
 
 def test_friction_at_contact_does_not_stop_the_start():

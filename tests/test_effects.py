@@ -102,7 +102,7 @@ KNOWN = [
     Known("exposure", (LN(0.6),), (0.0,)),
     Known("drift", (4.0, 4.0, 9.0), (0.0,) * 3),
     Known(
-        "reference_noise", (9.0, 9.0, 16.0, LN(0.5)), (0.0, 0.0, 0.0, 0.0),
+        "reference_noise", (9.0, 9.0, 16.0, LN(0.5), 0.0), (0.0,) * 5,
         base=replace(BASE, references=1),
     ),
     Known("vibration", (9.0, 4.0, 4.0), (0.0,) * 3),

@@ -45,8 +45,8 @@ MOST_EFFECTS = 3
 # So many effects are checked at most before the search ends, and one is rejected if with it ln p is
 # larger than this many times what it was.
 MOST_CANDIDATES, MORE_ODD = 3, 1.25
-# An effect is named beside an unexplained rest only if it explains so much of the misfit, and ln p
-# falls as a correction's has to.
+# An effect is named beside an unexplained rest only if it explains so much of the misfit, in ln
+# likelihood and in ln p.
 MOST_OF_IT = 0.7
 # A correction is kept where ln p falls to this share.
 MOST_OF_THE_ODDITY = 0.5
@@ -72,6 +72,8 @@ class Named:
     before, after : the check without and with it.
     heldout_gain : ln likelihood gained on time that was not fitted, in nats; nan where the effect
         is none of the spectrum's.
+    others : a sentence on what the recording's other beads say of it; empty where it is the bead's
+        own affair.
     """
 
     found: Tried | Correction
@@ -79,6 +81,7 @@ class Named:
     before: BeadCheck
     after: BeadCheck
     heldout_gain: float
+    others: str = ""
 
     @property
     def equivalent(self) -> tuple[str, ...]:
@@ -188,11 +191,11 @@ def explain(
     if named and check.p_value >= ALARM_P:
         verdict = "explained"
     else:
-        certain = _certain(named)
-        for left_out in named[len(certain) :][:1]:
+        kept = certain(named)
+        for left_out in named[len(kept) :][:1]:
             if isinstance(left_out.found, Tried):
                 nearest = Rejected(left_out.found, _not_enough(left_out))
-        named, check = certain, certain[-1].after if certain else before
+        named, check = kept, kept[-1].after if kept else before
     # the last was compared with all others there, unless one of them has gone since
     known = named[-1:] if not dropped else []
     distinct = tuple(
@@ -264,7 +267,7 @@ def _named(
 
 
 def _too_little(one: Tried, needed: float) -> str:
-    numbers = max(len(one.hypothesis.parameters) + one.hypothesis.read, 1)
+    numbers = one.hypothesis.numbers
     gains = f"gains {one.gain:.1f} nats" if one.gain >= 0.05 else "gains nothing"
     return (
         f"{gains}, too little for its "
@@ -325,12 +328,12 @@ def without_superfluous(
     return named, check
 
 
-def _certain(named: list[Named]) -> list[Named]:
+def certain(named: list[Named]) -> list[Named]:
     """The effects that may be named beside an unexplained rest, up to the first that may not."""
     kept: list[Named] = []
     for one in named:
         little = explained_share(one.before, one.after) < MOST_OF_IT
-        still_odd = one.after.p_value < one.before.p_value**MOST_OF_THE_ODDITY
+        still_odd = one.after.p_value < one.before.p_value ** (1 - MOST_OF_IT)
         if isinstance(one.found, Tried) and (little or still_odd):
             break
         kept.append(one)

@@ -77,20 +77,22 @@ def bead_state(experiment: Experiment, force_pN: float) -> BeadState:
     energy, bead = experiment.fluid.thermal_energy_pN_nm, experiment.bead
     tether = _tether(experiment.chain, force_pN)
     end, variance = tether.end_nm, tether.variance_nm2
-    # a tether that is attached beside the bead's lowest point ends above it
-    extension = end - (bead.radius_nm - bead.lever_nm)
-    if bead.turns:
-        # a bead that turns tilts, and its centre sinks by R⟨φ²⟩/2
-        extension -= energy / (2 * force_pN)
+    # a tilted tether is pulled by F cos only, and gives way by so much where the tilt is slow; as
+    # it is about as fast as the tether's own length, half of it is taken
+    gives = min(0.5 * force_pN * variance / (end * energy), MOST_GIVING)
+    stiffness, swing, turn = _lateral(experiment, force_pN, end)
+    sideways = np.delete(np.arange(len(stiffness)), UP)
+    covariance = energy * np.linalg.inv(stiffness[np.ix_(sideways, sideways)])
+    sinks = float(np.sum((swing + turn)[np.ix_(sideways, sideways)] * covariance)) / 2
+    # the chain's mean height has the swinging of a free end in it, kT/F; what this bead's swinging
+    # and tilting lowers it by stands in its place. A tether that is attached beside the bead's
+    # lowest point ends above it
+    extension = end - (bead.radius_nm - bead.lever_nm) + energy / force_pN - sinks
     if not extension > 0:
         raise FitError(
             f"at {force_pN:g} pN the tether does not hold the bead off the surface "
             f"(mean extension {extension:.0f} nm)"
         )
-    # a tilted tether is pulled by F cos only, and gives way by so much where the tilt is slow; as
-    # it is about as fast as the tether's own length, half of it is taken
-    gives = min(0.5 * force_pN * variance / (end * energy), MOST_GIVING)
-    stiffness, bending = _lateral(experiment, force_pN, end, gives)
     ways = np.array([1 + gives, 1 + gives])
     # each way of swinging scatters by ½ (kT/F)² in equilibrium, and that of a tilted chain's length
     # is in it: what they have beyond is not the straight chain's
@@ -104,6 +106,7 @@ def bead_state(experiment: Experiment, force_pN: float) -> BeadState:
     motion = LinearMotion(stiffness, _friction(experiment, heights, len(stiffness)), readout)
     allowed = straight * experiment.allowance.upward_variance
     axial = _axial(experiment, tether, extension, allowed)
+    bending = -(1 + gives) * swing - turn
     return BeadState(force_pN, extension, motion, normal_modes(motion, energy), bending, axial)
 
 
@@ -198,13 +201,15 @@ def _axial(
 
 
 def _lateral(
-    experiment: Experiment, force_pN: float, end_nm: float, gives: float
-) -> tuple[FloatArray, FloatArray]:
-    """Stiffness and bending of x, y and the bead's angles, PHYSICS section 2, E3, E15 and E20.
+    experiment: Experiment, force_pN: float, end_nm: float
+) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Stiffness of x, y and the bead's angles (z's is 0), and how they lower the bead: twice the
+    forms by which the tether's swinging does, and the bead's turning. PHYSICS section 2, E3, E15
+    and E20.
 
     With an angle φ the tether's end is at y − aφ, a the bead's lever; bead and end sink by aφ²/2 +
-    (y − aφ)²/2L, the latter by a share `gives` more, as the tilted chain is shorter. Without one
-    the bead hangs stiffly on its tether (across) or keeps upright (along).
+    (y − aφ)²/2L. Without one the bead hangs stiffly on its tether (across) or keeps upright
+    (along).
     """
     lever, magnets = experiment.bead.lever_nm, experiment.magnets
     turns, tilts = experiment.bead.turns, magnets.alignment_pN_nm is not None
@@ -225,7 +230,7 @@ def _lateral(
     stiffness[ACROSS, ACROSS] += force_pN * magnets.sideways_per_nm
     if magnets.alignment_pN_nm is not None:
         stiffness[angles[ALONG], angles[ALONG]] += magnets.alignment_pN_nm
-    return stiffness, -(1 + gives) * swing - turn
+    return stiffness, swing, turn
 
 
 def _friction(experiment: Experiment, heights_nm: FloatArray, coordinates: int) -> FloatArray:

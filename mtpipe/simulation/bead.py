@@ -28,6 +28,8 @@ class BrownianBead:
     wall : friction depends on the height above the surface.
     turns : the bead turns freely about the field's axis, and its attachment swings with it.
     alignment_pN_nm : torque stiffness κ that holds the bead's axis along the field; None: locked.
+    sideways_per_nm : stiffness over force with which the magnets hold the bead's centre along x and
+        y, about where it is with the tether upright and the bead as the field holds it.
     attachment_angle_rad : polar angle of the attachment from the lowest point, towards the
         positive axis of the field, where the field holds the bead; less than pi/2.
     """
@@ -40,6 +42,7 @@ class BrownianBead:
     wall: bool = True
     turns: bool = True
     alignment_pN_nm: float | None = None
+    sideways_per_nm: float = 0.0
     attachment_angle_rad: float = 0.0
 
     def __post_init__(self) -> None:
@@ -52,6 +55,8 @@ class BrownianBead:
             raise ValueError(f"along = {self.along}: the field lies along axis 0 (x) or 1 (y)")
         if self.alignment_pN_nm is not None and not self.alignment_pN_nm > 0:
             raise ValueError(f"alignment_pN_nm = {self.alignment_pN_nm}: must be positive")
+        if not self.sideways_per_nm >= 0:
+            raise ValueError(f"sideways_per_nm = {self.sideways_per_nm}: must not be negative")
         if not 0 <= self.attachment_angle_rad < np.pi / 2:
             raise ValueError("attachment_angle_rad must be at least 0 and less than pi/2")
 

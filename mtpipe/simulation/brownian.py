@@ -8,6 +8,8 @@ surface at the origin:
   direction in the vertical plane, held by the torque -κ sin ψ;
 - the chain pulls with its tension dA/dr along the line from the origin to its attachment on the
   bead, whatever the angles; the field pulls the centre upwards with the force F;
+- the magnets can hold the centre sideways: in x and y they pull it to where it is with the tether
+  upright and the bead as the field holds it, with F times a stiffness over force;
 - near the surface (wall) each friction is that at the bead's present height: Faxén along the
   surface, Brenner towards it, Goldman et al. for the turns (`mtpipe.physics.friction`), with the
   drift kT d(1/γ)/dz that friction varying with height asks for (Itô);
@@ -67,7 +69,8 @@ def simulate_bead(
     Raises
     ------
     ValueError : more than one force, but not as many as frames; a bead whose attachment is too far
-        from its lowest point to stand above the surface on its tether.
+        from its lowest point to stand above the surface on its tether; magnets that hold it
+        sideways far more stiffly than the tether does.
     """
     forces = np.asarray(bead.force_pN, dtype=np.float64)
     if forces.ndim > 0 and forces.shape != (frames,):
@@ -93,6 +96,7 @@ def simulate_bead(
         bead.turns,
         bead.alignment_pN_nm is not None,
         bead.alignment_pN_nm or 0.0,
+        bead.sideways_per_nm,
         random,
     )
     order = [0, 1, 2] if bead.along == 0 else [1, 0, 2]
@@ -120,7 +124,7 @@ def longest_time_step_s(bead: BrownianBead, camera: Camera) -> float:
         centre = stretched + lever
         upwards = moves / float(friction.perpendicular_wall_factor(centre, lever))
         along = moves / float(friction.parallel_wall_factor(centre, lever))
-    fastest = stiffness * upwards + tension / stretched * along
+    fastest = stiffness * upwards + (tension / stretched + force * bead.sideways_per_nm) * along
     limits = [camera.frame_s / 50]
     if bead.turns or bead.alignment_pN_nm is not None:
         side = np.sin(bead.attachment_angle_rad) * lever

@@ -93,6 +93,7 @@ def advance(
     turns: bool,
     tilts: bool,
     hold: float,
+    sideways: float,
     random: np.random.Generator,
 ) -> FloatArray:
     """Recorded positions, (frames, 3), from a start (`equilibrium.draw_state`).
@@ -103,6 +104,7 @@ def advance(
     secant, nodes_per_nm : the chain's tension over distance, and how dense its table is.
     frictions : `friction_table` for the time step.
     hold : torque stiffness of the field, pN nm, where the bead tilts.
+    sideways : lateral stiffness of the magnets over their force, per nm.
     """
     x, y, z, cos_phi, sin_phi, cos_psi, sin_psi = start
     cells = len(frictions) - 1
@@ -112,6 +114,7 @@ def advance(
     recorded = np.zeros((len(forces), 3))
     for frame in range(len(forces)):
         force = forces[frame]
+        held = force * sideways
         for step in range(per_frame):
             if wall:
                 place = cells * radius / (radius + z)
@@ -155,8 +158,8 @@ def advance(
             pull_x, pull_y, pull_z = -spring * end_x, -spring * end_y, -spring * end_z
 
             response = 2 / kT * step_along * step_along
-            x += 2 * kick_x + response * pull_x
-            y += 2 * kick_y + response * pull_y
+            x += 2 * kick_x + response * (pull_x - held * (half_x + radius * sine))
+            y += 2 * kick_y + response * (pull_y - held * half_y)
             response = 2 / kT * step_away * step_away
             z = abs(z + 2 * kick_z + response * (force + pull_z) + drift)
             response = 2 / kT * step_turning * step_turning

@@ -2,7 +2,9 @@
 
 In terms of the chain's end-to-end vector the energy is a sum, A(r) - F z of the chain's end and a
 part of the angles alone. So vector and angles are drawn each on their own, exactly but for a grid
-of the distance and of the tilt, and those that have the bead in the surface are drawn again.
+of the distance and of the tilt, and those that have the bead in the surface are drawn again. Where
+the magnets hold the bead sideways, that adds an energy of both, never below 0: a draw is then kept
+with the Boltzmann weight of it (rejection).
 """
 
 from __future__ import annotations
@@ -26,11 +28,14 @@ def draw_state(
     Raises
     ------
     ValueError : there is none, or too rarely: the attachment is too far from the lowest point for
-        the tether to let the bead stand on the surface.
+        the tether to let the bead stand on the surface, or the magnets hold the bead sideways some
+        ten thousand times as stiffly as the tether does.
     """
     kT, lever = bead.thermal_energy_pN_nm, bead.radius_nm
     pull = force_pN * lever / kT
     sine, cosine = np.sin(bead.attachment_angle_rad), np.cos(bead.attachment_angle_rad)
+    sideways = force_pN * bead.sideways_per_nm / (2 * kT)
+    stands = False
     for _ in range(_ROUNDS):
         phi, psi = np.zeros(_DRAWS), np.zeros(_DRAWS)
         if bead.alignment_pN_nm is not None:
@@ -40,10 +45,20 @@ def draw_state(
             phi = random.vonmises(np.where(swing < 0, np.pi, 0.0), np.abs(swing))
         ends = _draw_vector(table, force_pN, kT, _DRAWS, random)
         turned = np.stack([np.cos(phi), np.sin(phi), np.cos(psi), np.sin(psi)], axis=1)
-        for end, angles in zip(ends, turned, strict=True):
+        # a Boltzmann weight is the chance that an exponential number exceeds the energy over kT
+        most = random.exponential(size=_DRAWS) if sideways else np.zeros(_DRAWS)
+        for end, angles, allowed in zip(ends, turned, most, strict=True):
             centre = end - lever * np.array(attachment(sine, cosine, *angles))
-            if centre[2] > lever:
+            if not centre[2] > lever:
+                continue
+            stands = True
+            if sideways * ((centre[0] + lever * sine) ** 2 + centre[1] ** 2) <= allowed:
                 return np.array([centre[0], centre[1], centre[2] - lever, *angles])
+    if stands:
+        raise ValueError(
+            f"magnets that hold the bead sideways by {bead.sideways_per_nm:g} of their force per "
+            "nm leave nothing of the tether's swing to start from"
+        )
     raise ValueError(
         f"a tether of {bead.chain.contour_length_nm:g} nm attached "
         f"{bead.attachment_angle_rad:.2g} rad off the lowest point of a bead of radius "

@@ -177,6 +177,7 @@ def _brownian(
         along=experiment.along,
         wall=experiment.fluid.wall,
         alignment_pN_nm=experiment.magnets.alignment_pN_nm,
+        sideways_per_nm=experiment.magnets.sideways_per_nm,
         attachment_angle_rad=math.asin(experiment.bead.offset_nm / experiment.bead.radius_nm),
     )
     frames = table.edges[-1]
@@ -191,17 +192,13 @@ def _rows(table: Timetable, dropped_share: float, random: np.random.Generator) -
 
 def _departures(experiment: Experiment, engine: Engine) -> tuple[Notice, ...]:
     """What an engine does otherwise than the experiment says."""
-    found = []
     if engine == "brownian" and not experiment.bead.turns:
         said = (
             "Step by step a bead turns about the field's axis as tether and field let it, although "
             "the setup does not list rotation_coupling."
         )
-        found.append(Notice("turns_anyway", "info", said))
-    if engine == "brownian" and experiment.magnets.sideways_per_nm:
-        said = "Step by step the magnets do not hold the bead sideways, as the experiment has it."
-        found.append(Notice("not_held_sideways", "caution", said))
-    return tuple(found)
+        return (Notice("turns_anyway", "info", said),)
+    return ()
 
 
 def free_names(count: int, taken: Sequence[str]) -> list[str]:

@@ -115,13 +115,13 @@ def brownian(configuration: Configuration) -> Configuration:
 
 
 def engine_of(true: Experiment) -> Engine:
-    """Who simulates an experiment: step by step, but for what that simulator does not have.
+    """Who simulates an experiment: step by step, but for what that simulator has otherwise.
 
-    Those are beads that do not turn about the field's axis, and beads that are attached beside
-    their lowest point or held by the magnets sideways or in their tilt.
+    Its beads turn about the field's axis in any case, and one that is attached beside its lowest
+    point and may tilt does not rest upright.
     """
-    held = true.magnets.alignment_pN_nm is not None or true.magnets.sideways_per_nm > 0
-    return "brownian" if true.bead.turns and not true.bead.offset_nm and not held else "linear"
+    leans = true.magnets.alignment_pN_nm is not None and true.bead.offset_nm > 0
+    return "brownian" if true.bead.turns and not leans else "linear"
 
 
 def toml(content: dict[str, Any]) -> str:
