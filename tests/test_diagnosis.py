@@ -20,6 +20,7 @@ from mtpipe.crosschecking.check import check_bead
 from mtpipe.diagnosis.evidence import reference_moves
 from mtpipe.diagnosis.explain import Alternative, Explanation, Named, explain, without_superfluous
 from mtpipe.diagnosis.mismatch import Mismatch
+from mtpipe.diagnosis.refit import other_formulas
 from mtpipe.effects.catalogue import OWN
 from mtpipe.effects.effect import Evidence
 from mtpipe.experiment.from_setup import experiment_of
@@ -246,8 +247,13 @@ def test_what_alternatives_make_of_a_force_is_in_its_error():
         before, after, (Named(one, (), before, after, math.nan),), "explained", None
     )
     both = replace(alone, named=(Named(one, (Alternative(other, 0.0),), before, after, math.nan),))
-    np.testing.assert_allclose(alone.force_stderr_pN, one.fit.force_stderr_pN)
+    (formula,) = other_formulas(one.fit).values()
+    odds = np.exp(formula.log_likelihood - one.fit.log_likelihood)
+    chain = odds / (1 + odds) * (formula.force_pN - one.fit.force_pN) ** 2
+    assert np.all(chain > 0)
+    expected = np.sqrt(one.fit.force_stderr_pN**2 + chain)
+    np.testing.assert_allclose(alone.force_stderr_pN, expected, rtol=1e-6)
     apart = other.fit.force_pN - one.fit.force_pN
-    expected = np.sqrt(one.fit.force_stderr_pN**2 + apart**2 / 2)
-    np.testing.assert_allclose(both.force_stderr_pN, expected)
+    expected = np.sqrt(one.fit.force_stderr_pN**2 + chain + apart**2 / 2)
+    np.testing.assert_allclose(both.force_stderr_pN, expected, rtol=1e-6)
     assert both.named[0].equivalent == ("lateral_scale",)

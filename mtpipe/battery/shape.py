@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 
 import numpy as np
@@ -20,12 +21,23 @@ SHORTEST_PERIOD_NM, LONGEST_PERIOD_NM = 40.0, 400.0
 # From there on a Gaussian distribution has next to no amplitude of a period, in units of σ.
 SMOOTH_SPREADS = 2.8
 FEWEST_GAPS = 10
+# √(n/7.8) √(6/n)
+SKEWNESS_SCALE = 0.877
 
 
 def moments(seen: Sequence[Observed]) -> Values:
-    """Skewness and kurtosis of each trace, and over all plateaus."""
+    """Skewness and kurtosis of each trace, and over all plateaus, on scales on which their laws are
+    nearly normal.
+
+    One excursion of a slow bead makes either large: their own laws have long tails. Both scales
+    change neither value where it is that of a normal distribution (`nearly_normal_skewness`,
+    `nearly_normal_kurtosis`).
+    """
     values: Values = []
-    for statistic, power in (("skewness", 3), ("kurtosis", 4)):
+    for statistic, power, scale in (
+        ("skewness", 3, nearly_normal_skewness),
+        ("kurtosis", 4, nearly_normal_kurtosis),
+    ):
         for axis, name in enumerate(AXES):
             each = []
             for i, one in enumerate(seen):
@@ -33,12 +45,27 @@ def moments(seen: Sequence[Observed]) -> Values:
                 x = x[np.isfinite(x)]
                 x = (x - x.mean()) / x.std()
                 square = x * x
-                each.append(float(np.mean(square * (x if power == 3 else square))))
+                each.append(scale(float(np.mean(square * (x if power == 3 else square)))))
                 values.append((Look(statistic, name, (i,)), each[-1]))
             if len(each) > 1:
                 look = Look(statistic, name, tuple(range(len(seen))), pooled=True)
                 values.append((look, float(np.mean(each))))
     return values
+
+
+def nearly_normal_skewness(skewness: float) -> float:
+    """Skewness on the scale of D'Agostino 1970 (Biometrika 57:679) for many samples.
+
+    There α√(6/n) of its asinh, the width of the law's tails, no longer depends on their number.
+    """
+    return SKEWNESS_SCALE * math.asinh(skewness / SKEWNESS_SCALE)
+
+
+def nearly_normal_kurtosis(kurtosis: float) -> float:
+    """Kurtosis as 7 − √(32/(β − 1)): like the transform of Anscombe & Glynn 1983 (Biometrika
+    70:227) for a hundred to some thousand samples, but for any kurtosis that there can be.
+    """
+    return 7.0 - math.sqrt(32.0 / max(kurtosis - 1.0, 1e-3))
 
 
 def allan(seen: Sequence[Observed]) -> Values:

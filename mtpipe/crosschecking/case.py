@@ -36,8 +36,9 @@ Z_ZERO_STDERR_NM = 0.3
 # Formulas of the chain that a setup may mean; it does not say, and the data choose.
 FORMULAS: tuple[Formula, ...] = ("marko-siggia", "bouchiat")
 # Nats by which a later formula has to fit better than the first, which the baseline is stated with
-# (te Velthuis et al. 2010).
-OTHER_FORMULA_NATS = 10.0
+# (te Velthuis et al. 2010). Formulas that differ by less cannot be told apart; where they differ by
+# more, the wrong one makes a misfit.
+OTHER_FORMULA_NATS = 3.0
 FEWEST_FRAMES = 256
 # The stage's motion is measured from this part of the cutoff of its subtraction to half of it.
 STAGE_BELOW = 16.0

@@ -23,7 +23,12 @@ from mtpipe.crosschecking.case import Case
 from mtpipe.crosschecking.check import BeadCheck, check_bead
 from mtpipe.diagnosis.evidence import evidence_of
 from mtpipe.diagnosis.misfit import explained_share, heldout_gain
-from mtpipe.diagnosis.refit import begun_again, best_formula, with_forces_found
+from mtpipe.diagnosis.refit import (
+    begun_again,
+    best_formula,
+    other_formulas,
+    with_forces_found,
+)
 from mtpipe.diagnosis.unexplained import Rejected, Unexplained, unexplained
 from mtpipe.effects.catalogue import catalogue
 from mtpipe.effects.effect import Effect
@@ -119,15 +124,25 @@ class Explanation:
 
     @property
     def force_stderr_pN(self) -> FloatArray:
-        """(plateaus,) standard errors of the fit's forces, what alternatives would make of them
-        included, each with the weight that its ln likelihood after BIC has beside the one named.
+        """(plateaus,) standard errors of the fit's forces, what alternatives and the chain's other
+        formula would make of them included, each with the weight that its ln likelihood after BIC
+        has beside the one that was taken.
         """
         variance = self.fit.force_stderr_pN**2
-        for alternatives in (one.alternatives for one in self.named if one.alternatives):
-            weights = np.exp([other.nats for other in alternatives])
-            apart = [other.found.fit.force_pN - self.fit.force_pN for other in alternatives]
-            variance = variance + weights @ np.square(apart) / (1 + weights.sum())
+        choices = [
+            [(other.found.fit, other.nats) for other in one.alternatives] for one in self.named
+        ]
+        for choice in [*choices, self._other_formulas]:
+            weights = np.exp([nats for _, nats in choice])
+            for weight, (fit, _) in zip(weights / (1 + weights.sum()), choice, strict=True):
+                variance = variance + weight * (fit.force_pN - self.fit.force_pN) ** 2
         return np.asarray(np.sqrt(variance))
+
+    @functools.cached_property
+    def _other_formulas(self) -> list[tuple[ConfiguredFit, float]]:
+        """Fits with the chain's other formulas, and by how many nats they are better."""
+        others = other_formulas(self.fit).values()
+        return [(fit, fit.log_likelihood - self.fit.log_likelihood) for fit in others]
 
     @functools.cached_property
     def unexplained(self) -> Unexplained | None:

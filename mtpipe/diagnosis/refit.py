@@ -45,10 +45,17 @@ def begun_again(fit: ConfiguredFit) -> ConfiguredFit:
 
 def best_formula(fit: ConfiguredFit) -> ConfiguredFit:
     """The same effects with the chain's formula that the data ask for."""
+    fits = {fit.model.experiment.chain.formula: fit, **other_formulas(fit)}
+    first = fits.pop(FORMULAS[0], fit)
+    return preferred_formula(first, list(fits.values()))
+
+
+def other_formulas(fit: ConfiguredFit) -> dict[Formula, ConfiguredFit]:
+    """The same effects with the other formulas that the setup may mean."""
     chain = fit.model.experiment.chain
-    if chain.formula.startswith("extensible"):
-        return fit
-    fits: dict[Formula, ConfiguredFit] = {chain.formula: fit}
+    if chain.formula not in FORMULAS:
+        return {}
+    fits: dict[Formula, ConfiguredFit] = {}
     for formula in FORMULAS:
         if formula != chain.formula:
             other = replace(fit.model.experiment, chain=replace(chain, formula=formula))
@@ -56,5 +63,4 @@ def best_formula(fit: ConfiguredFit) -> ConfiguredFit:
                 fits[formula] = fit_configured(replace(fit.model, experiment=other), fit.theta)
             except (FitError, ValueError):
                 continue
-    first = fits.pop(FORMULAS[0], fit)
-    return preferred_formula(first, list(fits.values()))
+    return fits
