@@ -15,12 +15,14 @@ from typing import Any
 import clean
 import numpy as np
 
+from mtpipe.experiment import changes
 from mtpipe.experiment.description import Experiment, Rest
 from mtpipe.physics.camera import Camera, FloatArray
 from mtpipe.physics.langevin import simulate_mode
 from mtpipe.plateaus import find_plateaus
 from mtpipe.recording import Recording
 from mtpipe.setup import parse_setup
+from mtpipe.simulation.recording import Engine
 
 BEAD, REFERENCE = "b1", "ref1"
 LISTED = ("wall_drag", "rotation_coupling", "tracking_noise")
@@ -38,6 +40,7 @@ class Effect:
     ----------
     name, unit : of the effect and of its strength, as the table shows them.
     change : of the experiment; spoil : of the raw recording; unlisted : what the setup omits.
+    engine : who simulates.
     """
 
     name: str
@@ -46,6 +49,7 @@ class Effect:
     change: Callable[[Experiment, float], Experiment] | None = None
     spoil: Callable[[Recording, float, np.random.Generator], Recording] | None = None
     unlisted: str = ""
+    engine: Engine = "linear"
 
 
 def base(unlisted: str = "") -> clean.Clean:
@@ -82,7 +86,8 @@ def measure(job: tuple[str, float, int, int]) -> dict[str, Any]:
     def spoil(raw: Recording, own: np.random.Generator) -> Recording:
         return raw if effect.spoil is None else effect.spoil(raw, strength, own)
 
-    found = clean.check(base(effect.unlisted), random, change=change, spoil=spoil)
+    configured = replace(base(effect.unlisted), engine=effect.engine)
+    found = clean.check(configured, random, change=change, spoil=spoil)
     return {
         "effect": name,
         "strength": strength,
@@ -115,6 +120,31 @@ def _tethers(experiment: Experiment, number: float) -> Experiment:
     return replace(
         experiment, chain=replace(chain, persistence_length_nm=chain.persistence_length_nm / number)
     )
+
+
+def _off_center(experiment: Experiment, share: float) -> Experiment:
+    return changes.with_bead(experiment, offset_nm=share * experiment.bead.radius_nm)
+
+
+def _aligned(experiment: Experiment, torque_stiffness_pN_nm: float) -> Experiment:
+    return changes.with_magnets(experiment, alignment_pN_nm=torque_stiffness_pN_nm)
+
+
+def _held_sideways(experiment: Experiment, per_mm: float) -> Experiment:
+    return changes.with_magnets(experiment, sideways_per_nm=1e-6 * per_mm)
+
+
+def _extensible(experiment: Experiment, stretch_modulus_pN: float) -> Experiment:
+    return changes.with_chain(
+        experiment, formula="extensible-marko-siggia", stretch_modulus_pN=stretch_modulus_pN
+    )
+
+
+def _weaker(experiment: Experiment, lowest_pN: float) -> Experiment:
+    """All forces smaller by a factor; step by step the bead meets the wall, the chain its slack."""
+    factor = lowest_pN / min(rest.force_pN for rest in experiment.rests)
+    rests = tuple(replace(rest, force_pN=factor * rest.force_pN) for rest in experiment.rests)
+    return replace(experiment, rests=rests)
 
 
 def _exposure(experiment: Experiment, factor: float) -> Experiment:
@@ -184,8 +214,8 @@ def _dropped(raw: Recording, share: float, random: np.random.Generator) -> Recor
 
 def _hopping(raw: Recording, step_nm: float, random: np.random.Generator) -> Recording:
     frame_s = float(np.median(np.diff(raw.time_s)))
-    changes = random.random(len(raw.time_s)) < 3.0 * frame_s
-    state = np.cumsum(changes) % 2
+    changed = random.random(len(raw.time_s)) < 3.0 * frame_s
+    state = np.cumsum(changed) % 2
     return _moved(raw, BEAD, step_nm * np.outer(state, [0.0, 0.0, 1.0]))
 
 
@@ -239,6 +269,11 @@ EFFECTS = (
         (1.0003, 1.001, 1.003),
         spoil=lambda raw, factor, _: _about_anchor(raw, np.diag([1.0, 1.0, factor])),
     ),
+    Effect("off_center_attachment", "of the radius", (0.03, 0.1, 0.3), _off_center),
+    Effect("magnetic_alignment", "pN nm", (1e5, 3e4, 1e4), _aligned),
+    Effect("lateral_magnet_stiffness", "of the force, 1/mm", (10.0, 30.0, 100.0), _held_sideways),
+    Effect("extensible_tether", "pN", (10000.0, 3000.0, 1000.0), _extensible),
+    Effect("anharmonic_tether", "pN, lowest force", (0.4, 0.2, 0.1), _weaker, engine="brownian"),
     Effect("field_rotation", "°", (3.0, 8.0, 20.0), spoil=_turned),
     Effect("dropped_frames", "share", (0.003, 0.02, 0.1), spoil=_dropped),
     Effect("contour_length", "factor", (1.0003, 1.001, 1.003), _contour),

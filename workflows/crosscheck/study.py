@@ -14,16 +14,18 @@ import itertools
 import json
 import math
 import os
-import re
+import sys
 from collections.abc import Callable, Iterable, Sequence
 from datetime import UTC, datetime
 from multiprocessing import get_context
 from pathlib import Path
 from typing import Any
 
+sys.path.append(str(Path(__file__).parents[1] / "common"))
 import clean
 import effects
 import numpy as np
+import pages
 import pandas as pd
 from scipy import stats
 
@@ -86,7 +88,7 @@ def main() -> None:
         print(looks_table(calm))
     if choice.write is not None:
         page = choice.write.read_text(encoding="utf-8")
-        choice.write.write_text(into_page(page, blocks), encoding="utf-8")
+        choice.write.write_text(pages.into_page(page, blocks), encoding="utf-8")
 
 
 def _outcomes(
@@ -171,21 +173,6 @@ def looks_table(rows: Sequence[dict[str, Any]]) -> str:
         where = "all plateaus" if pooled else "one"
         lines.append(f"{statistic:24s}{axis:4s}{where:14s}{mean:+.2f} ± {error:.2f}{spread:8.2f}")
     return "\n".join(lines)
-
-
-def into_page(page: str, blocks: dict[str, str]) -> str:
-    """The page with the tables between its marks `<!-- study: name -->` and `<!-- end -->`."""
-    for name, block in blocks.items():
-        pattern = rf"(<!-- study: {re.escape(name)} -->\n).*?(<!-- end -->)"
-        page, count = re.subn(
-            pattern,
-            lambda match, block=block: f"{match[1]}{block}\n{match[2]}",  # type: ignore[misc]
-            page,
-            flags=re.DOTALL,
-        )
-        if count != 1:
-            raise SystemExit(f"the page has no place for {name!r}")
-    return page
 
 
 if __name__ == "__main__":
