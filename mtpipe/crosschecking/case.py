@@ -156,7 +156,7 @@ def prepare(recording: Recording, bead: str) -> Case:
         tuple(starts),
         phi,
         preferred_formula(fits[0], fits[1:]),
-        (0.0, 0.0, 0.0) if reference is None else _stage(reference, subtraction, 1 / frame_s),
+        (0.0, 0.0, 0.0) if reference is None else _stage(reference, kept, subtraction, 1 / frame_s),
         None if pixel is None else pixel.value,
     )
 
@@ -232,25 +232,45 @@ def _on_grid(recording: Recording, series: FloatArray, plateau: Plateau) -> Floa
     return grid
 
 
-def _stage(mean_nm: FloatArray, subtraction: Subtraction, rate_hz: float) -> Triple:
-    """Random walk of the stage in nm/√s per axis, from the reference below each cutoff.
+def _stage(
+    mean_nm: FloatArray, plateaus: Sequence[Plateau], subtraction: Subtraction, rate_hz: float
+) -> Triple:
+    """Random walk of the stage in nm/√s per axis: the median of the plateaus.
+
+    In others someone may have turned the focus, or a reference may have been lost for a while.
+    """
+    found = [0.0, 0.0, 0.0]
+    for axis, cutoff in enumerate(subtraction.cutoff_hz):
+        if cutoff is None:
+            continue
+        walks = [
+            _walk_nm2_per_s(mean_nm[one.start : one.stop, axis], cutoff, rate_hz)
+            for one in plateaus
+        ]
+        known = [walk - subtraction.noise_nm[axis] ** 2 * noise for walk, noise in walks if noise]
+        found[axis] = math.sqrt(max(float(np.median(known)), 0.0)) if known else 0.0
+    return found[0], found[1], found[2]
+
+
+def _walk_nm2_per_s(
+    reference_nm: FloatArray, cutoff_hz: float, rate_hz: float
+) -> tuple[float, float]:
+    """Square of a random walk in nm/√s, from a reference below its cutoff, and what 1 nm of noise
+    adds to it; 0 where too little is known.
 
     Only there can it be told from tracking noise, and only about there is any of it left in the
     traces. A random walk of σ nm/√s has σ² rate/(2πf)² per cosine coefficient.
     """
-    found = [0.0, 0.0, 0.0]
-    for axis, cutoff in enumerate(subtraction.cutoff_hz):
-        known = np.flatnonzero(np.isfinite(mean_nm[:, axis]))
-        if cutoff is None or len(known) < FEWEST_FRAMES:
-            continue
-        found_here = coefficients(mean_nm[known[0] : known[-1] + 1, axis])
-        frequency = np.arange(len(found_here)) * rate_hz / (2 * len(found_here))
-        below = (frequency > cutoff / STAGE_BELOW) & (frequency < cutoff / 2)
-        if below.any():
-            power = found_here[below] ** 2 - subtraction.noise_nm[axis] ** 2
-            walk = float(np.mean(power * (2 * np.pi * frequency[below]) ** 2)) / rate_hz
-            found[axis] = math.sqrt(max(walk, 0.0))
-    return found[0], found[1], found[2]
+    known = np.flatnonzero(np.isfinite(reference_nm))
+    if len(known) < FEWEST_FRAMES:
+        return 0.0, 0.0
+    found = coefficients(reference_nm[known[0] : known[-1] + 1])
+    frequency = np.arange(len(found)) * rate_hz / (2 * len(found))
+    below = (frequency > cutoff_hz / STAGE_BELOW) & (frequency < cutoff_hz / 2)
+    if not below.any():
+        return 0.0, 0.0
+    rises = (2 * np.pi * frequency[below]) ** 2 / rate_hz
+    return float(np.mean(found[below] ** 2 * rises)), float(np.mean(rises))
 
 
 def described(case: Case) -> Experiment:
