@@ -139,3 +139,30 @@ def test_no_plateau_says_what_to_change(tmp_path):
     assert "tolerance_mm" in caught.value.mend
     recording = read(tmp_path, motion(400), setup_of(tolerance_mm=0.01), magnet=magnet)
     assert len(recording.plateaus) == 1
+
+
+def test_blocks_that_were_written_twice_are_told(tmp_path):
+    positions = motion(600, beads=("b1", "b2", "ref1"))
+    positions["b2"][300:350] = positions["b2"][200:250]
+    positions["b2"][400:410] = positions["b2"][300:310]
+    recording = read(tmp_path, positions)
+    (said,) = [n for n in recording.notices if n.code == "repeated_rows"]
+    assert said.severity == "caution"
+    assert "60 positions of bead b2 (10 %) are those of 100 rows before" in said.message
+    assert "line 302" in said.message
+    assert "1 of 3 beads" in said.message
+
+
+def test_a_camera_that_stalls_is_told(tmp_path):
+    positions = motion(900)
+    for xyz in positions.values():
+        xyz[500:504] = xyz[499]
+    (said,) = [n for n in read(tmp_path, positions).notices if n.code == "repeated_rows"]
+    assert said.severity == "info"
+    assert "the row before" in said.message
+
+
+def test_coarse_positions_come_back_by_chance_and_are_not_told(tmp_path):
+    random = np.random.default_rng(3)
+    positions = {bead: 5.0 * random.integers(1, 3, size=(900, 3)) for bead in ("b1", "ref1")}
+    assert "repeated_rows" not in codes(read(tmp_path, positions))

@@ -22,6 +22,7 @@ from mtpipe.ingest.magnets import read_magnets
 from mtpipe.ingest.magscope import open_magscope
 from mtpipe.ingest.parquet import open_parquet
 from mtpipe.ingest.presets import MAGSCOPE_HDF5
+from mtpipe.ingest.repeats import check_repeats
 from mtpipe.ingest.source import Format, Layout, Lost, Source
 from mtpipe.ingest.surface import find_surface
 from mtpipe.ingest.text import TextTable, open_text
@@ -134,6 +135,7 @@ def _assembled(
     magnets = read_magnets(data, clock.time_s, clock.rate_hz, source, files, folder, open_table)
     positions = _without(data, source)
     sound = check_beads(positions, setup, clock.rate_hz)
+    repeats = check_repeats(sound.positions_nm, locate)
     plateaus = find_plateaus(
         clock.time_s, magnets.position_mm, setup.plateaus, resting=magnets.resting
     )
@@ -162,6 +164,7 @@ def _assembled(
         *_remarks(data, sound.positions_nm),
         *clock.notices,
         *check_gaps(clock.frame, locate),
+        *repeats,
         *magnets.notices,
         *sound.notices,
         *surface.notices,

@@ -16,10 +16,13 @@ import time
 from pathlib import Path
 
 import cmaddry
+import crosscheck_map
 import others
 
 from mtpipe import pipeline
 from mtpipe.calibration import calibrate
+from mtpipe.drift import subtract_drift
+from mtpipe.ingest import load
 
 CHECKOUT = Path(__file__).resolve().parents[2]
 SETUPS = CHECKOUT / "tests" / "data" / "real_setups"
@@ -31,11 +34,13 @@ def main() -> None:
     parser.add_argument(
         "--recordings", type=Path, default=CHECKOUT.parent / "shared" / "recordings"
     )
-    parser.add_argument("--only", choices=("cmaddry", "others"), help="one part alone")
+    parser.add_argument("--only", choices=("cmaddry", "map", "others"), help="one part alone")
     choice = parser.parse_args()
-    if choice.only != "others":
+    if choice.only in (None, "cmaddry"):
         _complete_case(choice.recordings / "cmaddry-run2")
-    if choice.only != "cmaddry":
+    if choice.only in (None, "map"):
+        _map(choice.recordings / "cmaddry-run2")
+    if choice.only in (None, "others"):
         _say("Other recordings", others.answers(choice.recordings, SETUPS))
 
 
@@ -67,6 +72,16 @@ def _complete_case(folder: Path) -> None:
     _say("Tethers", cmaddry.tethers(run))
     _say("Force and extension", cmaddry.curve_table(run))
     _say("Quality checks", cmaddry.quality(run))
+
+
+def _map(folder: Path) -> None:
+    began, workers = _cpu_s(), os.cpu_count() or 1
+    raw = load(folder, SETUPS / "cmaddry-run2.toml")
+    subtracted = subtract_drift(raw)
+    _say("Map of the long dwells", crosscheck_map.dwells(raw, subtracted, workers))
+    _say("Map of the turns, untold", crosscheck_map.turns(subtracted, workers))
+    _say("Map of a series", crosscheck_map.series(subtracted, workers))
+    print(f"\nThe maps took {_cpu_s() - began:.0f} s of CPU")
 
 
 def _cpu_s() -> float:
