@@ -15,6 +15,7 @@ from mtpipe.corrections.correction import Strength
 from mtpipe.crosschecking.beads import DATA_ERRORS, bead_generator, check_of, per_bead
 from mtpipe.crosschecking.check import BeadCheck
 from mtpipe.crosschecking.recording import CrossCheck
+from mtpipe.diagnosis.beads_together import beads_together
 from mtpipe.diagnosis.explain import Explanation, Named, explain
 from mtpipe.diagnosis.unexplained import Unexplained
 from mtpipe.diagnosis.unexplained_content import content_of
@@ -94,7 +95,13 @@ def diagnose(recording: Recording, *, seed: int = 0, progress: Progress | None =
             found[bead] = explain(check_of(recording, bead, random), random, progress=say)
         except DATA_ERRORS as error:
             refused[bead] = str(error)
-    return Mismatch(recording.name, found, refused)
+
+    def say_together(done: int, of: int) -> None:
+        if progress is not None:
+            progress(f"what beads share: {done} of {of}", total, total)
+
+    again = beads_together(found, seed=seed, progress=say_together)
+    return Mismatch(recording.name, again, refused)
 
 
 def examine(
@@ -108,22 +115,21 @@ def examine(
 
     Parameters, raises: as `mtpipe.crosscheck`.
     """
-    found, refused = per_bead(recording, _examined, seed=seed, workers=workers, progress=progress)
-    checks = {bead: check for bead, (check, _, _) in found.items()}
-    beads = {bead: said for bead, (_, said, _) in found.items()}
-    left = {bead: rest for bead, (_, _, rest) in found.items() if rest is not None}
+    found, refused = per_bead(recording, _explained, seed=seed, workers=workers, progress=progress)
+    found = beads_together(found, seed=seed, workers=workers, progress=progress)
+    left = {bead: one.unexplained for bead, one in found.items()}
     return Examined(
-        CrossCheck(recording.name, checks, refused), content(recording.name, beads), left
+        CrossCheck(recording.name, {bead: one.before for bead, one in found.items()}, refused),
+        content(recording.name, {bead: bead_content(one) for bead, one in found.items()}),
+        {bead: content_of(rest) for bead, rest in left.items() if rest is not None},
     )
 
 
-def _examined(
-    recording: Recording, bead: str, random: np.random.Generator
-) -> tuple[BeadCheck, dict[str, Any], dict[str, Any] | None]:
-    check = check_of(recording, bead, random, with_curves=True)
-    found = explain(check, random)
-    left = found.unexplained
-    return check, bead_content(found), None if left is None else content_of(left)
+def _explained(recording: Recording, bead: str, random: np.random.Generator) -> Explanation:
+    found = explain(check_of(recording, bead, random, with_curves=True), random)
+    # these take their time, so they are found here, where beads are worked on side by side
+    _ = found.unexplained, found.force_stderr_pN
+    return found
 
 
 def content(recording: str, beads: Mapping[str, dict[str, Any]]) -> dict[str, Any]:
@@ -257,9 +263,10 @@ def sentence(found: Explanation, one: Named) -> str:
         else f"with {it} the recording is nearer to its simulation, but still differs"
     )
     also = f" Equally possible: {', '.join(one.equivalent)}." if one.equivalent else ""
+    others = f" {one.others}" if one.others else ""
     return (
         f"{where}{cause}; {consequence}; {agrees} "
-        f"(p {one.before.p_value:.1g} → {one.after.p_value:.2g}).{also}"
+        f"(p {one.before.p_value:.1g} → {one.after.p_value:.2g}).{also}{others}"
     )
 
 

@@ -24,4 +24,5 @@ EFFECT = Effect(
         f"{experiment.clock.dropped_share:.1%} of the frames are missing without a gap in the file"
     ),
     lambda experiment: [("share", experiment.clock.dropped_share, "")],
+    shared=True,
 )

@@ -83,12 +83,27 @@ class Effect:
     cause : what the changed experiment has, in words that continue "…: ", given the experiment
         with the effect at its fitted strength.
     strengths : name, value and unit of what is reported of such an experiment.
+    shared : its size belongs to camera, optics or buffer and is the same for all beads of a
+        recording. Its hypotheses then have one parameter, which is 0 where there is no effect.
     """
 
     name: str
     hypotheses: Callable[[Experiment, Evidence], Sequence[Hypothesis]]
     cause: Callable[[Experiment], str]
     strengths: Callable[[Experiment], Sequence[tuple[str, float, str]]]
+    shared: bool = False
+
+    def __reduce__(self) -> tuple[Callable[[int], Effect], tuple[int]]:
+        """Sent to other processes by its place in the catalogue: its functions may be lambdas."""
+        from mtpipe.effects.catalogue import catalogue
+
+        return _of_catalogue, (catalogue().index(self),)
+
+
+def _of_catalogue(place: int) -> Effect:
+    from mtpipe.effects.catalogue import catalogue
+
+    return catalogue()[place]
 
 
 def factor(name: str, change: Change, *, start: float = 0.0, width: float = 1.5) -> Parameter:

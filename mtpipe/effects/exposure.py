@@ -40,4 +40,5 @@ EFFECT = Effect(
         f"{1e3 * experiment.camera.frame_s:.3g} ms"
     ),
     lambda experiment: [("exposure_s", experiment.camera.exposure_s, "s")],
+    shared=True,
 )

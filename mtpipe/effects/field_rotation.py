@@ -30,4 +30,5 @@ EFFECT = Effect(
         f"{abs(math.degrees(experiment.optics.angle_rad)):.1f}°"
     ),
     lambda experiment: [("angle_deg", math.degrees(experiment.optics.angle_rad), "°")],
+    shared=True,
 )

@@ -26,4 +26,5 @@ EFFECT = Effect(
         f"x and y are recorded {experiment.optics.lateral_scale:.3f} times as large as they are"
     ),
     lambda experiment: [("factor", experiment.optics.lateral_scale, "")],
+    shared=True,
 )

@@ -36,7 +36,7 @@ def _relaxing(experiment: Experiment, value: float) -> Experiment:
 
 # Positions are counted from where the reference was at the start, in units of its motion.
 AT_THE_START = Parameter(
-    "reference at the start, z over its motion", "", 0.0, -6.0, 6.0, 0.01, (0.0, 1.0), _begun
+    "reference at the start, z relative to its motion", "", 0.0, -6.0, 6.0, 0.01, (0.0, 1.0), _begun
 )
 
 

@@ -16,4 +16,5 @@ EFFECT = Effect(
     _hypotheses,
     lambda experiment: f"the buffer's viscosity is {experiment.fluid.viscosity_mPa_s:.3g} mPa s",
     lambda experiment: [("viscosity_mPa_s", experiment.fluid.viscosity_mPa_s, "mPa s")],
+    shared=True,
 )
