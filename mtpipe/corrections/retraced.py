@@ -6,7 +6,7 @@ from dataclasses import replace
 
 from mtpipe.configured.data import plateau_data, whitening
 from mtpipe.configured.fit import fit_configured
-from mtpipe.crosschecking.case import FORMULAS, Case, preferred_formula
+from mtpipe.crosschecking.case import FORMULAS, Case, preference
 from mtpipe.physics.camera import FloatArray
 
 
@@ -28,5 +28,5 @@ def with_positions(case: Case, positions_nm: tuple[FloatArray, ...]) -> Case:
         chain = replace(case.fit.model.experiment.chain, formula=formula)
         experiment = replace(case.fit.model.experiment, chain=chain)
         fits.append(fit_configured(replace(case.fit.model, data=data, experiment=experiment)))
-    fit = preferred_formula(fits[0], fits[1:])
+    fit = max(fits, key=preference)
     return replace(case, positions_nm=positions_nm, phi=phi, fit=fit)

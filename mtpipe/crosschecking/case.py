@@ -35,7 +35,7 @@ from mtpipe.traces import traces_of
 Z_ZERO_STDERR_NM = 0.3
 # Formulas of the chain that a setup may mean; it does not say, and the data choose.
 FORMULAS: tuple[Formula, ...] = ("marko-siggia", "bouchiat")
-# Nats by which a later formula has to fit better than the first, which the baseline is stated with
+# Nats by which another formula has to fit better than the first, which the baseline is stated with
 # (te Velthuis et al. 2010). Formulas that differ by less cannot be told apart; where they differ by
 # more, the wrong one makes a misfit.
 OTHER_FORMULA_NATS = 3.0
@@ -142,10 +142,11 @@ def prepare(recording: Recording, bead: str) -> Case:
     subtraction = subtraction_of(recording)
     pixel = recording.setup.camera.pixel_size_nm
     reference = _reference_mean(recording)
+    begins_s = tuple((start - int(recording.frame[0])) * frame_s for start in starts)
     fits = []
     for formula in FORMULAS:
         experiment = replace(base, rests=rests, chain=replace(base.chain, formula=formula))
-        model = ConfiguredModel(data, experiment, parameters, subtraction)
+        model = ConfiguredModel(data, experiment, parameters, subtraction, begins_s)
         fits.append(fit_configured(model))
     return Case(
         bead,
@@ -155,16 +156,16 @@ def prepare(recording: Recording, bead: str) -> Case:
         _subtracted(recording, kept),
         tuple(starts),
         phi,
-        preferred_formula(fits[0], fits[1:]),
+        max(fits, key=preference),
         (0.0, 0.0, 0.0) if reference is None else _stage(reference, kept, subtraction, 1 / frame_s),
         None if pixel is None else pixel.value,
     )
 
 
-def preferred_formula(first: ConfiguredFit, others: Sequence[ConfiguredFit]) -> ConfiguredFit:
-    """The best fit, where another formula than the first is asked for by the data."""
-    best = max(others, key=lambda fit: fit.log_likelihood, default=first)
-    return best if best.log_likelihood > first.log_likelihood + OTHER_FORMULA_NATS else first
+def preference(fit: ConfiguredFit) -> float:
+    """ln likelihood of a fit, and what its chain's formula is preferred by."""
+    usual = fit.model.experiment.chain.formula == FORMULAS[0]
+    return fit.log_likelihood + (OTHER_FORMULA_NATS if usual else 0.0)
 
 
 def subtraction_of(recording: Recording) -> Subtraction:

@@ -19,7 +19,7 @@ from mtpipe.configured.fit import ConfiguredFit
 from mtpipe.configured.hypotheses import Tried, looking_ahead, together, try_effects
 from mtpipe.corrections.catalogue import CORRECTIONS
 from mtpipe.corrections.correction import Correction
-from mtpipe.crosschecking.case import Case
+from mtpipe.crosschecking.case import Case, preference
 from mtpipe.crosschecking.check import BeadCheck, check_bead
 from mtpipe.diagnosis.evidence import evidence_of
 from mtpipe.diagnosis.misfit import explained_share, heldout_gain
@@ -140,9 +140,9 @@ class Explanation:
 
     @functools.cached_property
     def _other_formulas(self) -> list[tuple[ConfiguredFit, float]]:
-        """Fits with the chain's other formulas, and by how many nats they are better."""
-        others = other_formulas(self.fit).values()
-        return [(fit, fit.log_likelihood - self.fit.log_likelihood) for fit in others]
+        """Fits with the chain's other formulas, and by how many nats they are to be preferred."""
+        mine = preference(self.fit)
+        return [(fit, preference(fit) - mine) for fit in other_formulas(self.fit)]
 
     @functools.cached_property
     def unexplained(self) -> Unexplained | None:

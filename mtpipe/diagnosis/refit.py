@@ -7,10 +7,9 @@ from dataclasses import replace
 from mtpipe.configured.courses import force_courses
 from mtpipe.configured.fit import ConfiguredFit, first_guess, fit_configured
 from mtpipe.configured.hypotheses import Tried, together
-from mtpipe.crosschecking.case import FORMULAS, preferred_formula
+from mtpipe.crosschecking.case import FORMULAS, preference
 from mtpipe.crosschecking.check import BeadCheck
 from mtpipe.errors import FitError
-from mtpipe.physics.tether import Formula
 
 
 def with_forces_found(best: Tried, check: BeadCheck) -> Tried:
@@ -45,22 +44,19 @@ def begun_again(fit: ConfiguredFit) -> ConfiguredFit:
 
 def best_formula(fit: ConfiguredFit) -> ConfiguredFit:
     """The same effects with the chain's formula that the data ask for."""
-    fits = {fit.model.experiment.chain.formula: fit, **other_formulas(fit)}
-    first = fits.pop(FORMULAS[0], fit)
-    return preferred_formula(first, list(fits.values()))
+    return max([fit, *other_formulas(fit)], key=preference)
 
 
-def other_formulas(fit: ConfiguredFit) -> dict[Formula, ConfiguredFit]:
+def other_formulas(fit: ConfiguredFit) -> list[ConfiguredFit]:
     """The same effects with the other formulas that the setup may mean."""
     chain = fit.model.experiment.chain
-    if chain.formula not in FORMULAS:
-        return {}
-    fits: dict[Formula, ConfiguredFit] = {}
+    fits = []
     for formula in FORMULAS:
         if formula != chain.formula:
             other = replace(fit.model.experiment, chain=replace(chain, formula=formula))
             try:
-                fits[formula] = fit_configured(replace(fit.model, experiment=other), fit.theta)
+                there = fit_configured(replace(fit.model, experiment=other), fit.theta)
+                fits.append(begun_again(there))
             except (FitError, ValueError):
                 continue
     return fits

@@ -2,28 +2,30 @@
 
 from __future__ import annotations
 
-from functools import partial
-
 from mtpipe.effects.effect import Effect, Evidence, Hypothesis, plain
 from mtpipe.experiment.changes import with_chain
 from mtpipe.experiment.description import Experiment
 from mtpipe.physics.tether import Formula
 
+# The formulas of chains that do not stretch, and of those that do.
+STRETCHING: dict[Formula, Formula] = {
+    "marko-siggia": "extensible-marko-siggia",
+    "bouchiat": "extensible",
+}
 START_PN = 1000.0
 BOUNDS_PER_NN = (0.02, 20.0)
 
 
-def _change(stretching: Formula, experiment: Experiment, per_nN: float) -> Experiment:
-    return with_chain(experiment, formula=stretching, stretch_modulus_pN=1000.0 / per_nN)
+def _change(experiment: Experiment, per_nN: float) -> Experiment:
+    formula = STRETCHING.get(experiment.chain.formula, experiment.chain.formula)
+    return with_chain(experiment, formula=formula, stretch_modulus_pN=1000.0 / per_nN)
 
 
 def _hypotheses(experiment: Experiment, evidence: Evidence) -> list[Hypothesis]:
-    formula = experiment.chain.formula
-    if formula.startswith("extensible"):
+    if experiment.chain.formula not in STRETCHING:
         return []
-    stretching: Formula = "extensible-marko-siggia" if formula == "marko-siggia" else "extensible"
-    change = partial(_change, stretching)
-    softness = plain("1 / stretch modulus", "1/nN", 1000.0 / START_PN, BOUNDS_PER_NN, 0.01, change)
+    start = 1000.0 / START_PN
+    softness = plain("1 / stretch modulus", "1/nN", start, BOUNDS_PER_NN, 0.01, _change)
     return [Hypothesis(experiment, (softness,))]
 
 
