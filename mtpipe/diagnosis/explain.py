@@ -44,8 +44,8 @@ SEEN_NATS, KEPT_NATS = 4.0, 3.0
 # Where the battery is as content as this with an effect, no second one is looked for: the form of
 # the first is known only so well, and what is left of it may look like another.
 CONTENT_P = 0.3
-# Two effects whose net gains differ by less cannot be told apart.
-ALIKE_NATS = 3.0
+# Two effects whose net gains differ by less cannot be told apart; by so many, one is certain.
+ALIKE_NATS, CERTAIN_NATS = 3.0, 50.0
 MOST_EFFECTS = 3
 # So many effects are checked at most before the search ends, and one is rejected if with it ln p is
 # larger than this many times what it was.
@@ -133,7 +133,7 @@ class Explanation:
             [(other.found.fit, other.nats) for other in one.alternatives] for one in self.named
         ]
         for choice in [*choices, self._other_formulas]:
-            weights = np.exp([nats for _, nats in choice])
+            weights = np.exp(np.minimum([nats for _, nats in choice], CERTAIN_NATS))
             for weight, (fit, _) in zip(weights / (1 + weights.sum()), choice, strict=True):
                 variance = variance + weight * (fit.force_pN - self.fit.force_pN) ** 2
         return np.asarray(np.sqrt(variance))
