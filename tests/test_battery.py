@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 import pytest
-from scipy import stats
+from scipy import signal, stats
 
 from mtpipe.battery import shape, spectral, temporal
 from mtpipe.battery.observed import Observed, bridged, whitened
@@ -174,6 +174,37 @@ def test_shape_does_not_depend_on_scale_or_origin():
         assert one[1] == pytest.approx(other[1])
     kurtosis = over_seeds(shape.moments)[:, 3:]
     assert kurtosis.mean() == pytest.approx(3.0, abs=5 * kurtosis.std() / np.sqrt(kurtosis.size))
+
+
+@pytest.mark.parametrize("relaxation_frames", [5, 20])
+def test_moments_of_slow_beads_have_normal_tails_on_their_scales(relaxation_frames):
+    """10 000 slow traces: beyond 3.5 spreads there should be 4.7; of plain kurtosis there are 50.
+
+    As many as 20 would come by chance once in a million.
+    """
+    decay = np.exp(-1 / relaxation_frames)
+    kicks = generator(12).normal(size=(10_000, 1200 + 10 * relaxation_frames))
+    x = signal.lfilter([1.0], [1.0, -decay], kicks, axis=1)[:, 10 * relaxation_frames :]
+    x = (x - x.mean(axis=1, keepdims=True)) / x.std(axis=1, keepdims=True)
+    third, fourth = (x**3).mean(axis=1), (x**4).mean(axis=1)
+    plain = (fourth - fourth.mean()) / fourth.std()
+    assert np.sum(np.abs(plain) > 3.5) > 40
+    for values_, scale in (
+        (third, shape.nearly_normal_skewness),
+        (fourth, shape.nearly_normal_kurtosis),
+    ):
+        scaled = np.array([scale(float(value)) for value in values_])
+        scaled = (scaled - scaled.mean()) / scaled.std()
+        assert np.sum(np.abs(scaled) > 3.5) < 20
+
+
+def test_moments_of_normal_positions_are_unchanged_by_their_scales():
+    assert shape.nearly_normal_skewness(0.0) == 0.0
+    assert shape.nearly_normal_kurtosis(3.0) == pytest.approx(3.0)
+    step = 1e-5
+    slope = shape.nearly_normal_kurtosis(3 + step) - shape.nearly_normal_kurtosis(3 - step)
+    assert slope == pytest.approx(2 * step)
+    assert shape.nearly_normal_skewness(step) == pytest.approx(step)
 
 
 def test_allan_variance_of_white_noise_falls_with_the_number_averaged():

@@ -137,8 +137,8 @@ def _at_steady_force(
     height_variance = 2 * float(parts.covariance_nm2[:, 2, 2] @ parts.tau_s) / data.duration_s
     height_variance = min(height_variance, float(parts.covariance_nm2[:, 2, 2].sum()))
     # what is slow in the reference passes the subtraction whole
-    carried, stage = experiment.stage.reference_nm[2] ** 2, experiment.stage
-    height_variance += carried * min(2 * stage.reference_s / data.duration_s, 1.0)
+    stage = experiment.stage
+    height_variance += stage.reference_nm[2] ** 2 * min(2 * stage.reference_s / data.duration_s, 1)
     return Expectation(
         power,
         parts.extension_nm,

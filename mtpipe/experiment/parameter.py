@@ -12,7 +12,6 @@ from dataclasses import dataclass, replace
 from functools import partial
 
 from mtpipe.experiment.description import Experiment, Triple
-from mtpipe.recording import AXES
 
 # The factor on the exposure, and the share of a frame that no exposure is shorter than.
 EXPOSURE, SHORTEST_EXPOSURE = "exposure over configured", 0.02
@@ -58,7 +57,7 @@ def noise_parameters(start_nm: Triple) -> tuple[Parameter, ...]:
             None,
             partial(_noise, axis),
         )
-        for axis, name in enumerate(AXES)
+        for axis, name in enumerate("xyz")
     )
 
 
