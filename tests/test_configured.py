@@ -8,12 +8,15 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from scipy import stats
 
 from mtpipe.configured.data import plateau_data
 from mtpipe.configured.fit import fit_configured, gradient_of, nearby_fit, slopes
-from mtpipe.configured.model import ConfiguredModel
+from mtpipe.configured.model import ConfiguredModel, heights_missed_nm
 from mtpipe.configured.spectra import matrix_periodogram
 from mtpipe.crosschecking.twin import TwinMaker
+from mtpipe.effects.catalogue import OWN
+from mtpipe.effects.effect import Evidence
 from mtpipe.errors import FitError
 from mtpipe.spectrum import periodogram
 from tests.small_case import FORCES_PN, NOISE_NM, case, generator, raw, setup
@@ -101,6 +104,56 @@ def test_gradient_is_that_of_the_likelihood(fitted):
             model.log_likelihood(model.all_expected(t), t) for t in (theta + step, theta - step)
         ]
         assert gradient[i] == pytest.approx((ends[0] - ends[1]) / 2e-3, rel=0.05, abs=2.0)
+
+
+def walking(fitted, begins_s=()):
+    """A model in which the bead's z walks off, and θ at 0.5 nm/√s."""
+    model, theta = fitted[0].fit.model, fitted[0].fit.theta
+    (drift,) = (effect for effect in OWN if effect.name == "drift")
+    parameters = drift.hypotheses(model.experiment, Evidence((), FORCES_PN))[0].parameters
+    model = replace(model, parameters=(*model.parameters, *parameters), begins_s=begins_s)
+    return model, np.concatenate([theta, [0.04, 0.04, 0.25]])
+
+
+def test_heights_wander_as_the_mean_of_a_random_walk_does(fitted):
+    model, _ = walking(fitted, (5.0, 30.0, 60.0))
+    lasts = [data.duration_s for data in model.data]
+    step_s = 0.05
+    walks = np.cumsum(generator(3).normal(size=(4000, 2000)), axis=1) * np.sqrt(step_s)
+    edges = [(begin, begin + last) for begin, last in zip(model.begins_s, lasts, strict=True)]
+    assert edges[-1][1] < 2000 * step_s
+    means = np.array(
+        [walks[:, round(a / step_s) : round(b / step_s)].mean(axis=1) for a, b in edges]
+    )
+    # 4000 walks: 2 % standard error each, all nine within 10 % but for one time in 1e5
+    np.testing.assert_allclose(np.cov(means), model.wandering_s, rtol=0.1)
+
+
+def test_likelihood_of_heights_that_wander_is_that_of_their_joint_distribution(fitted):
+    model, theta = walking(fitted)
+    expected = model.all_expected(theta)
+    missed = heights_missed_nm(model.data, expected)
+    stderr = np.array([one.extension_stderr_nm for one in expected])
+    assert model.walk_nm2_per_s(theta) == pytest.approx(0.25)
+    covariance = np.diag(stderr**2) + 0.25 * model.wandering_s
+    whitening = model.height_whitening(expected, theta)
+    np.testing.assert_allclose(whitening @ covariance @ whitening.T, np.eye(len(stderr)), atol=1e-9)
+    pulls = whitening @ missed
+    found = np.sum(np.log(np.diag(whitening))) - 0.5 * pulls @ pulls
+    law = stats.multivariate_normal(cov=covariance).logpdf(missed)
+    assert found == pytest.approx(law + 0.5 * len(missed) * np.log(2 * np.pi))
+
+
+def test_gradient_follows_the_walk(fitted):
+    model, theta = walking(fitted)
+    expected = model.all_expected(theta)
+    gradient = gradient_of(model, model.data, theta, expected, slopes(model, theta, expected))
+    for k in (-1, -2):
+        moved = [theta.copy(), theta.copy()]
+        moved[0][k] += 1e-3
+        moved[1][k] -= 1e-3
+        ends = [model.log_likelihood(model.all_expected(t), t) for t in moved]
+        assert gradient[k] == pytest.approx((ends[0] - ends[1]) / 2e-3, rel=0.05, abs=2.0)
 
 
 def test_nearby_fit_of_a_simulation_is_its_full_fit(fitted):

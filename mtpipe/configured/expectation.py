@@ -44,7 +44,9 @@ class Subtraction:
 
 @dataclass(frozen=True, eq=False)
 class Expectation:
-    """Of one plateau: power matrix per bin (n_bins, 3, 3), mean height and its standard error."""
+    """Of one plateau: power matrix per bin (n_bins, 3, 3), mean height and its standard error apart
+    from what a random walk has moved the bead by since the recording began.
+    """
 
     power: FloatArray
     extension_nm: float
@@ -134,8 +136,10 @@ def _at_steady_force(
         power[:, a, a] = np.maximum(power[:, a, a], LEAST_POWER * power[:, a, a].max())
     for line in experiment.stage.lines:
         _add_line(power, line, data)
-    height_variance = 2 * float(parts.covariance_nm2[:, 2, 2] @ parts.tau_s) / data.duration_s
-    height_variance = min(height_variance, float(parts.covariance_nm2[:, 2, 2].sum()))
+    # a walk moves the heights of all later plateaus: that is the model's business
+    steady = slice(-1) if parts.walks else slice(None)
+    variance, tau_s = parts.covariance_nm2[steady, 2, 2], parts.tau_s[steady]
+    height_variance = min(2 * float(variance @ tau_s) / data.duration_s, float(variance.sum()))
     # what is slow in the reference passes the subtraction whole
     stage = experiment.stage
     height_variance += stage.reference_nm[2] ** 2 * min(2 * stage.reference_s / data.duration_s, 1)

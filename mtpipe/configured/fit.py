@@ -16,7 +16,11 @@ from numpy.typing import NDArray
 
 from mtpipe.configured.data import PlateauData
 from mtpipe.configured.expectation import DIFFERENCE, Expectation
-from mtpipe.configured.model import ConfiguredModel, spectral_log_likelihood
+from mtpipe.configured.model import (
+    ConfiguredModel,
+    heights_missed_nm,
+    spectral_log_likelihood,
+)
 from mtpipe.errors import FitError
 from mtpipe.experiment.description import Experiment
 from mtpipe.physics.camera import FloatArray
@@ -53,7 +57,19 @@ class ConfiguredFit:
     @functools.cached_property
     def information(self) -> FloatArray:
         """Expected, about θ, priors included."""
-        return information_of(self.model, self.expected, self.slopes)
+        return information_of(self.model, self.theta, self.expected, self.slopes)
+
+    @property
+    def height_pulls(self) -> FloatArray:
+        """(plateaus,) missed mean heights, independent and in standard errors."""
+        missed = heights_missed_nm(self.model.data, self.expected)
+        return np.asarray(self.model.height_whitening(self.expected, self.theta) @ missed)
+
+    @property
+    def height_pull_slopes(self) -> FloatArray:
+        """(plateaus, coordinates) how these follow θ, the wandering as it is."""
+        whitening = self.model.height_whitening(self.expected, self.theta)
+        return np.asarray(-whitening @ height_slopes(self.slopes, len(self.theta)))
 
     @property
     def covariance(self) -> FloatArray:
@@ -73,7 +89,11 @@ class ConfiguredFit:
 
 
 def fit_configured(
-    model: ConfiguredModel, start: FloatArray | None = None, *, rounds: int = MOST_ROUNDS
+    model: ConfiguredModel,
+    start: FloatArray | None = None,
+    *,
+    rounds: int = MOST_ROUNDS,
+    arrived: float = ARRIVED,
 ) -> ConfiguredFit:
     """Fit.
 
@@ -81,6 +101,7 @@ def fit_configured(
     ----------
     start : θ to begin from; None: the forces that suit each plateau best by themselves.
     rounds : at most so many steps.
+    arrived : the fit ends where a step raises ln likelihood by less.
 
     Raises
     ------
@@ -93,7 +114,7 @@ def fit_configured(
     for _ in range(rounds):
         derivatives = slopes(model, theta, expected)
         gradient = gradient_of(model, model.data, theta, expected, derivatives)
-        information = information_of(model, expected, derivatives)
+        information = information_of(model, theta, expected, derivatives)
         free = ~(
             ((theta <= model.lower) & (gradient < 0)) | ((theta >= model.upper) & (gradient > 0))
         )
@@ -117,7 +138,7 @@ def fit_configured(
         gained = there - value
         theta, expected, value = trial, following, there
         damping = damping / 6 if damping > 1e-9 else 0.0
-        if gained < ARRIVED and rise < 2 * ARRIVED + 1e-2:
+        if gained < arrived and rise < 2 * arrived + 1e-2:
             converged = True
             break
     return ConfiguredFit(model, theta, expected, value, converged)
@@ -209,12 +230,18 @@ def gradient_of(
 ) -> FloatArray:
     """Gradient of ln likelihood × prior at θ, for any data of the same shape."""
     gradient = np.zeros(len(theta))
-    for one, here, slope in zip(data, expected, derivatives, strict=True):
+    for one, slope in zip(data, derivatives, strict=True):
         excess = np.einsum("fab,fbc->fac", slope.inverse, one.spectrum.power) - np.eye(3)
         weighted = excess * one.spectrum.ordinates[:, None, None]
         gradient[slope.rows] += np.einsum("kfab,fba->k", slope.whitened, weighted)
-        pull = (one.mean_nm[2] - here.extension_nm) / here.extension_stderr_nm**2
-        gradient[slope.rows] += slope.extension_nm * pull
+    whitening = model.height_whitening(expected, theta)
+    whitened = whitening.T @ (whitening @ heights_missed_nm(data, expected))
+    gradient += height_slopes(derivatives, len(theta)).T @ whitened
+    walks = walk_slopes(model, theta)
+    if walks.any():
+        gained = whitened @ model.wandering_s @ whitened
+        gained -= np.sum((whitening.T @ whitening) * model.wandering_s)
+        gradient += 0.5 * gained * walks
     pulls = model.pulls(theta)
     for k, parameter in enumerate(model.parameters):
         if parameter.prior is not None:
@@ -222,18 +249,47 @@ def gradient_of(
     return gradient
 
 
+def height_slopes(derivatives: Sequence[Slopes], coordinates: int) -> FloatArray:
+    """(plateaus, coordinates) how mean heights follow θ."""
+    found = np.zeros((len(derivatives), coordinates))
+    for row, slope in zip(found, derivatives, strict=True):
+        row[slope.rows] = slope.extension_nm
+    return found
+
+
+def walk_slopes(model: ConfiguredModel, theta: FloatArray) -> FloatArray:
+    """(coordinates,) how the square of the random walk of z follows θ."""
+    found = np.zeros(len(theta))
+    here = model.walk_nm2_per_s(theta)
+    for k, parameter in enumerate(model.parameters, start=model.plateaus):
+        moved = theta.copy()
+        step = parameter.step if theta[k] + parameter.step <= parameter.upper else -parameter.step
+        moved[k] += step
+        found[k] = (model.walk_nm2_per_s(moved) - here) / step
+    return found
+
+
 def information_of(
-    model: ConfiguredModel, expected: list[Expectation], derivatives: list[Slopes]
+    model: ConfiguredModel,
+    theta: FloatArray,
+    expected: list[Expectation],
+    derivatives: list[Slopes],
 ) -> FloatArray:
     """Expected information about θ, priors included."""
     n = model.plateaus + len(model.parameters)
     information = np.zeros((n, n))
-    for data, here, slope in zip(model.data, expected, derivatives, strict=True):
+    for data, slope in zip(model.data, derivatives, strict=True):
         flat = slope.whitened.reshape(len(slope.rows), -1)
         turned = np.swapaxes(slope.whitened, 2, 3)
         weighted = (turned * data.spectrum.ordinates[:, None, None]).reshape(len(slope.rows), -1)
-        height = slope.extension_nm / here.extension_stderr_nm
-        information[np.ix_(slope.rows, slope.rows)] += flat @ weighted.T + np.outer(height, height)
+        information[np.ix_(slope.rows, slope.rows)] += flat @ weighted.T
+    whitening = model.height_whitening(expected, theta)
+    heights = whitening @ height_slopes(derivatives, n)
+    information += heights.T @ heights
+    walks = walk_slopes(model, theta)
+    if walks.any():
+        wandering = whitening @ model.wandering_s @ whitening.T
+        information += 0.5 * float(np.sum(wandering**2)) * np.outer(walks, walks)
     for k, parameter in enumerate(model.parameters):
         if parameter.prior is not None:
             information[model.plateaus + k, model.plateaus + k] += parameter.prior[1] ** -2.0

@@ -13,13 +13,14 @@ from mtpipe.configured.fit import MOST_ROUNDS, ConfiguredFit, first_guess, fit_c
 from mtpipe.effects.effect import Effect, Evidence, Hypothesis
 from mtpipe.errors import FitError
 
-FIRST_ROUNDS = 3
+# Fits are tried so far at first, and to so many nats in the end.
+FIRST_ROUNDS, TRIED_NATS = 3, 0.05
 # A hypothesis that has gained less than the best by this many nats, and by this share, is left.
 WORTHWHILE_NATS, WORTHWHILE_SHARE = 30.0, 0.6
 # So many effects are tried in pairs, and a pair has to be better than one by so much.
 AHEAD, PAIR_NATS = 6, 3.0
 # Recorded heights this many standard errors from the fitted ones are out of the tether's reach.
-FAR_FROM_IT = 100.0
+FAR_FROM_IT = 8.0
 
 
 @dataclass(frozen=True, eq=False)
@@ -54,8 +55,8 @@ def with_hypothesis(
 ) -> ConfiguredFit:
     """Fit a hypothesis, beginning where the fit without it stands.
 
-    Where the experiment without it cannot reach the recorded heights its forces say nothing, and
-    the fit begins at those that suit each plateau with it.
+    Where the experiment without it cannot reach the recorded heights its forces and noise say
+    little, and the fit is begun afresh too; the better of both is taken.
     """
     model = replace(
         fit.model,
@@ -63,17 +64,14 @@ def with_hypothesis(
         parameters=(*fit.model.parameters, *hypothesis.parameters),
     )
     start = np.concatenate([fit.theta, [p.start for p in hypothesis.parameters]])
-    if _farthest(fit) > FAR_FROM_IT:
-        start[: model.plateaus] = first_guess(model)[: model.plateaus]
-    return fit_configured(model, start, rounds=rounds)
-
-
-def _farthest(fit: ConfiguredFit) -> float:
-    """Largest distance of a recorded mean height from the fitted one, in standard errors."""
-    return max(
-        abs(float(data.mean_nm[2]) - here.extension_nm) / here.extension_stderr_nm
-        for data, here in zip(fit.model.data, fit.expected, strict=True)
-    )
+    begun = fit_configured(model, start, rounds=rounds, arrived=TRIED_NATS)
+    if np.abs(fit.height_pulls).max() < FAR_FROM_IT:
+        return begun
+    try:
+        afresh = fit_configured(model, first_guess(model), rounds=rounds, arrived=TRIED_NATS)
+    except (FitError, ValueError):
+        return begun
+    return max(begun, afresh, key=lambda one: one.log_likelihood)
 
 
 def together(fit: ConfiguredFit, chosen: Sequence[Tried], start: ConfiguredFit) -> ConfiguredFit:
@@ -170,6 +168,8 @@ def _idle_sizes_forgiven(one: Tried, without: ConfiguredFit) -> Tried:
     model = one.fit.model
     first = len(model.parameters) - len(one.hypothesis.parameters)
     each_costs = (one.penalty - math.log(one.hypothesis.chosen_from)) / one.hypothesis.numbers
+    if one.gain < each_costs:
+        return one
     stderr = np.sqrt(np.maximum(np.diag(one.fit.covariance), 1e-300))[model.plateaus :]
     worth = {
         k: 0.5 * float(one.fit.theta[model.plateaus + k] / stderr[k]) ** 2
@@ -199,7 +199,7 @@ def _ended(one: Tried, without: ConfiguredFit) -> Tried:
     if one.fit.converged:
         return one
     try:
-        fitted = fit_configured(one.fit.model, one.fit.theta)
+        fitted = fit_configured(one.fit.model, one.fit.theta, arrived=TRIED_NATS)
     except (FitError, ValueError):
         return one
     return replace(one, fit=fitted, gain=fitted.log_likelihood - without.log_likelihood)

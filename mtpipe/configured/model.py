@@ -7,14 +7,18 @@ be described with can be fitted.
 
 Per bin the power matrix of n ordinates is complex Wishart about its expectation S (Whittle 1953;
 Brillinger 1981, theorem 7.2.4), −n (ln det S + tr S⁻¹P); the mean height is Gaussian about the
-chain's with the variance that S has at zero frequency.
+chain's with the variance that S has at zero frequency. Where the bead walks off, as effects may
+have it, the heights of later plateaus have wandered with it, and their errors are correlated.
 """
 
 from __future__ import annotations
 
+import functools
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
+from scipy import linalg
 
 from mtpipe.configured.data import PlateauData
 from mtpipe.configured.expectation import Expectation, Subtraction, expectation
@@ -28,12 +32,18 @@ class ConfiguredModel:
     """One bead's data and the experiment that is to explain them.
 
     The coordinates θ are ln force per plateau, then the parameters.
+
+    Attributes
+    ----------
+    begins_s : when each plateau begins after the moment from which positions are counted; empty:
+        one follows the other from there on.
     """
 
     data: tuple[PlateauData, ...]
     experiment: Experiment
     parameters: tuple[Parameter, ...]
     subtraction: Subtraction
+    begins_s: tuple[float, ...] = ()
 
     @property
     def plateaus(self) -> int:
@@ -77,9 +87,31 @@ class ConfiguredModel:
         total = -0.5 * float(np.sum(self.pulls(theta) ** 2))
         for data, model in zip(self.data, expected, strict=True):
             total += float(np.sum(spectral_log_likelihood(data, model.power)))
-            pull = (data.mean_nm[2] - model.extension_nm) / model.extension_stderr_nm
-            total -= 0.5 * pull**2 + np.log(model.extension_stderr_nm)
-        return total
+        whitening = self.height_whitening(expected, theta)
+        pulls = whitening @ heights_missed_nm(self.data, expected)
+        return total - 0.5 * float(pulls @ pulls) + float(np.sum(np.log(np.diag(whitening))))
+
+    @functools.cached_property
+    def wandering_s(self) -> FloatArray:
+        """(plateaus, plateaus) covariance of the mean heights under a random walk of 1 nm/√s."""
+        lasts = np.array([data.duration_s for data in self.data])
+        begins = np.array(self.begins_s) if self.begins_s else np.cumsum(lasts) - lasts
+        middles = begins + lasts / 2
+        apart = np.minimum.outer(middles, middles)
+        return np.asarray(np.where(np.eye(len(lasts)) > 0, begins + lasts / 3, apart))
+
+    def walk_nm2_per_s(self, theta: FloatArray) -> float:
+        """Square of the random walk of z that subtraction has left, at θ."""
+        return float(self.described(theta).stage.unsubtracted_nm_per_root_s[2] ** 2)
+
+    def height_whitening(self, expected: Sequence[Expectation], theta: FloatArray) -> FloatArray:
+        """(plateaus, plateaus) triangular matrix that makes missed heights independent pulls."""
+        stderr = np.array([one.extension_stderr_nm for one in expected])
+        walk = self.walk_nm2_per_s(theta)
+        if walk == 0:
+            return np.diag(1 / stderr)
+        root = np.linalg.cholesky(np.diag(stderr**2) + walk * self.wandering_s)
+        return np.asarray(linalg.solve_triangular(root, np.eye(len(root)), lower=True))
 
     def pulls(self, theta: FloatArray) -> FloatArray:
         """Distances of the parameters from their priors, in standard errors; 0 without one."""
@@ -89,6 +121,16 @@ class ConfiguredModel:
                 for p, value in zip(self.parameters, theta[self.plateaus :], strict=True)
             ]
         )
+
+
+def heights_missed_nm(data: Sequence[PlateauData], expected: Sequence[Expectation]) -> FloatArray:
+    """(plateaus,) recorded mean height less the expected."""
+    return np.array(
+        [
+            float(one.mean_nm[2]) - here.extension_nm
+            for one, here in zip(data, expected, strict=True)
+        ]
+    )
 
 
 def spectral_log_likelihood(data: PlateauData, power: FloatArray) -> FloatArray:

@@ -142,10 +142,11 @@ def prepare(recording: Recording, bead: str) -> Case:
     subtraction = subtraction_of(recording)
     pixel = recording.setup.camera.pixel_size_nm
     reference = _reference_mean(recording)
+    begins_s = tuple((start - int(recording.frame[0])) * frame_s for start in starts)
     fits = []
     for formula in FORMULAS:
         experiment = replace(base, rests=rests, chain=replace(base.chain, formula=formula))
-        model = ConfiguredModel(data, experiment, parameters, subtraction)
+        model = ConfiguredModel(data, experiment, parameters, subtraction, begins_s)
         fits.append(fit_configured(model))
     return Case(
         bead,

@@ -41,9 +41,9 @@ ALARM_P = 0.004
 # one is kept at all. With a penalty of 5 nats a gain of 8 is needed, which comes by chance once in
 # 16 000 tries of one parameter (χ² above 16); the catalogue tries some 30.
 SEEN_NATS, KEPT_NATS = 4.0, 3.0
-# Where the battery is as content as this with an effect, no second one is looked for: the form of
-# the first is known only so well, and what is left of it may look like another.
-CONTENT_P = 0.3
+# Where the battery is as content as this with an effect, a second one has to gain so much: the form
+# of the first is known only so well, and what is left of it may look like another.
+CONTENT_P, BESIDE_NATS = 0.3, 10.0
 # Two effects whose net gains differ by less cannot be told apart; by so many, one is certain.
 ALIKE_NATS, CERTAIN_NATS = 3.0, 50.0
 MOST_EFFECTS = 3
@@ -174,11 +174,11 @@ def explain(
     case, corrections = check.case, tuple(named)
     fit = case.fit
     while len(named) < MOST_EFFECTS:
-        if named and check.p_value >= CONTENT_P:
-            break
         say("trying effects")
         tried = try_effects(fit, effects, evidence_of(check))
         needed = KEPT_NATS if check.p_value < ALARM_P else SEEN_NATS
+        if named and check.p_value >= CONTENT_P:
+            needed = BESIDE_NATS
         if not tried or tried[0].net < needed:
             nearest = Rejected(tried[0], _too_little(tried[0], needed)) if tried else None
             break

@@ -26,13 +26,14 @@ def with_forces_found(best: Tried, check: BeadCheck) -> Tried:
 
 
 def begun_again(fit: ConfiguredFit) -> ConfiguredFit:
-    """The fit from forces found afresh, if it is better: the old ones suited the old experiment."""
+    """The fit gone on with, or from forces found afresh: the old ones suited the old experiment."""
     values = fit.theta[fit.model.plateaus :]
     parameters = tuple(
         replace(parameter, start=float(value))
         for parameter, value in zip(fit.model.parameters, values, strict=True)
     )
     model = replace(fit.model, parameters=parameters)
+    fit = fit_configured(fit.model, fit.theta)
     try:
         fresh = fit_configured(model, first_guess(model))
     except (FitError, ValueError):

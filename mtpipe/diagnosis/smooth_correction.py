@@ -111,7 +111,7 @@ def spectra_of(fit: ConfiguredFit) -> Spectra:
     """A fit's data and its responses at θ."""
     model, size = fit.model, len(fit.theta)
     parts: list[tuple[FloatArray, ...]] = []
-    pulls, pull_responses = [], []
+    pulls, pull_responses = list(fit.height_pulls), list(fit.height_pull_slopes)
     for i, (data, here, slope) in enumerate(zip(model.data, fit.expected, fit.slopes, strict=True)):
         spectrum = data.spectrum
         bins = len(spectrum.frequency_hz)
@@ -122,10 +122,6 @@ def spectra_of(fit: ConfiguredFit) -> Spectra:
             ratio = spectrum.power[:, along, along] / expected
             of = np.full(bins, along), np.full(bins, i)
             parts.append((*of, spectrum.frequency_hz, spectrum.ordinates, ratio, response))
-        height = np.zeros(size)
-        height[slope.rows] = -slope.extension_nm / here.extension_stderr_nm
-        pulls.append(float(data.mean_nm[2] - here.extension_nm) / here.extension_stderr_nm)
-        pull_responses.append(height)
     for k, (pull, parameter) in enumerate(
         zip(model.pulls(fit.theta), model.parameters, strict=True)
     ):

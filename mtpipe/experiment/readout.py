@@ -31,12 +31,14 @@ class Readout:
     white_nm2 : (3, 3) covariance of what is independent from frame to frame; may be negative where
         lost frames take correlation away.
     extension_nm : mean of the recorded z.
+    walks : whether the last mode is a random walk, of which only this plateau's part is in it.
     """
 
     tau_s: FloatArray
     covariance_nm2: FloatArray
     white_nm2: FloatArray
     extension_nm: float
+    walks: bool
 
 
 def readout(experiment: Experiment, state: BeadState, duration_s: float) -> Readout:
@@ -66,7 +68,7 @@ def readout(experiment: Experiment, state: BeadState, duration_s: float) -> Read
         )
         white = white + lost
     recorded_extension = experiment.optics.axial_scale * extension + experiment.optics.z_zero_nm
-    return Readout(tau_s, covariance, white, recorded_extension)
+    return Readout(tau_s, covariance, white, recorded_extension, bool(walk.any()))
 
 
 def force_course(course: ForceCourse, points: int) -> FloatArray:
