@@ -25,6 +25,7 @@ from mtpipe.experiment.description import (
 from mtpipe.experiment.readout import force_course, readout
 from mtpipe.experiment.state import BeadState, bead_state, recorded_modes
 from mtpipe.physics.camera import FloatArray, power_spectrum
+from mtpipe.spectrum import Window
 
 # Heights are not believed better than this: rounding, interpolated formulas, time steps.
 LEAST_HEIGHT_STDERR_NM = 0.1
@@ -117,9 +118,8 @@ def _at_steady_force(
     for axis in range(3):
         moved = np.flatnonzero(parts.covariance_nm2[:, axis, axis])
         kernel = np.zeros((len(parts.tau_s), len(data.spectrum.frequency_hz)))
-        kernel[moved] = windows[axis].expected(
-            np.ones(len(moved)), parts.tau_s[moved], camera.exposure_s
-        )
+        tau_s = parts.tau_s[moved].tobytes()
+        kernel[moved] = _unit_power(windows[axis], tau_s, camera.exposure_s)
         kernels.append(kernel)
     power = np.zeros((len(data.spectrum.frequency_hz), 3, 3))
     level = 2 * camera.frame_s
@@ -155,7 +155,7 @@ def _passed(
 ) -> FloatArray:
     """Variance per frame of the reference's noise and motion that subtraction passes on."""
     frequency = data.spectrum.frequency_hz
-    gain = response(frequency, subtraction.cutoff_hz[axis]) ** 2
+    gain = _subtraction_gain(data, subtraction.cutoff_hz[axis])
     size = experiment.stage.reference_nm[axis]
     own = np.zeros_like(frequency)
     if size > 0:
@@ -163,6 +163,18 @@ def _passed(
         own = power_spectrum(frequency, size**2, experiment.stage.reference_s, camera)
         own = own / (2 * camera.frame_s)
     return np.asarray(gain * (subtraction.noise_nm[axis] ** 2 + own))
+
+
+@functools.lru_cache(maxsize=1024)
+def _subtraction_gain(data: PlateauData, cutoff_hz: float | None) -> FloatArray:
+    return np.asarray(response(data.spectrum.frequency_hz, cutoff_hz) ** 2)
+
+
+@functools.lru_cache(maxsize=8192)
+def _unit_power(window: Window, tau_s: bytes, exposure_s: float) -> FloatArray:
+    """(modes, n_bins) expected power of modes of unit variance."""
+    tau = np.frombuffer(tau_s)
+    return window.expected(np.ones(len(tau)), tau, exposure_s)
 
 
 def _add_line(power: FloatArray, line: Line, data: PlateauData) -> None:

@@ -118,6 +118,7 @@ class RecordedModes:
     covariance_nm2: FloatArray
 
 
+@functools.lru_cache(maxsize=4096)
 def recorded_modes(state: BeadState) -> RecordedModes:
     """Modes of the lateral motion, the pairs of them that bend z, and z's own modes."""
     amplitude = state.modes.amplitude_nm.copy()
