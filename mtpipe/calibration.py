@@ -29,7 +29,14 @@ _Job = tuple[str, list[Trace], float]
 
 @dataclass(frozen=True)
 class Calibration:
-    """Calibration of a recording."""
+    """Calibration of a recording.
+
+    Attributes
+    ----------
+    conditions : what is known of buffer, beads, field and camera (nm, s, pN).
+    beads : results of every tethered bead, by plateau and axis.
+    notices : what was assumed, or is wrong, in words.
+    """
 
     conditions: Conditions
     beads: tuple[BeadResult, ...]

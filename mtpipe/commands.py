@@ -6,7 +6,6 @@ plain lines on standard error; a traceback appears only with MTPIPE_DEBUG set in
 
 from __future__ import annotations
 
-import math
 import os
 import sys
 import traceback
@@ -16,8 +15,9 @@ from typing import Annotated
 import typer
 
 import mtpipe
-from mtpipe.errors import MtpipeError
-from mtpipe.terminal import progress_bar, summary
+from mtpipe import command_arguments as given
+from mtpipe.errors import MtpipeError, writing
+from mtpipe.terminal import progress_bar, stopped_in_one_line, summary
 
 app = typer.Typer(
     add_completion=False,
@@ -34,7 +34,7 @@ Recording = Annotated[
         help="Recording (CSV, Parquet, or a laboratory's own file), a folder with a series of "
         "files, a setup.toml whose [source] names its files, or an image stack (as for `mtpipe "
         "track`), which is tracked first.",
-        callback=lambda path: _existing(path),
+        callback=given.existing,
     ),
 ]
 Stack = Annotated[
@@ -43,31 +43,20 @@ Stack = Annotated[
         metavar="STACK",
         help="Images: a TIFF file of many pages, a folder with a series of files, or a pattern of "
         'their names (in quotes: "film_*.tif").',
+        callback=given.existing,
     ),
 ]
 SetupFile = Annotated[
     Path | None,
-    typer.Option("--setup", help="Setup; default: setup.toml beside the recording.", exists=True),
+    typer.Option(
+        "--setup",
+        help="Setup; default: setup.toml beside the recording.",
+        exists=True,
+        dir_okay=False,
+    ),
 ]
 Seed = Annotated[int, typer.Option(help="Seed of posteriors and simulations.", min=0)]
 Workers = Annotated[int | None, typer.Option(help="Processes; default: one per core.", min=1)]
-
-
-def _existing(path: Path) -> Path:
-    from mtpipe.tracking.stack import is_pattern
-
-    if not path.exists() and not is_pattern(path):
-        raise typer.BadParameter(f"path {str(path)!r} does not exist.")
-    return path
-
-
-def _known_methods(names: list[str]) -> list[str]:
-    from mtpipe.methods import METHODS
-
-    for name in names:
-        if name not in METHODS:
-            raise typer.BadParameter(f"{name!r} is none of {', '.join(METHODS)}")
-    return names
 
 
 Methods = Annotated[
@@ -76,7 +65,7 @@ Methods = Annotated[
         "--method",
         help="Another method of the field by which each trace is calibrated too, for comparison: "
         "equipartition, arctangent, allan, hadamard, … May be given several times.",
-        callback=lambda names: _known_methods(names or []),
+        callback=lambda names: given.known_methods(names or []),
     ),
 ]
 
@@ -102,14 +91,15 @@ def run(
     crosscheck: Annotated[
         bool,
         typer.Option(
-            help="Compare every bead with simulations of the experiment as the setup states it."
+            help="Compare every bead with simulations of the experiment as the setup states it, "
+            "and diagnose what differs."
         ),
     ] = True,
 ) -> None:
     """Calibrate a recording: forces, force-extension curves and a report."""
     from mtpipe import pipeline
 
-    with progress_bar() as progress:
+    with progress_bar() as progress, writing(out):
         result = pipeline.run(
             recording,
             out,
@@ -136,13 +126,19 @@ def track(
     ],
     setup: Annotated[
         Path | None,
-        typer.Option("--setup", help="Setup; default: setup.toml beside the stack.", exists=True),
+        typer.Option(
+            "--setup",
+            help="Setup; default: setup.toml beside the stack.",
+            exists=True,
+            dir_okay=False,
+        ),
     ] = None,
     workers: Workers = None,
 ) -> None:
     """Track the beads of an image stack: TIFF in, a recording for `mtpipe run` out."""
     from mtpipe.tracking.track import track as track_stack
 
+    given.with_ending(out, given.RECORDING_ENDINGS, "--out")
     with progress_bar() as progress:
         done = track_stack(
             stack, out, setup=setup, workers=workers or os.cpu_count() or 1, progress=progress
@@ -186,7 +182,10 @@ def lut(
     setup: Annotated[
         Path | None,
         typer.Option(
-            "--setup", help="Setup, for the regions of beads and the size of a pixel.", exists=True
+            "--setup",
+            help="Setup, for the regions of beads and the size of a pixel.",
+            exists=True,
+            dir_okay=False,
         ),
     ] = None,
 ) -> None:
@@ -194,17 +193,8 @@ def lut(
     from mtpipe.setup import read_setup
     from mtpipe.tracking.scan import table_from_scan
 
-    if out.suffix != ".npz":
-        raise typer.BadParameter("a name that ends in .npz is needed", param_hint="--out")
-    place = None
-    if region is not None:
-        numbers = _numbers(region, "--region")
-        if len(numbers) != 3 or numbers[2] != round(numbers[2]) or numbers[2] < 16:
-            raise typer.BadParameter(
-                "x and y of the centre and a side of at least 16 whole pixels are needed",
-                param_hint="--region",
-            )
-        place = (numbers[0], numbers[1], round(numbers[2]))
+    given.with_ending(out, (".npz",), "--out")
+    place = None if region is None else given.region_of(region, "--region")
     with progress_bar() as progress:
         table = table_from_scan(
             stack,
@@ -217,10 +207,8 @@ def lut(
             setup=None if setup is None else read_setup(setup),
             progress=progress,
         )
-    try:
+    with writing(out):
         table.save(out)
-    except OSError as error:
-        raise MtpipeError(f"cannot be written ({error.strerror})", where=str(out)) from None
     for notice in table.notices:
         typer.echo(notice.message)
     if refractive_index_factor is None:
@@ -268,7 +256,7 @@ def simulate(
         str,
         typer.Option(
             help="linear: exact and fast; brownian: step by step, with all that is not linear.",
-            callback=lambda name: _known_engine(name),
+            callback=given.known_engine,
         ),
     ] = "linear",
 ) -> None:
@@ -277,9 +265,12 @@ def simulate(
 
     if not lost_share < 1:
         raise typer.BadParameter("a share below 1 is needed", param_hint="--lost-share")
-    forces = _numbers(force, "--force")
-    if not all(value > 0 for value in forces):
-        raise typer.BadParameter("forces above 0 pN are needed", param_hint="--force")
+    forces = given.numbers(force, "--force")
+    if not all(0 < value <= given.STRONGEST_PN for value in forces):
+        raise typer.BadParameter(
+            f"forces above 0 and of at most {given.STRONGEST_PN:g} pN are needed",
+            param_hint="--force",
+        )
     with progress_bar() as progress:
         recording = simulate_to_folder(
             setup,
@@ -288,7 +279,7 @@ def simulate(
             frames,
             seed,
             beads=beads,
-            noise_nm=None if noise is None else _along_axes(noise),
+            noise_nm=None if noise is None else given.along_axes(noise, "--noise"),
             lost_share=lost_share,
             engine="brownian" if engine == "brownian" else "linear",
             progress=lambda done, total: progress("simulating beads", done, total),
@@ -296,38 +287,6 @@ def simulate(
     for notice in recording.notices:
         typer.echo(notice.message)
     typer.echo(f"Recording: {out / 'recording.csv'}")
-
-
-def _known_engine(name: str) -> str:
-    from mtpipe.simulation.recording import ENGINES
-
-    if name not in ENGINES:
-        raise typer.BadParameter(f"{name!r} is none of {', '.join(ENGINES)}")
-    return name
-
-
-def _numbers(text: str, option: str) -> list[float]:
-    """Numbers between commas."""
-    try:
-        values = [float(part) for part in text.split(",")]
-    except ValueError:
-        values = [math.nan]
-    if not all(math.isfinite(value) for value in values):
-        raise typer.BadParameter(
-            f"{text!r}: numbers are needed, with commas between", param_hint=option
-        )
-    return values
-
-
-def _along_axes(text: str) -> tuple[float, float, float]:
-    values = _numbers(text, "--noise")
-    if len(values) == 1:
-        values *= 3
-    if len(values) != 3 or min(values) < 0:
-        raise typer.BadParameter(
-            "one number of at least 0 is needed, or three", param_hint="--noise"
-        )
-    return values[0], values[1], values[2]
 
 
 @app.command()
@@ -365,17 +324,27 @@ def design(
 
     if duration is not None and frames is not None:
         raise typer.BadParameter("give --duration or --frames, not both")
+    if not 0 < error < 1:
+        raise typer.BadParameter(
+            f"a share between 0 and 1 is needed, 0.1 for 10 %; got {error:g}", param_hint="--error"
+        )
+    given.above_zero(duration, "a time in s", "--duration")
+    given.above_zero(reach, "a force in pN", "--reach")
+    if figure is not None:
+        given.with_ending(figure, given.FIGURE_ENDINGS, "--figure")
     answer = guide.measurable_forces(
         read_setup(setup), frames=frames, duration_s=duration, error=error, reach_pN=reach
     )
     show.print_design(answer)
     if csv is not None:
-        show.write_csv(answer, csv)
+        with writing(csv, "--csv"):
+            show.write_csv(answer, csv)
         typer.echo(f"Table: {csv}")
     if figure is not None:
         from mtpipe.design.figure import write_figure
 
-        write_figure(answer, figure)
+        with writing(figure, "--figure"):
+            write_figure(answer, figure)
         typer.echo(f"Figure: {figure}")
 
 
@@ -388,7 +357,9 @@ def report(
     """Write the report of a run again, from the run's files."""
     from mtpipe.report import write_report
 
-    typer.echo(f"Report: {write_report(folder)}")
+    with writing(folder, "DIR"):
+        index = write_report(folder)
+    typer.echo(f"Report: {index}")
 
 
 @app.command()
@@ -406,25 +377,32 @@ def demo(
     from mtpipe.demo_film import run_film_demo
 
     shown = run_film_demo if film else run_demo
-    with progress_bar() as progress:
+    with progress_bar() as progress, writing(out):
         text = shown(out, workers=workers or os.cpu_count() or 1, progress=progress)
     typer.echo(text)
 
 
 def main() -> None:
     """Run the command line; every fault ends in a sentence and an exit code."""
-    try:
-        app()
-    except MtpipeError as error:
-        typer.echo(f"mtpipe: {error}", err=True)
-    except PermissionError as error:
-        typer.echo(f"mtpipe: {error.filename}: no access ({error.strerror})", err=True)
-    except Exception as error:
-        if os.environ.get("MTPIPE_DEBUG"):
-            traceback.print_exc()
-        typer.echo(
-            f"mtpipe: a defect of mtpipe itself: {type(error).__name__}: {error}\n"
-            "Set MTPIPE_DEBUG=1 to see where, and please report it.",
-            err=True,
-        )
-    sys.exit(1)
+    with stopped_in_one_line():
+        try:
+            app()
+        except MtpipeError as error:
+            typer.echo(f"mtpipe: {error}", err=True)
+            sys.exit(error.exit_code)
+        except Exception as error:
+            if os.environ.get("MTPIPE_DEBUG"):
+                traceback.print_exc()
+            typer.echo(f"mtpipe: {_unforeseen(error)}", err=True)
+            sys.exit(1)
+
+
+def _unforeseen(error: Exception) -> str:
+    if isinstance(error, OSError) and error.errno is not None:
+        name = f"{error.filename}: " if error.filename else ""
+        what = "no access" if isinstance(error, PermissionError) else "cannot be read or written"
+        return f"{name}{what} ({error.strerror})"
+    return (
+        f"a defect of mtpipe itself: {type(error).__name__}: {error}\n"
+        "Set MTPIPE_DEBUG=1 to see where, and please report it."
+    )

@@ -164,9 +164,9 @@ def conditions_of(setup: Setup) -> tuple[Conditions, tuple[Notice, ...]]:
         notices.append(
             Notice(
                 "pinned_not_used",
-                "info",
-                f"The parameters pinned for {', '.join(pinned)} do not enter the calibration: it "
-                "fits friction and noise itself.",
+                "caution",
+                f"The parameters pinned for {', '.join(pinned)} enter the cross-check and its "
+                "forces (mismatch.json), not forces.csv, whose fits free friction and noise.",
             )
         )
     exposure = setup.camera.exposure_s.value

@@ -18,6 +18,8 @@ Status = Literal["ok", "fixed", "at_bound", "not_identified", "not_converged"]
 class Estimate:
     """A value with standard error and central 68 % interval.
 
+    Of a posterior: median, half the width of the central 68 %, and that interval.
+
     `status` is "ok"; "fixed" (not fitted, taken as known); "at_bound" (the fit ended at a physical
     limit, such as zero noise: the interval is one-sided); "not_identified" (the data do not
     determine it: `value` is nan, the interval is what remains possible, and `tied_to` names the

@@ -11,7 +11,7 @@ import json
 import math
 import tempfile
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import asdict, dataclass, replace
 from datetime import UTC, datetime
 from pathlib import Path
@@ -26,6 +26,7 @@ from mtpipe.comparison import MethodResult, by_methods
 from mtpipe.crosschecking.recording import CrossCheck
 from mtpipe.diagnosis.mismatch import content, examine
 from mtpipe.drift import subtract_drift
+from mtpipe.effects.catalogue import catalogue
 from mtpipe.errors import MtpipeError
 from mtpipe.extension_curve import ForceExtension
 from mtpipe.files import write_atomically
@@ -75,7 +76,15 @@ class Run:
             Notice("not_crosschecked", "info", f"It was not cross-checked: {reason}", bead)
             for bead, reason in refused.items()
         ]
-        return (*self.recording.notices, *self.calibration.notices, *flags, *curves, *unchecked)
+        beyond = [] if self.checked is None else not_simulated(self.recording.setup.model.effects)
+        return (
+            *self.recording.notices,
+            *self.calibration.notices,
+            *flags,
+            *curves,
+            *unchecked,
+            *beyond,
+        )
 
 
 def run(
@@ -101,7 +110,8 @@ def run(
     workers : processes, over which beads are spread. More than one needs the usual guard
         `if __name__ == "__main__":` in a script that calls this.
     methods : other methods of the field (`mtpipe.METHODS`) by which each trace is calibrated too.
-    cross_check : compare every bead with simulations of the configured experiment.
+    cross_check : compare every bead with simulations of the configured experiment, and diagnose
+        what differs.
     progress : called with (step, done, of how many).
 
     Raises
@@ -165,6 +175,7 @@ def run(
         )
         checked, mismatch = examined.checked, examined.mismatch
         unexplained = examined.unexplained
+        verdicts = tuple(with_diagnosis(one, mismatch["beads"].get(one.bead)) for one in verdicts)
         clock.lap("crosscheck")
     result = Run(
         recording,
@@ -193,6 +204,43 @@ def _tracked(path: Path, out: Path, setup: Path, workers: int, say: Progress) ->
     recording = out / "recording.csv"
     track(path, recording, setup=setup, workers=workers, progress=say)
     return recording
+
+
+def with_diagnosis(verdict: BeadVerdict, found: Mapping[str, Any] | None) -> BeadVerdict:
+    """A bead's verdict once it is diagnosed: no bead is good that is not what the setup says.
+
+    Parameters
+    ----------
+    found : what `mismatch.json` says of the bead; None where it could not be simulated.
+    """
+    if found is None or found["verdict"] == "consistent":
+        return verdict
+    named = " and ".join(
+        " or ".join([effect["effect"], *effect["equivalent"]]) for effect in found["effects"]
+    )
+    if found["verdict"] == "explained":
+        reason = f"it shows what the setup leaves out: {named}; forces with it are in mismatch.json"
+    else:
+        beside = f" also beside {named}" if named else ""
+        reason = f"it differs from its simulation{beside}, and the cause is not known"
+    grade = "caution" if verdict.verdict == "good" else verdict.verdict
+    return replace(verdict, verdict=grade, reasons=(*verdict.reasons, reason))
+
+
+def not_simulated(listed: Sequence[str]) -> list[Notice]:
+    """What is to be said where the setup lists effects that no fit and no simulation has."""
+    known = {effect.name for effect in catalogue()}
+    names = [name for name in listed if name not in known]
+    if not names:
+        return []
+    return [
+        Notice(
+            "effectsnot_simulated",
+            "caution",
+            f"The setup lists {', '.join(names)}, which the simulations of the cross-check do not "
+            "have: what such an effect does counts as a difference.",
+        )
+    ]
 
 
 def _left_out(recording: Recording) -> tuple[BeadVerdict, ...]:
@@ -260,10 +308,9 @@ def _write_tables(result: Run, raw: Recording, out: Path, title: str) -> None:
     write_atomically(out / "crosscheck.parquet", _parquet(tables.crosscheck_table(result.checked)))
     for name, table in details.items():
         write_atomically(out / "details" / f"{name}.parquet", _parquet(table))
-    named = {**result.mismatch, "recording": title}
-    text = json.dumps(named, indent=2, ensure_ascii=False, allow_nan=False)
+    text = json.dumps(result.mismatch, indent=2, ensure_ascii=False, allow_nan=False)
     write_atomically(out / "mismatch.json", text)
-    left = {"recording": title, "beads": result.unexplained}
+    left = {"recording": result.recording.name, "beads": result.unexplained}
     text = json.dumps(left, ensure_ascii=False, allow_nan=False)
     write_atomically(out / "details" / "unexplained.json", text)
     write_atomically(out / "run.json", _run_json(result, title))

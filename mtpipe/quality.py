@@ -355,7 +355,7 @@ def bead_verdict(
         return BeadVerdict(bead.bead, "refused", (alone,))
     sentences = [one.refusal for one in lateral if one.refusal]
     if not usable:
-        fallback = "stiffness is not identified in any plateau"
+        fallback = "stiffness is not known in any plateau: not identified, or not converged"
         common = [sentence for sentence, _ in Counter(sentences).most_common(3)]
         return BeadVerdict(bead.bead, "refused", tuple(common) or (fallback,))
     reasons = list(compared)

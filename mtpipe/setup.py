@@ -22,7 +22,7 @@ from pydantic import (
     model_validator,
 )
 
-from mtpipe.errors import SetupError
+from mtpipe.errors import NoSetupError, SetupError
 from mtpipe.ingest.source import Source
 from mtpipe.tracking.choice import Tracking
 
@@ -107,7 +107,10 @@ class Section(BaseModel):
 
 
 def _within(name: str, measured: Measured, low: float, high: float, unit: str) -> None:
-    """Refuse a value that only a wrong unit explains."""
+    """Refuse a value that only a wrong unit explains.
+
+    Chains are between peptides (persistence length 0.4 nm) and actin (some 10 µm).
+    """
     if measured.value is not None and not low <= measured.value <= high:
         raise ValueError(
             f"{name} = {measured.value:g} is not between {low:g} and {high:g} {unit}; is its unit "
@@ -150,6 +153,12 @@ class Tether(Section):
 
     contour_length_nm: Positive
     persistence_length_nm: Positive
+
+    @model_validator(mode="after")
+    def _lengths_are_in_nm(self) -> Tether:
+        _within("contour_length_nm", self.contour_length_nm, 20, 1_000_000, "nm")
+        _within("persistence_length_nm", self.persistence_length_nm, 0.2, 100_000, "nm")
+        return self
 
 
 class Buffer(Section):
@@ -257,18 +266,40 @@ class Setup(BaseModel):
     source: Source | None = None
     tracking: Tracking = Tracking()
 
+    @model_validator(mode="after")
+    def _one_force_per_position(self) -> Setup:
+        forces: dict[float, float | None] = {}
+        for one in self.magnet:
+            position, force = one.position_mm.value, one.force_pN.value
+            if position is None:
+                continue
+            if forces.setdefault(position, force) != force:
+                raise ValueError(
+                    f"[[magnet]] gives the position {position:g} mm two forces, "
+                    f"{_shown(forces[position])} and {_shown(force)} pN; leave one of them"
+                )
+        return self
+
+
+def _shown(value: float | None) -> str:
+    return f'"{UNKNOWN}"' if value is None else f"{value:g}"
+
 
 def read_setup(path: Path | str) -> Setup:
     """Read and validate a `setup.toml`.
 
     Raises
     ------
-    SetupError : the file is missing, is no TOML, or a key is missing, misspelt or impossible.
+    NoSetupError : the file is missing.
+    SetupError : the file is no TOML, or a key is missing, misspelt or impossible.
     """
     try:
-        content = tomllib.loads(Path(path).read_text(encoding="utf-8"))
+        # Windows' editors put a byte-order mark first
+        content = tomllib.loads(Path(path).read_text(encoding="utf-8-sig"))
     except FileNotFoundError:
-        raise SetupError("there is no such setup file", where=str(path)) from None
+        raise NoSetupError("there is no such setup file", where=str(path)) from None
+    except IsADirectoryError:
+        raise NoSetupError("is a folder, not a setup file", where=str(path)) from None
     except (OSError, UnicodeDecodeError) as error:
         raise SetupError(f"cannot be read ({error})", where=str(path)) from None
     except tomllib.TOMLDecodeError as error:
@@ -293,10 +324,36 @@ def _sentence(error: ValidationError) -> str:
     parts = []
     for one in error.errors():
         key = ".".join(str(p) for p in one["loc"])
-        text = one["msg"].removeprefix("Value error, ")
-        if one["type"] == "missing":
-            text = f'is missing (write "{UNKNOWN}" for a value that is not known)'
-        elif one["type"] == "extra_forbidden":
-            text = "is not a key of the setup"
+        text = _in_words(one["type"], one["loc"], one["msg"], one["input"])
         parts.append(f"[{key}] {text}" if key else text)
     return "; ".join(parts)
+
+
+def _in_words(kind: str, place: tuple[int | str, ...], message: str, given: Any) -> str:
+    """What pydantic says of one key, for people who write a setup and no Python."""
+    if kind == "missing":
+        if place == ("schema",):
+            return "is missing (write schema = 1 before all tables)"
+        if _can_be_measured(str(place[-1])):
+            return f'is missing (write "{UNKNOWN}" for a value that is not known)'
+        return "is missing"
+    if kind == "extra_forbidden":
+        return "is not a key of the setup"
+    if kind == "value_error":
+        return message.removeprefix("Value error, ")
+    shown = repr(given)
+    shown = f"{shown[:60]}..." if len(shown) > 60 else shown
+    if place == ("magnet",) and isinstance(given, dict):
+        return "is a list of tables: write [[magnet]] in place of [magnet]"
+    if kind == "tuple_type":
+        return f"must be a list, as in [{shown}]"
+    if kind in ("model_type", "model_attributes_type", "dict_type"):
+        return f"must be a table with keys of its own, got {shown}"
+    must_be = message.replace("Input should be", "must be").partition(", unable")[0]
+    return f"{must_be}, got {shown}"
+
+
+def _can_be_measured(name: str) -> bool:
+    """Whether a key of this name, as exposure_s, may have the value "unknown"."""
+    fields = [table.model_fields.get(name) for table in Section.__subclasses__()]
+    return any(field is not None and _is_measured(field.annotation) for field in fields)

@@ -1,11 +1,16 @@
-"""What the command line shows: a progress bar on a terminal, and a summary of a run."""
+"""What the command line shows: a progress bar on a terminal, a summary of a run, how it stopped."""
 
 from __future__ import annotations
 
+import io
 import math
+import multiprocessing
+import signal
+import sys
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
+from types import FrameType
 from typing import TYPE_CHECKING
 
 from rich.console import Console
@@ -18,12 +23,45 @@ if TYPE_CHECKING:
 
 
 NAMES_SHOWN = 4
+STOPPED_CODE = 128 + signal.SIGINT
+
+
+class Stopped(BaseException):
+    """Ctrl-C. No `KeyboardInterrupt`, for which libraries have a way of their own."""
+
+
+@contextmanager
+def stopped_in_one_line() -> Iterator[None]:
+    """Let Ctrl-C end the workers and then the program, with one line and the exit code 130.
+
+    To be used in the main thread.
+    """
+    stdout, stderr = sys.stdout, sys.stderr
+
+    def stop(_number: int, _frame: FrameType | None) -> None:
+        # what follows is short, and leaves no half-written file if it is let finish
+        signal.signal(signal.SIGINT, signal.SIG_IGN)
+        for worker in multiprocessing.active_children():
+            worker.terminate()
+        # emcee prints its parameters and a traceback before it passes an exception on
+        sys.stdout = sys.stderr = io.StringIO()
+        raise Stopped
+
+    before = signal.signal(signal.SIGINT, stop)
+    try:
+        yield
+    except Stopped:
+        sys.stdout, sys.stderr = stdout, stderr
+        print("mtpipe: stopped by Ctrl-C", file=stderr)
+        sys.exit(STOPPED_CODE)
+    finally:
+        signal.signal(signal.SIGINT, before)
 
 
 @contextmanager
 def progress_bar() -> Iterator[Callback]:
     """A callback that draws a bar on standard error where that is a terminal, else is silent."""
-    console = Console(stderr=True)
+    console = Console(file=sys.stderr)
     with Progress(
         TextColumn("{task.description}"),
         BarColumn(),

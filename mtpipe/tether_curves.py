@@ -41,6 +41,14 @@ def force_extension(recording: Recording, *, seed: int = 0) -> dict[str, ForceEx
     Parameters
     ----------
     seed : of the posteriors.
+
+    Returns
+    -------
+    By name the curve (pN, nm) of every bead that has a force in at least one plateau.
+
+    Raises
+    ------
+    SetupError : what calibration cannot do without is not known, such as the frame rate.
     """
     return tether_curves(calibrate(recording, seed=seed))
 

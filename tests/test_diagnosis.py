@@ -13,12 +13,19 @@ import numpy as np
 import pytest
 
 import mtpipe
-from mtpipe.configured.hypotheses import best_of
+from mtpipe.configured.hypotheses import Tried, best_of
 from mtpipe.crosschecking.beads import bead_generator
 from mtpipe.crosschecking.case import FORMULAS, preference, prepare
 from mtpipe.crosschecking.check import check_bead
 from mtpipe.diagnosis.evidence import reference_moves
-from mtpipe.diagnosis.explain import Alternative, Explanation, Named, explain, without_superfluous
+from mtpipe.diagnosis.explain import (
+    Alternative,
+    Explanation,
+    Named,
+    alike,
+    explain,
+    without_superfluous,
+)
 from mtpipe.diagnosis.mismatch import Mismatch
 from mtpipe.diagnosis.refit import other_formulas
 from mtpipe.effects.catalogue import OWN
@@ -229,6 +236,25 @@ def test_an_effect_that_another_makes_needless_is_dropped():
     assert {p.name for p in after.case.fit.model.parameters} == {
         p.name for p in before.case.fit.model.parameters
     } | {"viscosity over configured"}
+
+
+@pytest.mark.parametrize(
+    ("gain", "penalty", "listed"),
+    [
+        (252.0, 5.4, True),  # as good, at the same price
+        (254.5, 16.2, True),  # fits as well, though it has three numbers
+        (247.0, 1.0, True),  # fits worse, and costs as much less
+        (247.0, 5.4, False),  # the data tell it from the one named
+    ],
+)
+def test_effects_that_the_data_cannot_tell_apart_are_listed(gain, penalty, listed):
+    def tried(name, gain, penalty):
+        return Tried(SimpleNamespace(name=name), None, None, gain, penalty, None, 0)
+
+    named, other = tried("axial_scale", 251.5, 5.4), tried("hopping", gain, penalty)
+    found = alike(named, [named, other], {"axial_scale"})
+    assert [one.found.effect.name for one in found] == ["hopping"] * listed
+    assert all(one.nats == pytest.approx(other.net - named.net) for one in found)
 
 
 def test_what_alternatives_make_of_a_force_is_in_its_error():

@@ -5,6 +5,7 @@ import os
 import re
 import subprocess
 import sys
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -12,6 +13,8 @@ import pandas as pd
 import pytest
 
 import mtpipe
+from mtpipe.pipeline import with_diagnosis
+from mtpipe.quality import BeadVerdict
 from tests.simulated import RATE_HZ, recording, setup_content
 
 CHECKOUT = Path(__file__).parents[1]
@@ -115,6 +118,42 @@ def test_the_diagnosis_is_written_as_the_contract_has_it(finished):
     assert looks.p_value.between(0, 1).all()
 
 
+GOOD = BeadVerdict("b1", "good", ())
+
+
+@pytest.mark.parametrize(
+    ("found", "verdict", "words"),
+    [
+        (None, "good", ""),
+        ({"verdict": "consistent", "effects": []}, "good", ""),
+        (
+            {
+                "verdict": "explained",
+                "effects": [
+                    {"effect": "viscosity", "equivalent": ["bead_radius"]},
+                    {"effect": "drift", "equivalent": []},
+                ],
+            },
+            "caution",
+            "viscosity or bead_radius and drift",
+        ),
+        ({"verdict": "unexplained", "effects": []}, "caution", "cause is not known"),
+        (
+            {"verdict": "unexplained", "effects": [{"effect": "drift", "equivalent": []}]},
+            "caution",
+            "also beside drift",
+        ),
+    ],
+)
+def test_no_bead_is_good_that_differs_from_its_simulation(found, verdict, words):
+    one = with_diagnosis(GOOD, found)
+    assert one.verdict == verdict
+    assert words in " ".join(one.reasons)
+    refused = with_diagnosis(replace(GOOD, verdict="refused", reasons=("free",)), found)
+    assert refused.verdict == "refused"
+    assert refused.reasons[0] == "free"
+
+
 def test_other_methods_are_rows_of_their_own(tmp_path):
     path = write(tmp_path, recording((0.5, 2.0), 2048))
     done = command(
@@ -204,7 +243,7 @@ def test_missing_setup_is_named(tmp_path):
     path = write(tmp_path, recording((1.0,), 1024))
     (tmp_path / "setup.toml").unlink()
     done = command("run", path, "--out", tmp_path / "out")
-    assert done.returncode == 1
+    assert done.returncode == 2
     assert "setup.toml" in done.stderr
 
 

@@ -118,8 +118,8 @@ def _at_steady_force(
     for axis in range(3):
         moved = np.flatnonzero(parts.covariance_nm2[:, axis, axis])
         kernel = np.zeros((len(parts.tau_s), len(data.spectrum.frequency_hz)))
-        tau_s = parts.tau_s[moved].tobytes()
-        kernel[moved] = _unit_power(windows[axis], tau_s, camera.exposure_s)
+        known_by = parts.tau_s[moved].tobytes()
+        kernel[moved] = _unit_power(windows[axis], known_by, camera.exposure_s)
         kernels.append(kernel)
     power = np.zeros((len(data.spectrum.frequency_hz), 3, 3))
     level = 2 * camera.frame_s

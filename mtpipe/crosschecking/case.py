@@ -23,7 +23,7 @@ from mtpipe.drift.combine import combined
 from mtpipe.drift.lowpass import coefficients
 from mtpipe.errors import FitError, RecordingError
 from mtpipe.experiment.description import Experiment, Rest, Triple
-from mtpipe.experiment.from_setup import experiment_of
+from mtpipe.experiment.from_setup import experiment_of, pinned_noise_nm
 from mtpipe.experiment.parameter import noise_parameters
 from mtpipe.physics.camera import FloatArray
 from mtpipe.physics.tether import Formula
@@ -87,8 +87,9 @@ def prepare(recording: Recording, bead: str) -> Case:
 
     Raises
     ------
-    RecordingError : z was not recorded, or its zero is not the surface, or slow motion was removed
-        by a high-pass.
+    SetupError : what it pins cannot be.
+    RecordingError : drift was not subtracted, z was not recorded, or its zero is not the surface,
+        or slow motion was removed by a high-pass.
     FitError : no plateau is long enough, or nothing fits.
     """
     if recording.drift is not None and recording.drift.method == "highpass":
@@ -96,6 +97,12 @@ def prepare(recording: Recording, bead: str) -> Case:
             f"bead {bead} has lost its own slow motion with the drift",
             where=recording.name,
             mend='Subtract reference beads instead ([drift] method = "reference").',
+        )
+    if recording.drift is None and recording.setup.beads.reference:
+        raise RecordingError(
+            "the drift was not subtracted",
+            where=recording.name,
+            mend="Pass mtpipe.subtract_drift(recording).",
         )
     if math.isinf(recording.z_zero_stderr_nm.get(bead, 0.0)):
         raise RecordingError(f"bead {bead} has no heights above the surface", where=recording.name)
@@ -112,11 +119,12 @@ def prepare(recording: Recording, bead: str) -> Case:
     if not kept:
         raise FitError(f"bead {bead} has no plateau of {FEWEST_FRAMES} frames with x, y and z")
     forces = [1.0] * len(kept)
+    pinned = pinned_noise_nm(recording.setup)
     base, _ = experiment_of(
         with_starts(recording.setup, positions),
         forces,
         FEWEST_FRAMES,
-        noise_nm=(0.0, 0.0, 0.0),
+        noise_nm=pinned or (0.0, 0.0, 0.0),
         formula=FORMULAS[0],
     )
     frame_s = 1 / rate if rate else base.camera.frame_s
@@ -126,7 +134,7 @@ def prepare(recording: Recording, bead: str) -> Case:
         Rest(1.0, len(x), math.nan if p.magnet_mm is None else p.magnet_mm)
         for x, p in zip(positions, kept, strict=True)
     )
-    noise = "tracking_noise" in recording.setup.model.effects
+    noise = "tracking_noise" in recording.setup.model.effects and pinned is None
     drift = recording.drift
     added: Triple = (0.0, 0.0, 0.0) if drift is None else drift.noise_added_nm
     zero = math.hypot(

@@ -65,6 +65,10 @@ def crosscheck(
     workers : processes, over which beads are spread. More than one needs the usual guard
         `if __name__ == "__main__":` in a script that calls this.
     progress : called with (beads done, of how many).
+
+    Raises
+    ------
+    Nothing for what is wrong with one bead's data: why it could not be simulated is in `refused`.
     """
     checks, refused = per_bead(recording, _check, seed=seed, workers=workers, progress=progress)
     return CrossCheck(recording.name, checks, refused)

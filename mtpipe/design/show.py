@@ -112,7 +112,8 @@ def design_frame(design: Design) -> pd.DataFrame:
 
 def write_csv(design: Design, path: Path) -> None:
     """Write `design_frame` to a file."""
-    design_frame(design).to_csv(path, index=False)
+    # pandas says in words of its own that a folder is missing
+    path.write_text(design_frame(design).to_csv(index=False), encoding="utf-8", newline="")
 
 
 def _ranges(design: Design) -> Table:

@@ -9,7 +9,6 @@ it. Effects that the recording cannot tell from the one named are listed beside 
 from __future__ import annotations
 
 import functools
-import math
 from collections.abc import Callable, Collection, Sequence
 from dataclasses import dataclass, replace
 
@@ -19,6 +18,7 @@ from mtpipe.configured.fit import ConfiguredFit
 from mtpipe.configured.hypotheses import Tried, looking_ahead, together, try_effects
 from mtpipe.corrections.catalogue import CORRECTIONS
 from mtpipe.corrections.correction import Correction
+from mtpipe.corrections.retraced import with_positions
 from mtpipe.crosschecking.case import Case, preference
 from mtpipe.crosschecking.check import BeadCheck, check_bead
 from mtpipe.diagnosis.evidence import evidence_of
@@ -44,7 +44,8 @@ SEEN_NATS, KEPT_NATS = 4.0, 3.0
 # Where the battery is as content as this with an effect, a second one has to gain so much: the form
 # of the first is known only so well, and what is left of it may look like another.
 CONTENT_P, BESIDE_NATS = 0.3, 10.0
-# Two effects whose net gains differ by less cannot be told apart; by so many, one is certain.
+# Two effects that fit equally well within so many nats cannot be told apart, whatever their numbers
+# cost, nor can two whose net gains differ by less; by so many more, one is certain.
 ALIKE_NATS, CERTAIN_NATS = 3.0, 50.0
 MOST_EFFECTS = 3
 # So many effects are checked at most before the search ends, and one is rejected if with it ln p is
@@ -167,12 +168,54 @@ def explain(
     """
     say = progress or (lambda step: None)
     effects = catalogue() if effects is None else effects
-    check, named = before, list[Named]()
-    nearest: Rejected | None = None
     say("looking at the course of time")
-    check = _corrected(check, named, random)
-    case, corrections = check.case, tuple(named)
-    fit = case.fit
+    corrections, check = _corrected(before, random)
+    case = check.case
+    named, check, nearest = _searched(check, corrections, effects, random, say)
+    if check.p_value < ALARM_P and len(corrections) < len(named):
+        say("looking at the course of time again")
+        late = _late_corrections(check, corrections, case, random)
+        again = (
+            _searched(late[-1].after, [*corrections, *late], effects, random, say) if late else None
+        )
+        if again is not None and again[1].p_value >= ALARM_P:
+            case = late[-1].after.case
+            named, check, nearest = again
+    found_first = len(named)
+    named, check = without_superfluous(case, named, check, random)
+    dropped = len(named) < found_first
+    consistent = not named and before.p_value >= ALARM_P
+    verdict = "consistent" if consistent else "unexplained"
+    if named and check.p_value >= ALARM_P:
+        verdict = "explained"
+    else:
+        kept = certain(named)
+        for left_out in named[len(kept) :][:1]:
+            if isinstance(left_out.found, Tried):
+                nearest = Rejected(left_out.found, _not_enough(left_out))
+        named, check = kept, kept[-1].after if kept else before
+    # the last was compared with all others there, unless one of them has gone since
+    known = named[-1:] if not dropped else []
+    distinct = tuple(
+        one if one in known else _with_alternatives(one, named, case, effects) for one in named
+    )
+    nearest = nearest if verdict == "unexplained" else None
+    return Explanation(before, check, distinct, verdict, nearest)
+
+
+def _searched(
+    check: BeadCheck,
+    corrections: Sequence[Named],
+    effects: Sequence[Effect],
+    random: np.random.Generator,
+    say: Progress,
+) -> tuple[list[Named], BeadCheck, Rejected | None]:
+    """Effects found one after the other, the corrections before them, and the check with them; the
+    one that was not taken at the end.
+    """
+    nearest: Rejected | None
+    case, fit = check.case, check.case.fit
+    named, nearest = list(corrections), None
     while len(named) < MOST_EFFECTS:
         say("trying effects")
         tried = try_effects(fit, effects, evidence_of(check))
@@ -198,26 +241,7 @@ def explain(
             break
         named.append(found)
         check, fit = found.after, found.after.case.fit
-    found_first = len(named)
-    named, check = without_superfluous(case, named, check, random)
-    dropped = len(named) < found_first
-    consistent = not named and before.p_value >= ALARM_P
-    verdict = "consistent" if consistent else "unexplained"
-    if named and check.p_value >= ALARM_P:
-        verdict = "explained"
-    else:
-        kept = certain(named)
-        for left_out in named[len(kept) :][:1]:
-            if isinstance(left_out.found, Tried):
-                nearest = Rejected(left_out.found, _not_enough(left_out))
-        named, check = kept, kept[-1].after if kept else before
-    # the last was compared with all others there, unless one of them has gone since
-    known = named[-1:] if not dropped else []
-    distinct = tuple(
-        one if one in known else _with_alternatives(one, named, case, effects) for one in named
-    )
-    nearest = nearest if verdict == "unexplained" else None
-    return Explanation(before, check, distinct, verdict, nearest)
+    return named, check, nearest
 
 
 def _with_alternatives(
@@ -233,24 +257,27 @@ def _with_alternatives(
     except (FitError, ValueError):
         return replace(one, alternatives=())
     tried = try_effects(without, effects, one.found.evidence)
-    own = next((other.net for other in tried if other.effect.name == one.name), math.inf)
-    return replace(one, alternatives=_alike(own, tried, {other.name for other in named}))
+    own = next((other for other in tried if other.effect.name == one.name), None)
+    names = {other.name for other in named}
+    return replace(one, alternatives=() if own is None else alike(own, tried, names))
 
 
-def _alike(net: float, tried: Sequence[Tried], named: Collection[str]) -> tuple[Alternative, ...]:
-    """Effects that are not named and whose net gain is about this one's."""
+def alike(one: Tried, tried: Sequence[Tried], named: Collection[str]) -> tuple[Alternative, ...]:
+    """Effects that are not named and fit as well as this one, by themselves or by their price."""
     return tuple(
-        Alternative(other, other.net - net)
+        Alternative(other, other.net - one.net)
         for other in tried
-        if other.effect.name not in named and abs(other.net - net) < ALIKE_NATS
+        if other.effect.name not in named
+        and (abs(other.net - one.net) < ALIKE_NATS or one.gain - other.gain < ALIKE_NATS)
     )
 
 
-def _corrected(check: BeadCheck, named: list[Named], random: np.random.Generator) -> BeadCheck:
+def _corrected(check: BeadCheck, random: np.random.Generator) -> tuple[list[Named], BeadCheck]:
     """Take off what is seen in time and not in spectra, as far as the battery objects less then.
 
     What is found has passed a test of its own, so the battery need not have objected before.
     """
+    named = []
     for find in CORRECTIONS:
         found = find(check)
         if found is None:
@@ -259,7 +286,26 @@ def _corrected(check: BeadCheck, named: list[Named], random: np.random.Generator
         if after.p_value >= ALARM_P or after.p_value > check.p_value**MOST_OF_THE_ODDITY:
             named.append(Named(found, (), check, after, float("nan")))
             check = after
-    return check
+    return named, check
+
+
+def _late_corrections(
+    check: BeadCheck, corrections: Sequence[Named], case: Case, random: np.random.Generator
+) -> list[Named]:
+    """Corrections that are of use once effects are there, as they are without these.
+
+    Parameters
+    ----------
+    check : with effects. case : without them.
+    """
+    taken = {one.name for one in corrections}
+    found = [one for one in _corrected(check, random)[0] if one.name not in taken]
+    named: list[Named] = []
+    for one in found:
+        before = named[-1].after if named else check_bead(case, random)
+        without = with_positions(case, one.after.case.positions_nm)
+        named.append(replace(one, before=before, after=check_bead(without, random)))
+    return named
 
 
 def _named(
@@ -277,8 +323,7 @@ def _named(
         return Rejected(one, f"gains {one.gain:.0f} nats, but cannot be simulated ({error})")
     if after.p_value < min(ALARM_P, check.p_value**MORE_ODD):
         return Rejected(one, _more_odd(one, check, after))
-    alike = _alike(one.net, tried, {one.effect.name})
-    return Named(one, alike, check, after, heldout)
+    return Named(one, alike(one, tried, {one.effect.name}), check, after, heldout)
 
 
 def _too_little(one: Tried, needed: float) -> str:

@@ -72,13 +72,17 @@ class Examined:
 
 
 def diagnose(recording: Recording, *, seed: int = 0, progress: Progress | None = None) -> Mismatch:
-    """Cross-check every tethered bead and explain what differs from its simulation.
+    """Cross-check every tethered bead, one after the other, and explain what differs.
 
     Parameters
     ----------
     recording : with the drift subtracted (`mtpipe.subtract_drift`).
     seed : of the simulations.
     progress : called with (step, beads done, of how many).
+
+    Raises
+    ------
+    Nothing for what is wrong with one bead's data: why it could not be simulated is in `refused`.
     """
     found: dict[str, Explanation] = {}
     refused: dict[str, str] = {}
@@ -142,7 +146,7 @@ def bead_content(found: Explanation) -> dict[str, Any]:
     return {
         "verdict": found.verdict,
         "located": [] if found.verdict == "consistent" else located(found.before),
-        "effects": [_effect(found, one) for one in found.named],
+        "effects": [_effect(found, one) for one in sorted(found.named, key=_oddity_left)],
         "forces": _forces(found),
     }
 
@@ -191,6 +195,11 @@ def _concerned(check: BeadCheck, look: Look) -> tuple[int, ...]:
     return tuple(sorted(alone)) or look.plateaus
 
 
+def _oddity_left(one: Named) -> float:
+    """ln of how much of p an effect leaves; small where it explains much."""
+    return math.log(max(one.before.p_value, 1e-300) / max(one.after.p_value, 1e-300))
+
+
 def _effect(found: Explanation, one: Named) -> dict[str, Any]:
     return {
         "effect": one.name,
@@ -236,8 +245,8 @@ def _strengths(found: Explanation, one: Named) -> list[Strength]:
 
 def sentence(found: Explanation, one: Named) -> str:
     """What, where, how strong, and what leaving it out did to the force."""
-    places = located(found.before) if isinstance(one.found, Tried) else []
-    where = f"{_where(places[0])}: " if places else ""
+    place = _mended(one) if isinstance(one.found, Tried) else None
+    where = f"{_where(one.before, place)}: " if place is not None else ""
     fit = found.fit
     if isinstance(one.found, Tried):
         cause = one.found.effect.cause(fit.model.described(fit.theta))
@@ -262,24 +271,40 @@ def sentence(found: Explanation, one: Named) -> str:
         if found.verdict == "explained"
         else f"with {it} the recording is nearer to its simulation, but still differs"
     )
+    if len(found.named) > 1:
+        agrees += "; this one takes p from"
+        p_values = f"{one.before.p_value:.1g} to {one.after.p_value:.2g}"
+    else:
+        p_values = f"(p {one.before.p_value:.1g} → {one.after.p_value:.2g})"
     also = f" Equally possible: {', '.join(one.equivalent)}." if one.equivalent else ""
     others = f" {one.others}" if one.others else ""
-    return (
-        f"{where}{cause}; {consequence}; {agrees} "
-        f"(p {one.before.p_value:.1g} → {one.after.p_value:.2g}).{also}{others}"
-    )
+    return f"{where}{cause}; {consequence}; {agrees} {p_values}.{also}{others}"
 
 
-def _where(place: dict[str, Any]) -> str:
-    axis = f"{' and '.join(place['axis'])}" if place["axis"] else "all axes"
-    band = place["band_hz"]
+def _mended(one: Named) -> Look | None:
+    """The look whose p rises most with the effect; None where none does."""
+    after = dict(zip(one.after.looks, one.after.p_values, strict=True))
+    rises = {
+        look: math.log(max(float(after[look]), 1e-300) / max(float(p), 1e-300))
+        for look, p in zip(one.before.looks, one.before.p_values, strict=True)
+        if look in after
+    }
+    best = max(rises, key=lambda look: rises[look], default=None)
+    return best if best is not None and rises[best] > 0 else None
+
+
+def _where(check: BeadCheck, look: Look) -> str:
+    axis = " and ".join(look.axis) if look.axis else "all axes"
+    band = look.band_hz
     frequencies = "" if band is None else f", {band[0]:.2g}–{band[1]:.3g} Hz"
-    plateaus = ", ".join(str(p) for p in place["plateaus"])
-    return f"{axis}{frequencies}, plateau{'s' if len(place['plateaus']) > 1 else ''} {plateaus}"
+    numbers = [str(check.case.plateaus[k].number) for k in _concerned(check, look)]
+    return f"{axis}{frequencies}, plateau{'s' if len(numbers) > 1 else ''} {', '.join(numbers)}"
 
 
 def _forces(found: Explanation) -> list[dict[str, Any]]:
     before, after = found.before.case.fit, found.fit
+    stderr_pN = found.force_stderr_pN
+    before_pN = before.force_stderr_pN if found.named else stderr_pN
     rows = []
     for i, plateau in enumerate(found.before.case.plateaus):
         rows.append(
@@ -287,9 +312,9 @@ def _forces(found: Explanation) -> list[dict[str, Any]]:
                 "plateau": plateau.number,
                 "magnet_mm": plateau.magnet_mm,
                 "force_pN": _number(after.force_pN, i),
-                "stderr_pN": _number(found.force_stderr_pN, i),
+                "stderr_pN": _number(stderr_pN, i),
                 "force_before_pN": _number(before.force_pN, i),
-                "stderr_before_pN": _number(before.force_stderr_pN, i),
+                "stderr_before_pN": _number(before_pN, i),
             }
         )
     return rows

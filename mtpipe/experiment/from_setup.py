@@ -181,10 +181,10 @@ def _known_forces(setup: Setup) -> list[tuple[float, float]]:
 
 
 def _noise(setup: Setup, assumed: list[Notice]) -> Triple:
-    if "tracking_noise" not in setup.model.effects:
-        return (0.0, 0.0, 0.0)
-    pinned = (setup.model.model_extra or {}).get("tracking_noise", {}).get("noise_nm")
+    pinned = pinned_noise_nm(setup)
     if pinned is None:
+        if "tracking_noise" not in setup.model.effects:
+            return (0.0, 0.0, 0.0)
         lateral, _, up = TYPICAL_NOISE_NM
         assumed.append(
             Notice(
@@ -195,8 +195,28 @@ def _noise(setup: Setup, assumed: list[Notice]) -> Triple:
             )
         )
         return TYPICAL_NOISE_NM
+    return pinned
+
+
+def pinned_noise_nm(setup: Setup) -> Triple | None:
+    """Tracking noise along x, y, z that the setup pins; None where it pins none.
+
+    Raises
+    ------
+    SetupError : it is no number, and no three numbers.
+    """
+    table = (setup.model.model_extra or {}).get("tracking_noise", {})
+    wrong = sorted(set(table) - {"noise_nm"})
+    if wrong:
+        raise SetupError(
+            f"[model.tracking_noise] {wrong[0]} is no size that can be pinned",
+            mend="It has noise_nm.",
+        )
+    if not table:
+        return None
+    pinned = table["noise_nm"]
     values = pinned if isinstance(pinned, list) else [pinned] * 3
-    if len(values) != 3 or not all(isinstance(v, (int, float)) for v in values):
+    if len(values) != 3 or not all(isinstance(v, (int, float)) and v >= 0 for v in values):
         raise SetupError(
             f"[model.tracking_noise] noise_nm = {pinned!r}: a number, or one each for x, y and z, "
             "is needed"

@@ -70,6 +70,21 @@ def check_arguments(
         raise ValueError(f"tracking_noise_nm must be at least 0, got {tracking_noise_nm}")
     else:
         known = tracking_noise_nm**2
-    if friction is not None and not (friction[0] > 0 and friction[1] > 0):
-        raise ValueError(f"friction needs a positive value and standard error, got {friction}")
+    _check_friction(friction)
     return TraceArguments(x, camera, float(thermal_energy_pN_nm(temperature_K)), known, friction)
+
+
+def _check_friction(friction: object) -> None:
+    """None, or two positive numbers."""
+    if friction is None:
+        return
+    try:
+        value, stderr = friction  # type: ignore[misc]
+        sound = value > 0 and stderr > 0
+    except (TypeError, ValueError):
+        sound = False
+    if not sound:
+        raise ValueError(
+            "friction is a positive value and its standard error in pN s/nm, as in "
+            f"(2.3e-5, 0.7e-6), or None; got {friction!r}"
+        )

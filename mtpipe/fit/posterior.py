@@ -97,6 +97,11 @@ def sample_posterior(fit: TraceFit, *, seed: int | np.random.Generator = 0) -> P
     ----------
     fit : result of `fit_trace`; its model carries the priors.
     seed : seed or generator; the same seed gives the same chain.
+
+    Returns
+    -------
+    The draws and the convergence of their chains; `.stiffness` and the like are estimates (pN, nm,
+    s) from them.
     """
     generator = np.random.default_rng(seed)
     free = list(fit.model.free)

@@ -21,6 +21,11 @@ from mtpipe.notice import Notice
 from mtpipe.recording import FloatArray
 
 RATE_TOLERANCE = 0.005
+# Recordings of beads have more frames than one per second, and no camera a million.
+SLOWEST_HZ, FASTEST_HZ = 1.0, 1e6
+# A unit other than s makes the rate wrong by a power of 1000; it is known within a factor of two.
+WRONG_UNITS = {1e-3: "ms", 1e-6: "µs", 1e-9: "ns"}
+UNIT_FACTOR = 2.0
 JITTER_FRAMES = 0.1
 LONG_GAP_FRAMES = 20
 CATCH_UP_ROWS = 20
@@ -53,7 +58,7 @@ def read_clock(
     Raises
     ------
     RecordingError : stamps or numbers that repeat, go backward or are missing, a frame rate that
-        contradicts them by more than 0.5 %, or no frame rate at all.
+        contradicts them by more than 0.5 %, stamps in another unit, or no frame rate at all.
     """
     if data.frame is not None:
         return _from_frames(data, source, stated_hz, locate)
@@ -80,18 +85,25 @@ def _from_frames(
             where=locate(int(bad[0])),
         )
     notices: list[Notice] = []
+    column = _time_column(source)
     if source is not None and source.frame is not None and source.frame.restarts:
         numbers = _continued(numbers, data.starts, 1.0)
         notices.append(_restarted(len(data.starts)))
     frame = numbers.astype(np.int64)
-    _increasing(frame, "frame number", locate)
+    _increasing(
+        frame,
+        "frame number",
+        locate,
+        "the numbers count no frames, leave out [source] frame (frame = false beside a preset)",
+    )
     stamps = data.time_s
     if stamps is None or not (np.abs(stamps) < LATEST_S).all() or len(stamps) < 2:
         rate = _needed(stated_hz)
         return Clock(frame / rate, frame, rate, tuple(notices))
-    _increasing(stamps, "time", locate, repeats=source is not None and _rounded(source))
+    coarse = f"the stamps are only rounded, {_for_rounded(source)}"
+    _increasing(stamps, "time", locate, coarse, repeats=source is not None and _rounded(source))
     rate = float((frame[-1] - frame[0]) / (stamps[-1] - stamps[0]))
-    rate = _agreed(rate, stated_hz, len(stamps), stamps, notices)
+    rate = _agreed(rate, stated_hz, stamps, column, notices)
     return Clock(stamps, frame, rate, tuple(notices))
 
 
@@ -107,24 +119,24 @@ def _from_stamps(
         raise RecordingError(
             f"{len(missing)} of {len(stamps)} time stamps are missing or infinite",
             where=locate(int(missing[0])),
-            mend="Leave those rows out, or describe the file without its time column.",
+            mend=f"Leave those rows out ([source] skip_rows), or {_without_stamps(source)}.",
         )
     notices: list[Notice] = []
     if source is not None and source.time is not None and source.time.restarts:
         stamps = _continued(stamps, data.starts, 1 / _needed(stated_hz))
         notices.append(_restarted(len(data.starts)))
     rounded = source is not None and _rounded(source)
-    _increasing(stamps, "time", locate, repeats=rounded)
+    coarse = f"the stamps are only rounded, {_for_rounded(source)}"
+    _increasing(stamps, "time", locate, coarse, repeats=rounded)
     n = len(stamps)
     if n < 2:
         return Clock(stamps, np.zeros(n, dtype=np.int64), _needed(stated_hz), tuple(notices))
     if rounded:
         derived = (n - 1) / (stamps[-1] - stamps[0]) if stamps[-1] > stamps[0] else 0.0
-        frame = np.arange(n, dtype=np.int64)
     else:
         derived = _rate(stamps)
-        frame = frames_of(stamps, stated_hz if stated_hz is not None else derived)
-    rate = _agreed(float(derived), stated_hz, n, stamps, notices)
+    rate = _agreed(float(derived), stated_hz, stamps, _time_column(source), notices)
+    frame = np.arange(n, dtype=np.int64) if rounded else frames_of(stamps, rate)
     notices += _irregular(stamps, frame, rate, rounded)
     time_s = stamps[0] + frame / rate if rounded else stamps
     return Clock(time_s, frame, rate, tuple(notices))
@@ -173,6 +185,20 @@ def _rate(stamps: FloatArray) -> float:
     return rate
 
 
+def _without_stamps(source: Source | None) -> str:
+    """What to do with a file whose stamps are of no use."""
+    if source is None or not source.beads:
+        return "put a column frame, with the number of each frame, in place of time_s"
+    return "describe the file without its time column"
+
+
+def _for_rounded(source: Source | None) -> str:
+    """What to do with stamps so coarse that neighbours are equal."""
+    if source is None or not source.beads:
+        return _without_stamps(source)
+    return "describe the time column in [source.time] with rounded = true"
+
+
 def _rounded(source: Source) -> bool:
     return source.time is not None and source.time.rounded
 
@@ -186,13 +212,34 @@ def _needed(stated_hz: float | None) -> float:
     return stated_hz
 
 
+def _time_column(source: Source | None) -> tuple[str, str]:
+    """What the column of time stamps is called, and how its unit is corrected."""
+    if source is None or source.time is None:
+        return "time_s", "Write time_s in s."
+    return f"column {source.time.column}", "Correct unit in [source.time]."
+
+
 def _agreed(
-    derived_hz: float, stated_hz: float | None, n: int, stamps: FloatArray, notices: list[Notice]
+    derived_hz: float,
+    stated_hz: float | None,
+    stamps: FloatArray,
+    column: tuple[str, str],
+    notices: list[Notice],
 ) -> float:
-    """The rate to go on with; notes one that was derived, refuses one that contradicts."""
+    """The rate to go on with; notes one that was derived, refuses one that cannot be."""
+    n = len(stamps)
+    name, mend = column
     if stated_hz is None:
         if n < FEWEST_STAMPS:
             return _needed(None)
+        if not SLOWEST_HZ <= derived_hz <= FASTEST_HZ:
+            few = derived_hz < SLOWEST_HZ
+            raise RecordingError(
+                f"by its time stamps the recording has {derived_hz:.3g} frames per second, which "
+                f"are too {'few' if few else 'many'}: {name} seems not to be in "
+                f"{'s (but in ms or µs?)' if few else 'the unit that is stated'}",
+                mend=f"{mend} If the stamps are right, give camera.frame_rate_hz.",
+            )
         notices.append(
             Notice(
                 "frame_rate_derived",
@@ -202,19 +249,28 @@ def _agreed(
             )
         )
         return derived_hz
-    if n >= FEWEST_STAMPS and abs(derived_hz / stated_hz - 1) > RATE_TOLERANCE:
-        raise RecordingError(
-            f"the setup says {stated_hz:g} frames per second, the time stamps say "
-            f"{derived_hz:.6g} ({100 * (derived_hz / stated_hz - 1):+.2g} %)",
-            mend='Correct camera.frame_rate_hz (or write "unknown" to use the stamps).',
-        )
-    return stated_hz
+    ratio = derived_hz / stated_hz
+    if n < FEWEST_STAMPS or abs(ratio - 1) <= RATE_TOLERANCE:
+        return stated_hz
+    said = f"the setup says {stated_hz:g} frames per second, the time stamps say {derived_hz:.6g}"
+    for factor, unit in WRONG_UNITS.items():
+        if 1 / UNIT_FACTOR < ratio / factor < UNIT_FACTOR:
+            raise RecordingError(
+                f"{said}: {name} seems to be in {unit}, not in s",
+                mend=mend,
+            )
+    near = 1 / UNIT_FACTOR < ratio < UNIT_FACTOR
+    raise RecordingError(
+        f"{said} ({f'{100 * (ratio - 1):+.3g} %' if near else f'{ratio:.4g} times that'})",
+        mend='Correct camera.frame_rate_hz (or write "unknown" to use the stamps).',
+    )
 
 
 def _increasing(
     values: FloatArray | NDArray[np.int64],
     what: str,
     locate: Callable[[int], str],
+    otherwise: str,
     repeats: bool = False,
 ) -> None:
     back = np.flatnonzero(values[1:] < values[:-1])
@@ -232,14 +288,7 @@ def _increasing(
         raise RecordingError(
             f"the {what} {values[row]:.10g} occurs twice{more}",
             where=locate(row),
-            mend="Leave out the row that is double; if "
-            + (
-                "the numbers count no frames, leave out [source] frame (frame = false beside a "
-                "preset)."
-                if what == "frame number"
-                else "the stamps are only rounded, describe the time column in [source.time] with "
-                "rounded = true."
-            ),
+            mend=f"Leave out the row that is double; if {otherwise}.",
         )
 
 

@@ -121,7 +121,10 @@ def canonical_columns(names: Names) -> Assignment:
     ]
     place = {n: names.names.index(n) if n in names.names else -1 for n in names.names}
     time, frame = place.get("time_s", -1), place.get("frame", -1)
-    hint = f"It has: {_some(names.names)}. Files of another layout need a [source] table."
+    hint = (
+        f"It has: {_some(names.names)}. Files of another layout need a [source] table that names "
+        "the beads' columns."
+    )
     if time < 0 and frame < 0:
         raise RecordingError("has no column time_s or frame", where=names.where, mend=hint)
     if not found:

@@ -32,8 +32,6 @@ from mtpipe.plateaus import find_plateaus
 from mtpipe.recording import Recording
 from mtpipe.setup import Camera, Measured, Setup
 
-CANONICAL_TEXT = Layout(format="text", delimiter="comma", header=True)
-
 
 def read_recording(path: Path, setup: Path | str | Setup | None) -> Recording:
     """Read a recording; parameters and errors as in `mtpipe.ingest.load`."""
@@ -72,7 +70,8 @@ def _settled(found: Found) -> tuple[Found, tuple[Notice, ...]]:
 def _open(files: tuple[Path, ...], source: Source | None) -> list[OpenTable]:
     if source is not None and source.preset == MAGSCOPE_HDF5:
         return list(open_magscope(files))
-    layout = source if source is not None and source.beads else CANONICAL_TEXT
+    stated = source if source is not None else Source()
+    layout = stated if stated.beads else stated.canonical_text
     return [open_table(file, layout, source.lost.tokens if source else ()) for file in files]
 
 
@@ -88,13 +87,13 @@ def open_table(path: Path, layout: Layout, lost_tokens: tuple[str, ...] = ()) ->
     kind = kind_of(path)
     stated = layout.format
     table: OpenTable
-    if stated not in (None, "canonical", kind) and layout is not CANONICAL_TEXT:
+    if stated not in (None, "canonical", kind):
         raise RecordingError(
             f"is {_KINDS[kind]}, not {stated}",
             where=str(path),
             mend="Correct [source] format, or the preset that says so.",
         )
-    if layout is CANONICAL_TEXT and kind not in ("text", "parquet"):
+    if stated == "canonical" and kind not in ("text", "parquet"):
         raise RecordingError(
             f"is {_KINDS[kind]}", where=str(path), mend="Describe it in a [source] table."
         )
@@ -131,6 +130,9 @@ def _assembled(
     locate: Callable[[int], str],
 ) -> Recording:
     source = setup.source
+    rows = len(next(iter(data.positions_nm.values())))
+    if rows < 2:
+        raise RecordingError("has one row of numbers, and motion takes many")
     clock = read_clock(data, source, setup.camera.frame_rate_hz.value, locate)
     magnets = read_magnets(data, clock.time_s, clock.rate_hz, source, files, folder, open_table)
     positions = _without(data, source)
@@ -154,6 +156,12 @@ def _assembled(
     said: tuple[Notice, ...] = ()
     if source is None or not source.beads:
         tracked, said = read_tracked(files)
+        if tracked is None and source is not None and (source.z_zero or source.z_zero_of):
+            raise SetupError(
+                "[source] z_zero: in a canonical recording z is the height above the surface "
+                "already, and is not shifted",
+                mend="Leave z_zero out, or say in [source] beads which columns are what.",
+            )
         recording = dataclasses.replace(recording, tracked=tracked)
     surface = find_surface(recording)
     for bead, height in surface.height_nm.items():
@@ -200,6 +208,11 @@ def _no_plateau(recording: Recording) -> RecordingError:
         return RecordingError(
             f"the recording lasts {total:.3g} s, a plateau at least {choice.minimum_s:g} s",
             mend="Lower [plateaus] minimum_s.",
+        )
+    if not np.isfinite(recording.magnet_mm).any():
+        return RecordingError(
+            "the magnets have no position in any row",
+            mend="Fill it in; if they rested all the time, leave the column out.",
         )
     steps = np.abs(np.diff(recording.magnet_mm))
     steps = steps[np.isfinite(steps)]

@@ -289,7 +289,7 @@ class Source(Layout):
 
     With `preset` the table is that of an instrument, and keys that stand beside it override it.
     Without `beads` the files are canonical, and the table only says which files, rows and beads
-    to take. Rows count from 1 through all files, both ends included, before any is left out.
+    to take, and how text is written. Rows count from 1 through all files, both ends included, before any is left out.
     """
 
     preset: str | None = None
@@ -307,6 +307,20 @@ class Source(Layout):
     skip_rows: tuple[Rows, ...] = ()
     z_zero: ZZero | None = None
     z_zero_of: dict[str, ZZero] = Field(default_factory=dict)
+
+    @property
+    def canonical_text(self) -> Layout:
+        """How the text of canonical files is written: with commas unless the table says else."""
+        marks = self.delimiter is None and self.decimal == "."
+        return Layout(
+            format="canonical",
+            delimiter="comma" if marks else self.delimiter,
+            decimal=self.decimal,
+            encoding=self.encoding,
+            header=True,
+            skip_lines=self.skip_lines,
+            comment=self.comment,
+        )
 
     @property
     def knows_its_files(self) -> bool:
@@ -335,8 +349,13 @@ class Source(Layout):
             raise ValueError(
                 f'beads is missing: which columns of the "{self.format}" file are they?'
             )
-        elif {"time", "frame", "magnet", "units", "scale"} & self.model_fields_set:
+        elif {"time", "frame", "magnet", "rotation", "units", "scale"} & self.model_fields_set:
             raise ValueError("beads is missing: which columns are the beads' positions?")
+        elif self.header is False:
+            raise ValueError(
+                "header: a canonical file has a line of column names; if yours has none, beads is "
+                "missing: which columns are the beads' positions?"
+            )
         return self
 
     def _axes_have_units(self) -> None:

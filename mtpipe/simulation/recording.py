@@ -68,6 +68,7 @@ def simulate(
 
     Parameters
     ----------
+    setup : as `mtpipe.read_setup` gives it.
     forces_pN : force of each plateau, in time order.
     frames : per plateau.
     seed : the same seed gives the same recording.

@@ -30,8 +30,10 @@ import pandas as pd
 from scipy import stats
 
 import mtpipe
+from mtpipe.diagnosis.explain import ALARM_P
 
-LEVELS = (0.01, 0.05, 0.1)
+# The first is the diagnosis's own.
+LEVELS = (ALARM_P, 0.01, 0.05, 0.1)
 NOTICED_BELOW = 0.01
 SPLITS = ("engine", "radius_nm", "contour_nm", "noise listed", "frames")
 Job = tuple[Any, ...]
@@ -77,7 +79,7 @@ def main() -> None:
     if noticed:
         blocks["power"] = power_table(noticed)
     command = (
-        f"python workflows/crosscheck/study.py --clean {choice.clean} "
+        f"python workflows/crosscheck/study.py --results DIR --clean {choice.clean} "
         f"--repeats {choice.repeats} --seed {choice.seed}"
     )
     printed = f"Printed {datetime.now(UTC):%Y-%m-%d} by mtpipe {mtpipe.__version__}: `{command}`."

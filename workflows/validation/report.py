@@ -17,7 +17,7 @@ from typing import Any
 
 import numpy as np
 import pandas as pd
-from recordings import Outcome
+from recordings import SHARED, Outcome
 from scipy import stats
 from traces import RELAXATION_OVER_TRACE, Case
 
@@ -137,9 +137,10 @@ def recording_forces_table(outcomes: Sequence[Outcome]) -> str:
         for low, high in itertools.pairwise(RELAXATION_BANDS)
     ]
     groups += [
-        ("along the field (x)", rows[rows.axis == "x"]),
-        ("across (y), bead held", rows[(rows.axis == "y") & ~rows.rotation]),
-        ("across (y), bead turns", rows[(rows.axis == "y") & rows.rotation]),
+        ("one of x and y, bead held", rows[(rows.axis == SHARED) & ~rows.rotation]),
+        ("one of x and y, bead turns", rows[(rows.axis == SHARED) & rows.rotation]),
+        ("x by itself", rows[rows.axis == "x"]),
+        ("y by itself", rows[rows.axis == "y"]),
     ]
     lines = []
     for name, group in groups:
@@ -227,10 +228,10 @@ def challenge_table(answers: Sequence[tuple[list[dict[str, object]], dict[str, A
     if not answers:
         return "The challenge set does not lie beside this checkout: left out."
     rows = pd.DataFrame([row for forces, _ in answers for row in forces])
-    lines = []
-    for (case, plateau), pair in rows.groupby(["case", "plateau"], sort=False):
-        x, y = (pair[pair.axis == axis].iloc[0] for axis in "xy")
-        lines.append([str(case), str(plateau), f"{x.true_pN:.3f}", _force(x), _force(y)])
+    lines = [
+        [row.case, str(row.plateau), f"{row.true_pN:.3f}", row.axis, _force(row)]
+        for row in rows.itertuples()
+    ]
     got = rows[rows.measured]
     tethers = [
         [row["case"], f"{row['contour_true']:g}", _length(row["contour"]),
@@ -241,8 +242,7 @@ def challenge_table(answers: Sequence[tuple[list[dict[str, object]], dict[str, A
     ]  # fmt: skip
     return "\n\n".join([
         table(
-            "case | plateau | true force (pN) | F_x, 68 % interval, pull"
-            " | F_y, 68 % interval, pull",
+            "case | plateau | true force (pN) | axis | force, 68 % interval, pull",
             lines,
         ),
         f"{got.holds_68.sum()} of {len(got)} within 68 %, {got.holds_95.sum()} within 95 %, mean "

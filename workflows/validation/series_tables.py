@@ -45,7 +45,8 @@ def joint_table(cases: Sequence[Case], rows: pd.DataFrame) -> str:
                 f"{percent(one.fit_holds)}, {percent(one.posterior_holds)}",
             ])  # fmt: skip
     coordinates = table(
-        "series | quantity | corner / Nyquist, x | bound | bound stated in the issue"
+        "series | quantity | corner / Nyquist, x | bound"
+        " | bound without the scatter of the friction"
         " | rms error / bound | bias (%, noise nm²) | 68 %: fit, posterior",
         lines,
     )

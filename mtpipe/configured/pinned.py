@@ -1,0 +1,80 @@
+"""Sizes of effects that the setup pins in `[model.<effect>]`: they are taken, and not fitted.
+
+They go by the names under which the diagnosis reports them.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
+from functools import partial
+
+from scipy import optimize
+
+from mtpipe.effects.effect import Effect, Evidence, Hypothesis
+from mtpipe.errors import SetupError
+from mtpipe.experiment.description import Experiment
+from mtpipe.experiment.parameter import Parameter
+
+
+def with_pinned(effect: Effect, sizes: Mapping[str, float]) -> Effect:
+    """The effect with some of its sizes held.
+
+    Parameters
+    ----------
+    sizes : by name, in the unit that the effect reports it in.
+
+    Raises
+    ------
+    SetupError : its hypotheses do, where a size has no such name or cannot be.
+    """
+    return replace(effect, hypotheses=partial(_hypotheses, effect, dict(sizes)))
+
+
+def _hypotheses(
+    effect: Effect, sizes: Mapping[str, float], experiment: Experiment, evidence: Evidence
+) -> Sequence[Hypothesis]:
+    found = list(effect.hypotheses(experiment, evidence))
+    for name, size in sizes.items():
+        found = [_held(effect, hypothesis, name, size) for hypothesis in found]
+    return found
+
+
+def _held(effect: Effect, hypothesis: Hypothesis, name: str, size: float) -> Hypothesis:
+    """The hypothesis without the parameter that sets this size, which is what it is to be."""
+    for parameter in hypothesis.parameters:
+        short = partial(_short, effect, hypothesis.experiment, parameter, name, size)
+        lowest, highest = short(parameter.lower), short(parameter.upper)
+        if lowest == highest:
+            continue
+        if lowest * highest > 0:
+            limits = sorted((lowest + size, highest + size))
+            raise SetupError(
+                f"[model.{effect.name}] {name} = {size:g} cannot be",
+                mend=f"Write a number between {limits[0]:.4g} and {limits[1]:.4g}.",
+            )
+        value = optimize.brentq(short, parameter.lower, parameter.upper, xtol=1e-12, rtol=1e-12)
+        return replace(
+            hypothesis,
+            experiment=parameter.change(hypothesis.experiment, float(value)),
+            parameters=tuple(other for other in hypothesis.parameters if other is not parameter),
+        )
+    names = ", ".join(known for known, _, _ in effect.strengths(hypothesis.experiment))
+    raise SetupError(
+        f"[model.{effect.name}] {name} is no size that can be pinned",
+        mend=f"It has {names}." if names else "It has none.",
+    )
+
+
+def _short(
+    effect: Effect,
+    experiment: Experiment,
+    parameter: Parameter,
+    name: str,
+    size: float,
+    value: float,
+) -> float:
+    """By how much a size misses what it is to be with a parameter at a value; 0 without it."""
+    changed = parameter.change(experiment, value)
+    sizes = {known: strength for known, strength, _ in effect.strengths(changed)}
+    return sizes[name] - size if name in sizes else 0.0
