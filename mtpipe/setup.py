@@ -156,7 +156,7 @@ class Tether(Section):
 
     @model_validator(mode="after")
     def _lengths_are_in_nm(self) -> Tether:
-        _within("contour_length_nm", self.contour_length_nm, 20, 1_000_000, "nm")
+        _within("contour_length_nm", self.contour_length_nm, 20, 500_000, "nm")
         _within("persistence_length_nm", self.persistence_length_nm, 0.2, 100_000, "nm")
         return self
 

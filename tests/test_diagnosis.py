@@ -283,3 +283,24 @@ def test_what_alternatives_make_of_a_force_is_in_its_error():
     expected = np.sqrt(one.fit.force_stderr_pN**2 + chain + apart**2 / 2)
     np.testing.assert_allclose(both.force_stderr_pN, expected, rtol=1e-6)
     assert both.named[0].equivalent == ("lateral_scale",)
+
+
+def test_pixel_locking_is_found_beside_an_effect_that_hides_what_it_does():
+    """With the rotation missing, p hardly rises where the tracker's response is undone."""
+    silent = parse_setup(setup_content(model={"effects": ["wall_drag", "tracking_noise"]}))
+    experiment, _ = experiment_of(SETUP, FORCES_PN, FRAMES, formula=FORMULAS[0])
+    simulated = simulate_experiment(experiment, SETUP, 5)
+    period_nm, size_nm = 100.0, 4.0
+
+    def tracked(xyz):
+        locked = size_nm * np.sin(2 * np.pi * xyz[:, :2] / period_nm)
+        return np.column_stack([xyz[:, :2] + locked, xyz[:, 2]])
+
+    positions = {
+        bead: tracked(xyz) if bead in simulated.tethered else xyz
+        for bead, xyz in simulated.positions_nm.items()
+    }
+    concealed = replace(simulated, setup=silent, positions_nm=positions)
+    found = mtpipe.diagnose(mtpipe.subtract_drift(concealed), seed=1).beads["b1"]
+    assert {one.name for one in found.named} == {"pixel_locking", "rotation_coupling"}
+    assert found.verdict == "explained"

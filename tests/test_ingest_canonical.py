@@ -209,3 +209,42 @@ def test_setup_is_the_one_beside_the_recording(tmp_path):
         load(path)
     with pytest.raises(RecordingError, match="no such file"):
         load(tmp_path / "absent.csv", setup_of())
+
+
+@pytest.mark.parametrize(
+    ("source", "mark", "decimal", "encoding", "before"),
+    [
+        ({"delimiter": "semicolon", "decimal": ","}, ";", ",", "utf-8", []),
+        ({"decimal": ","}, ";", ",", "utf-8", []),
+        ({"delimiter": "tab"}, "\t", ".", "utf-8", []),
+        ({"encoding": "utf-16"}, ",", ".", "utf-16", []),
+        ({"skip_lines": 1, "comment": "%"}, ",", ".", "utf-8", ["about it", "% more"]),
+        ({"leave_out": ["ref1"]}, ",", ".", "utf-8", []),
+    ],
+)
+def test_canonical_columns_may_be_written_otherwise(
+    tmp_path, source, mark, decimal, encoding, before
+):
+    positions = motion(200)
+    lines = [one.replace(".", decimal) for one in canonical_lines(positions)]
+    if mark != ",":
+        points = [one.replace(".", "!") for one in canonical_lines(positions)]
+        lines = [one.replace(",", mark).replace("!", decimal) for one in points]
+    path = write(tmp_path / "r.csv", [*before, *lines], encoding)
+    recording = load(path, setup_of(source, reference=()))
+    np.testing.assert_array_equal(recording.positions_nm["b1"], positions["b1"])
+
+
+@pytest.mark.parametrize(
+    ("source", "words"),
+    [
+        ({"header": False}, "header: a canonical file has a line of column names"),
+        ({"rotation": {"column": 1, "unit": "turn"}}, "beads is missing"),
+        ({"z_zero": {"value_nm": 100.0}}, "z_zero: in a canonical recording z is the height"),
+        ({"z_zero_of": {"b1": {"unknown": True}}}, "z_zero: in a canonical recording"),
+    ],
+)
+def test_what_a_canonical_recording_cannot_follow_is_refused(tmp_path, source, words):
+    path = write(tmp_path / "r.csv", canonical_lines(motion(200)))
+    with pytest.raises(SetupError, match=words):
+        load(path, setup_of(source))

@@ -166,3 +166,87 @@ def test_coarse_positions_come_back_by_chance_and_are_not_told(tmp_path):
     random = np.random.default_rng(3)
     positions = {bead: 5.0 * random.integers(1, 3, size=(900, 3)) for bead in ("b1", "ref1")}
     assert "repeated_rows" not in codes(read(tmp_path, positions))
+
+
+@pytest.mark.parametrize(("factor", "unit"), [(1e3, "ms"), (1e6, "µs"), (1e9, "ns")])
+def test_stamps_that_are_not_in_seconds_are_named(tmp_path, factor, unit):
+    time = [repr(factor * i / RATE) for i in range(400)]
+    with pytest.raises(RecordingError, match=rf"time_s seems to be in {unit}, not in s") as caught:
+        read(tmp_path, motion(400), time=time)
+    assert "unknown" not in str(caught.value)
+    with pytest.raises(RecordingError, match=r"too few: time_s .*ms or µs") as caught:
+        read(tmp_path, motion(400), setup_of(rate="unknown"), time=time)
+
+
+def test_a_rate_of_no_camera_is_refused_where_it_is_taken_from_the_stamps(tmp_path):
+    time = [repr(1e-6 * i / RATE) for i in range(400)]
+    with pytest.raises(RecordingError, match="1e.08 frames per second, which are too many"):
+        read(tmp_path, motion(400), setup_of(rate="unknown"), time=time)
+    with pytest.raises(RecordingError, match=r"\(1e.06 times that\)"):
+        read(tmp_path, motion(400), time=time)
+    assert read(tmp_path, motion(400), setup_of(rate="unknown")).setup.camera.frame_rate_hz.known
+
+
+def test_a_canonical_file_with_coarse_stamps_is_told_what_it_can_do(tmp_path):
+    time = [f"{i // 2 / RATE:.4f}" for i in range(400)]
+    with pytest.raises(RecordingError, match="occurs twice") as caught:
+        read(tmp_path, motion(400), time=time)
+    assert "a column frame" in caught.value.mend
+    assert "rounded" not in caught.value.mend
+    lines = canonical_lines(motion(400), time=[str(i) for i in range(400)])
+    lines[0] = lines[0].replace("time_s", "frame")
+    assert len(load(write(tmp_path / "f.csv", lines), setup_of()).time_s) == 400
+
+
+def test_frame_numbers_beside_stamps_that_are_missing_are_told(tmp_path):
+    time = [f"{i},{i / RATE:.4f}" for i in range(400)]
+    time[50] = "50,"
+    lines = canonical_lines(motion(400), time=time)
+    lines[0] = f"frame,{lines[0]}"
+    recording = load(write(tmp_path / "f.csv", lines), setup_of())
+    (said,) = [n for n in recording.notices if n.code == "stamps_not_used"]
+    assert (said.severity, "1 of 400" in said.message) == ("caution", True)
+    np.testing.assert_allclose(recording.time_s, np.arange(400) / RATE)
+
+
+def test_magnets_without_any_position_and_a_single_row_are_refused(tmp_path):
+    with pytest.raises(RecordingError, match="magnets have no position in any row"):
+        read(tmp_path, motion(400), magnet=[""] * 400)
+    with pytest.raises(RecordingError, match="has one row"):
+        read(tmp_path, motion(1))
+
+
+def test_a_plateau_that_is_lost_with_its_magnet_position_is_told(tmp_path):
+    magnet = [2.0] * 150 + [""] * 250
+    recording = read(tmp_path, motion(400), magnet=magnet)
+    assert [(p.start, p.stop) for p in recording.plateaus] == [(0, 150)]
+    (said,) = [n for n in recording.notices if n.code == "magnet_missing"]
+    assert said.severity == "caution"
+    assert "250 of 400 frames (2.5 s)" in said.message
+    positions = motion(400)
+    for xyz in positions.values():  # frames in which nothing was seen are no loss
+        xyz[150:] = np.nan
+    assert "magnet_missing" not in codes(read(tmp_path, positions, magnet=magnet))
+
+
+@pytest.mark.parametrize("name", ["Magnet_mm", "magnet_um", "magnet", "mag_mm", "temperature_K"])
+def test_a_misspelt_magnet_column_is_named(tmp_path, name):
+    lines = canonical_lines(motion(400), magnet=[2.0] * 400)
+    lines[0] = lines[0].replace("magnet_mm", name)
+    recording = load(write(tmp_path / "r.csv", lines), setup_of())
+    said = [n for n in recording.notices if n.code == "magnet_not_used"]
+    if name == "temperature_K":
+        assert not said
+    else:
+        assert (said[0].severity, name in said[0].message) == ("caution", True)
+        assert "magnet_mm, in mm" in said[0].message
+
+
+def test_heights_in_micrometres_are_remarked_on(tmp_path):
+    positions = motion(400, beads=("b1", "b2", "ref1"))
+    for bead in ("b1", "b2"):
+        positions[bead][:, 2] /= 1000
+    recording = read(tmp_path, positions)
+    (said,) = [n for n in recording.notices if n.code == "unit"]
+    assert (said.severity, said.bead, said.axis) == ("caution", None, "z")
+    assert "height of b1, b2 changes by no more than" in said.message

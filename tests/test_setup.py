@@ -6,9 +6,10 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from mtpipe.errors import MtpipeError, SetupError
+from mtpipe.errors import MtpipeError, NoSetupError, SetupError
 from mtpipe.setup import EFFECTS, parse_setup, read_setup
 from tests.simulated import setup_content
+from tests.stack_images import setup_text
 
 
 def test_standard_errors_and_unknowns():
@@ -55,6 +56,16 @@ def test_a_dumped_setup_reads_back_as_itself():
         ({"drift": {"method": "reference", "cutoff_hz": -1.0}}, ["cutoff_hz", "positive"]),
         ({"plateaus": {"minimum_s": 0}}, ["plateaus.minimum_s"]),
         ({"magnet": [{"position_mm": 1.0}]}, ["magnet.0.force_pN", "missing"]),
+        ({"magnet": {"position_mm": 1.0, "force_pN": 2.0}}, ["write [[magnet]] in place of"]),
+        ({"beads": {"radius_nm": 500, "reference": "r"}}, ["reference] must be a list, as in"]),
+        ({"field": "x"}, ["[field] must be a table", "got 'x'"]),
+        ({"plateaus": {"minimum_s": "long"}}, ["must be a valid number, got 'long'"]),
+        ({"tether": {"contour_length_nm": 2.7, "persistence_length_nm": 50.0}}, ["2.7", "unit"]),
+        ({"tether": {"contour_length_nm": 2700, "persistence_length_nm": 0.05}}, ["0.05", "unit"]),
+        (
+            {"magnet": [{"position_mm": 3.0, "force_pN": f} for f in (4.1, 5.1)]},
+            ["[[magnet]] gives the position 3 mm two forces, 4.1 and 5.1 pN"],
+        ),
     ],
 )  # fmt: skip
 def test_faults_name_their_key(changes, words):
@@ -62,6 +73,40 @@ def test_faults_name_their_key(changes, words):
         parse_setup(setup_content(**changes))
     for word in words:
         assert word in str(caught.value)
+    assert "nput should" not in str(caught.value)
+
+
+@pytest.mark.parametrize(
+    ("table", "mend"), [("schema", "write schema = 1"), ("field", "[field] is missing")]
+)
+def test_what_is_missing_and_cannot_be_unknown_is_not_advised_to_be(table, mend):
+    content = setup_content()
+    del content[table]
+    with pytest.raises(SetupError) as caught:
+        parse_setup(content)
+    assert mend in str(caught.value)
+    assert "unknown" not in str(caught.value)
+
+
+def test_one_force_may_stand_twice_and_chains_of_all_kinds_pass():
+    magnets = [{"position_mm": 3.0, "force_pN": 4.1}, {"position_mm": 3.0, "force_pN": 4.1}]
+    assert len(parse_setup(setup_content(magnet=magnets)).magnet) == 2
+    for contour, persistence in ((50.0, 0.4), (10_000.0, 17_000.0), (100_000.0, 50.0)):
+        tether = {"contour_length_nm": contour, "persistence_length_nm": persistence}
+        assert parse_setup(setup_content(tether=tether)).tether.contour_length_nm.value == contour
+
+
+def test_a_byte_order_mark_is_passed_over(tmp_path):
+    plain, marked = tmp_path / "plain.toml", tmp_path / "marked.toml"
+    plain.write_text(setup_text(), encoding="utf-8")
+    marked.write_text(setup_text(), encoding="utf-8-sig")
+    assert read_setup(marked) == read_setup(plain)
+
+
+def test_no_setup_where_one_should_be_is_a_wrong_call(tmp_path):
+    for path in (tmp_path / "setup.toml", tmp_path):
+        with pytest.raises(NoSetupError):
+            read_setup(path)
 
 
 def test_exposure_rounded_to_a_tenth_of_a_percent_is_forgiven():

@@ -62,7 +62,8 @@ def test_the_commands(tracked, scan, tmp_path):
 
 def test_a_series_may_be_run_by_the_pattern_of_its_names(tmp_path):
     (tmp_path / "setup.toml").write_text(setup_text())
-    missing = ["run", str(tmp_path / "film_*.tif"), "--out", str(tmp_path / "out")]
-    done = CliRunner().invoke(app, missing)
+    (tmp_path / "film_1.tif").write_bytes(b"II*\x00")
+    series = ["run", str(tmp_path / "film_*.tif"), "--out", str(tmp_path / "out")]
+    done = CliRunner().invoke(app, series)
     assert isinstance(done.exception, RecordingError)
-    assert "no file has a name of this pattern" in str(done.exception)
+    assert "film_1.tif" in str(done.exception)

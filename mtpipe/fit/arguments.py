@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from typing import Literal
+from typing import Any, Literal
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -74,12 +74,12 @@ def check_arguments(
     return TraceArguments(x, camera, float(thermal_energy_pN_nm(temperature_K)), known, friction)
 
 
-def _check_friction(friction: object) -> None:
+def _check_friction(friction: Any) -> None:
     """None, or two positive numbers."""
     if friction is None:
         return
     try:
-        value, stderr = friction  # type: ignore[misc]
+        value, stderr = friction
         sound = value > 0 and stderr > 0
     except (TypeError, ValueError):
         sound = False

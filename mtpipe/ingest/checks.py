@@ -19,6 +19,8 @@ from mtpipe.setup import Setup
 
 WIDEST_NM = 10_000.0
 QUIETEST_NM = 0.5
+STILL_NM = 2.0
+LONG_TETHER_NM = 100.0
 LOST_CAUTION = 0.05
 LOST_WARNING = 0.5
 MOVING_SHARE = 0.5
@@ -67,6 +69,7 @@ def check_beads(positions_nm: Mapping[str, FloatArray], setup: Setup, rate_hz: f
     reference = set(setup.beads.reference)
     spread = {bead: _block_spread(xyz, rate_hz) for bead, xyz in kept.items()}
     notices += _check_units({b: xyz for b, xyz in kept.items() if b not in reference}, setup)
+    notices += _check_heights({b: xyz for b, xyz in kept.items() if b not in reference}, setup)
     notices += _check_references(spread, reference)
     notices += [n for bead, xyz in kept.items() for n in _lost(bead, xyz)]
     return Sound(kept, tuple(notices))
@@ -186,6 +189,33 @@ def _check_units(tethered: Mapping[str, FloatArray], setup: Setup) -> list[Notic
             "[source.units]).",
         )
     return notices
+
+
+def _check_heights(tethered: Mapping[str, FloatArray], setup: Setup) -> list[Notice]:
+    """Heights that hardly change, as if they were in µm; x and y are told by `_check_units`.
+
+    At the highest forces the height of a short tether may fluctuate by no more than a nm, but the
+    tracker's noise does not.
+    """
+    length = setup.tether.contour_length_nm.value
+    if length is None or length <= LONG_TETHER_NM:
+        return []
+    still = {}
+    for bead, xyz in tethered.items():
+        z = _sampled(xyz[:, 2])
+        if not np.isnan(z).all():
+            low, high = np.nanquantile(z, [0.001, 0.999])
+            if high - low < STILL_NM:
+                still[bead] = float(high - low)
+    if not still:
+        return []
+    said = (
+        f"The height of {_listed(list(still))} changes by no more than "
+        f"{max(still.values()):.2g} nm in the whole recording, on a tether of {length:g} nm: z may "
+        "not be in nm."
+    )
+    # of the recording: a wrong unit is seldom that of one bead
+    return [Notice("unit", "caution", said, axis="z")]
 
 
 def _check_references(spread: Mapping[str, float], reference: set[str]) -> list[Notice]:

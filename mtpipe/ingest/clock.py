@@ -97,8 +97,15 @@ def _from_frames(
         "the numbers count no frames, leave out [source] frame (frame = false beside a preset)",
     )
     stamps = data.time_s
-    if stamps is None or not (np.abs(stamps) < LATEST_S).all() or len(stamps) < 2:
+    missing = 0 if stamps is None else int(np.count_nonzero(~(np.abs(stamps) < LATEST_S)))
+    if stamps is None or missing:
         rate = _needed(stated_hz)
+        if missing:
+            said = (
+                f"{missing} of {len(frame)} time stamps are missing, so none is used: times are "
+                f"frame numbers at {rate:g} Hz."
+            )
+            notices.append(Notice("stamps_not_used", "caution", said))
         return Clock(frame / rate, frame, rate, tuple(notices))
     coarse = f"the stamps are only rounded, {_for_rounded(source)}"
     _increasing(stamps, "time", locate, coarse, repeats=source is not None and _rounded(source))

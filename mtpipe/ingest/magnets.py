@@ -61,6 +61,7 @@ def read_magnets(
         position, logged_turns, said = _from_log(source, time_s, files, folder, open_table)
         turns = turns if logged_turns is None else logged_turns
         notices += said
+    notices += _missing(position, data, rate_hz)
     if position is None:
         said_none = "There is no magnet position: the whole recording is taken as one plateau."
         notices.append(Notice("no_magnet", "info", said_none))
@@ -73,6 +74,23 @@ def read_magnets(
         said_away = f"The magnets rotate during {away / rate_hz:.3g} s: no plateau there."
         notices.append(Notice("rotation", "info", said_away))
     return Magnets(position, resting, tuple(notices))
+
+
+def _missing(position: FloatArray | None, data: Collected, rate_hz: float) -> list[Notice]:
+    """Say where beads were seen and nothing was written of the magnets."""
+    if position is None or position is not data.magnet_mm or np.isfinite(position).all():
+        return []
+    seen = np.zeros(len(position), dtype=np.bool_)
+    for xyz in data.positions_nm.values():
+        seen |= np.isfinite(xyz).any(axis=1)
+    empty = int(np.count_nonzero(seen & np.isnan(position)))
+    if not empty:
+        return []
+    said = (
+        f"The magnet position is missing in {empty} of {len(position)} frames "
+        f"({empty / rate_hz:.3g} s): they belong to no plateau, and a plateau ends there."
+    )
+    return [Notice("magnet_missing", "caution", said)]
 
 
 def rotating(turns: FloatArray, rate_hz: float, rotation: Rotation) -> NDArray[np.bool_]:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import difflib
 from collections.abc import Callable
 from functools import partial
 from pathlib import Path
@@ -241,6 +242,13 @@ def _remarks(data: Collected, positions: dict[str, np.ndarray]) -> list[Notice]:
     if data.unused:
         said = f"Columns that are not used: {', '.join(data.unused[:12])}."
         notices.append(Notice("unused_columns", "info", said))
+    misspelt = [name for name in data.unused if _is_magnet(name)] if data.magnet_mm is None else []
+    if misspelt:
+        said = (
+            f"Column {misspelt[0]} is not used: the magnet position is read from a column "
+            "magnet_mm, in mm. Without it the whole recording is taken as one plateau."
+        )
+        notices.append(Notice("magnet_not_used", "caution", said))
     for bead, count in data.infinite.items():
         said = f"{count} infinite positions of bead {bead} are taken as lost."
         notices.append(Notice("infinite", "caution", said, bead=bead))
@@ -251,6 +259,12 @@ def _remarks(data: Collected, positions: dict[str, np.ndarray]) -> list[Notice]:
             said = f"There is no {axis} of {who}."
             notices.append(Notice("no_axis", "info", said, axis=axis))
     return notices
+
+
+def _is_magnet(name: str) -> bool:
+    """Whether a column may be meant for `magnet_mm`."""
+    plain = name.strip().casefold()
+    return "magnet" in plain or bool(difflib.get_close_matches(plain, ["magnet_mm"], cutoff=0.75))
 
 
 def _locator(tables: list[OpenTable], data: Collected, rows: RowChoice) -> Callable[[int], str]:

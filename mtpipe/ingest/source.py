@@ -289,7 +289,8 @@ class Source(Layout):
 
     With `preset` the table is that of an instrument, and keys that stand beside it override it.
     Without `beads` the files are canonical, and the table only says which files, rows and beads
-    to take, and how text is written. Rows count from 1 through all files, both ends included, before any is left out.
+    to take, and how text is written. Rows count from 1 through all files, both ends included,
+    before any is left out.
     """
 
     preset: str | None = None
