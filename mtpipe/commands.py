@@ -268,7 +268,7 @@ def simulate(
     forces = given.numbers(force, "--force")
     if not all(0 < value <= given.STRONGEST_PN for value in forces):
         raise typer.BadParameter(
-            f"forces above 0 and of at most {given.STRONGEST_PN:g} pN are needed",
+            f"forces above 0 pN are needed, and none above {given.STRONGEST_PN:g} pN",
             param_hint="--force",
         )
     with progress_bar() as progress:

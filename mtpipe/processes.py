@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import signal
 from collections.abc import Callable
 from concurrent.futures import Executor, Future, ProcessPoolExecutor
 from multiprocessing import get_context
@@ -15,7 +16,14 @@ def executor(workers: int) -> Executor:
     if workers <= 1:
         return _InThisProcess()
     # spawned, not forked: threads of the numerical libraries do not survive a fork
-    return ProcessPoolExecutor(workers, mp_context=get_context("spawn"))
+    return ProcessPoolExecutor(
+        workers, mp_context=get_context("spawn"), initializer=_leave_interrupts_to_the_first
+    )
+
+
+def _leave_interrupts_to_the_first() -> None:
+    """Ctrl-C reaches every process of a terminal; the one that was called answers it."""
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
 
 
 class _InThisProcess(Executor):

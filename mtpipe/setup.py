@@ -10,6 +10,7 @@ from __future__ import annotations
 import difflib
 import math
 import tomllib
+from importlib.metadata import entry_points
 from pathlib import Path
 from typing import Annotated, Any, Literal, get_args
 
@@ -35,6 +36,8 @@ EFFECTS = (
     "surface_sticking", "hopping", "anharmonic_tether", "pixel_locking", "force_drift",
     "hydrodynamic_memory",
 )  # fmt: skip
+# Entry points of other packages that bring effects.
+EFFECTS_GROUP = "mtpipe.effects"
 
 
 class Measured(BaseModel):
@@ -183,8 +186,13 @@ class FieldAxis(Section):
 
 
 def _nearest(name: str) -> str:
-    near = difflib.get_close_matches(name, (*EFFECTS, "effects"), n=1)
-    return f"; did you mean {near[0]}?" if near else f"; known: {', '.join(EFFECTS)}"
+    near = difflib.get_close_matches(name, (*_effects(), "effects"), n=1)
+    return f"; did you mean {near[0]}?" if near else f"; known: {', '.join(_effects())}"
+
+
+def _effects() -> tuple[str, ...]:
+    """Names of effects, those of other packages included."""
+    return (*EFFECTS, *(entry.name for entry in entry_points(group=EFFECTS_GROUP)))
 
 
 class Model(BaseModel):
@@ -196,10 +204,10 @@ class Model(BaseModel):
     @model_validator(mode="after")
     def _effects_exist(self) -> Model:
         for effect in self.effects:
-            if effect not in EFFECTS:
+            if effect not in _effects():
                 raise ValueError(f"effects: there is no effect {effect!r}{_nearest(effect)}")
         for key, table in (self.model_extra or {}).items():
-            if key not in EFFECTS or not isinstance(table, dict):
+            if key not in _effects() or not isinstance(table, dict):
                 raise ValueError(
                     f"{key}: only effects and a table [model.<effect>] can stand here"
                     f"{_nearest(key)}"

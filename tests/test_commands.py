@@ -1,4 +1,7 @@
-"""The command line as people meet it: exit codes, files that cannot be written, Ctrl-C."""
+"""The command line as people meet it: exit codes, files that cannot be written, Ctrl-C.
+
+And an argument of a function that is told in a sentence too.
+"""
 
 import errno
 import multiprocessing
@@ -16,6 +19,7 @@ from mtpipe import pipeline
 from mtpipe.commands import main
 from mtpipe.design import figure, guide, show
 from mtpipe.errors import MtpipeError, writing
+from mtpipe.fit.trace import fit_trace
 from tests.ingest_recordings import canonical_lines, motion, write
 from tests.stack_images import setup_text
 
@@ -58,7 +62,10 @@ def called(tmp_path, monkeypatch, capsys):
         ("design setup.toml --duration -1", "--duration: a time in s above 0 is needed, got -1"),
         ("design setup.toml --reach nan", "--reach: a force in pN above 0 is needed, got nan"),
         ("design setup.toml --figure x.jpg", "--figure: a name that ends in .html or .png"),
-        ("simulate setup.toml --out o --force 1e9", "of at most 1000 pN are needed"),
+        (
+            "simulate setup.toml --out o --force 1e9",
+            "forces above 0 pN are needed, and none above 1000 pN",
+        ),
         ("simulate setup.toml --out o --force 1,x", "'1,x': numbers are needed"),
     ],
 )
@@ -139,3 +146,10 @@ def test_ctrl_c_within_a_posterior_ends_in_one_line(called, monkeypatch):
     assert signal.getsignal(signal.SIGINT) is before
     workers[0].join(10)
     assert workers[0].exitcode == -signal.SIGTERM
+
+
+@pytest.mark.parametrize("friction", [2.3e-5, (2.3e-5,), (2.3e-5, 0.0), ("a", "b"), "known"])
+def test_a_friction_without_its_error_is_told_in_a_sentence(friction):
+    x = np.random.default_rng(0).normal(size=500)
+    with pytest.raises(ValueError, match="friction is a positive value and its standard error"):
+        fit_trace(x, frame_rate_hz=100.0, exposure_s=0.01, temperature_K=298.0, friction=friction)

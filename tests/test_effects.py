@@ -22,10 +22,12 @@ from mtpipe.configured.model import ConfiguredModel
 from mtpipe.drift.lowpass import low_pass
 from mtpipe.effects.catalogue import OWN, catalogue
 from mtpipe.effects.effect import Evidence, SeenCourse
+from mtpipe.errors import SetupError
 from mtpipe.experiment.description import Bead, Experiment, Fluid, ForceCourse, Rest, Stage, Tracker
 from mtpipe.experiment.state import bead_state
 from mtpipe.physics.camera import Camera
 from mtpipe.physics.tether import Chain
+from mtpipe.setup import parse_setup
 from mtpipe.simulation.linear import simulate_motion
 from mtpipe.simulation.readout import (
     force_pieces,
@@ -34,6 +36,7 @@ from mtpipe.simulation.readout import (
     recorded,
     reference_motion,
 )
+from tests.simulated import setup_content
 
 FORCES_PN, FRAMES, RATE_HZ = (0.5, 2.0, 6.0, 15.0), 4096, 120.0
 BASE = Experiment(
@@ -399,6 +402,15 @@ def test_an_effect_of_another_package_is_tried_and_found(tmp_path, monkeypatch):
     assert other.cause(best.fit.model.described(best.fit.theta)) == (
         f"the tether's persistence length is {value:.1f} nm"
     )
+
+
+def test_an_effect_of_another_package_can_be_listed_and_pinned(tmp_path, monkeypatch):
+    table = {"effects": ["persistence_length"], "persistence_length": {"persistence_nm": 46.0}}
+    with pytest.raises(SetupError, match="persistence_length"):
+        parse_setup(setup_content(model=table))
+    installed(tmp_path, (PACKAGE / "mtpipe_persistence.py").read_text())
+    monkeypatch.syspath_prepend(tmp_path)
+    assert parse_setup(setup_content(model=table)).model.effects == ("persistence_length",)
 
 
 def test_the_page_on_effects_shows_the_example_as_it_is_and_every_name():

@@ -226,11 +226,13 @@ def test_canonical_columns_may_be_written_otherwise(
     tmp_path, source, mark, decimal, encoding, before
 ):
     positions = motion(200)
-    lines = [one.replace(".", decimal) for one in canonical_lines(positions)]
-    if mark != ",":
-        points = [one.replace(".", "!") for one in canonical_lines(positions)]
-        lines = [one.replace(",", mark).replace("!", decimal) for one in points]
+    table = str.maketrans({",": mark, ".": decimal})
+    lines = [line.translate(table) for line in canonical_lines(positions)]
     path = write(tmp_path / "r.csv", [*before, *lines], encoding)
+    if mark != ",":
+        stated = {";": "semicolon", "\t": "tab"}[mark]
+        with pytest.raises(RecordingError, match=f'write delimiter = "{stated}" in'):
+            load(path, setup_of())
     recording = load(path, setup_of(source, reference=()))
     np.testing.assert_array_equal(recording.positions_nm["b1"], positions["b1"])
 

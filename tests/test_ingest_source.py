@@ -330,3 +330,12 @@ def test_a_setup_that_names_its_files_is_a_recording(tmp_path):
     toml.write_text(content.replace("../data.txt", "../other.txt"))
     with pytest.raises(RecordingError, match=r"no file '\.\./other\.txt'"):
         load(toml)
+
+
+@pytest.mark.parametrize("rate", [RATE, "unknown"])
+def test_a_wrong_unit_of_time_is_told_by_the_table_that_states_it(tmp_path, rate):
+    microseconds = 1e6 * np.arange(400) / RATE
+    lines = rows(lab_columns(motion(400, beads=("b1",)), microseconds))
+    source = {**ONE, "time": {"column": 1, "unit": "ms"}}
+    with pytest.raises(RecordingError, match=r"column 1 seems not to be in ms\. Correct unit in"):
+        load(write(tmp_path / "t.txt", lines), setup_of(source, rate=rate, reference=()))

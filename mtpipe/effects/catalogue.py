@@ -28,8 +28,8 @@ from mtpipe.effects import (
     wall_drag,
 )
 from mtpipe.effects.effect import Effect
+from mtpipe.setup import EFFECTS_GROUP
 
-GROUP = "mtpipe.effects"
 OWN: tuple[Effect, ...] = tuple(
     module.EFFECT
     for module in (
@@ -60,5 +60,5 @@ OWN: tuple[Effect, ...] = tuple(
 
 def catalogue() -> tuple[Effect, ...]:
     """Every effect that can be tried."""
-    others = [entry.load() for entry in entry_points(group=GROUP)]
+    others = [entry.load() for entry in entry_points(group=EFFECTS_GROUP)]
     return (*OWN, *others)

@@ -90,12 +90,12 @@ def _from_frames(
         numbers = _continued(numbers, data.starts, 1.0)
         notices.append(_restarted(len(data.starts)))
     frame = numbers.astype(np.int64)
-    _increasing(
-        frame,
-        "frame number",
-        locate,
-        "the numbers count no frames, leave out [source] frame (frame = false beside a preset)",
+    other = (
+        "leave out [source] frame (frame = false beside a preset)"
+        if source is not None and source.beads
+        else "put time stamps, in a column time_s, in place of them"
     )
+    _increasing(frame, "frame number", locate, f"the numbers count no frames, {other}")
     stamps = data.time_s
     missing = 0 if stamps is None else int(np.count_nonzero(~(np.abs(stamps) < LATEST_S)))
     if stamps is None or missing:
@@ -219,32 +219,32 @@ def _needed(stated_hz: float | None) -> float:
     return stated_hz
 
 
-def _time_column(source: Source | None) -> tuple[str, str]:
-    """What the column of time stamps is called, and how its unit is corrected."""
+def _time_column(source: Source | None) -> tuple[str, str, str]:
+    """What the column of time stamps is called, the unit it should have, how that is mended."""
     if source is None or source.time is None:
-        return "time_s", "Write time_s in s."
-    return f"column {source.time.column}", "Correct unit in [source.time]."
+        return "time_s", "s", "Write time_s in s."
+    return f"column {source.time.column}", source.time.unit, "Correct unit in [source.time]."
 
 
 def _agreed(
     derived_hz: float,
     stated_hz: float | None,
     stamps: FloatArray,
-    column: tuple[str, str],
+    column: tuple[str, str, str],
     notices: list[Notice],
 ) -> float:
     """The rate to go on with; notes one that was derived, refuses one that cannot be."""
     n = len(stamps)
-    name, mend = column
+    name, unit, mend = column
     if stated_hz is None:
         if n < FEWEST_STAMPS:
             return _needed(None)
         if not SLOWEST_HZ <= derived_hz <= FASTEST_HZ:
             few = derived_hz < SLOWEST_HZ
+            perhaps = ", perhaps in ms or µs" if few and unit == "s" else ""
             raise RecordingError(
                 f"by its time stamps the recording has {derived_hz:.3g} frames per second, which "
-                f"are too {'few' if few else 'many'}: {name} seems not to be in "
-                f"{'s (but in ms or µs?)' if few else 'the unit that is stated'}",
+                f"are too {'few' if few else 'many'}: {name} seems not to be in {unit}{perhaps}",
                 mend=f"{mend} If the stamps are right, give camera.frame_rate_hz.",
             )
         notices.append(
@@ -260,12 +260,10 @@ def _agreed(
     if n < FEWEST_STAMPS or abs(ratio - 1) <= RATE_TOLERANCE:
         return stated_hz
     said = f"the setup says {stated_hz:g} frames per second, the time stamps say {derived_hz:.6g}"
-    for factor, unit in WRONG_UNITS.items():
+    for factor, seconds in WRONG_UNITS.items():
         if 1 / UNIT_FACTOR < ratio / factor < UNIT_FACTOR:
-            raise RecordingError(
-                f"{said}: {name} seems to be in {unit}, not in s",
-                mend=mend,
-            )
+            perhaps = f" but in {seconds}" if unit == "s" else ""
+            raise RecordingError(f"{said}: {name} seems not to be in {unit}{perhaps}", mend=mend)
     near = 1 / UNIT_FACTOR < ratio < UNIT_FACTOR
     raise RecordingError(
         f"{said} ({f'{100 * (ratio - 1):+.3g} %' if near else f'{ratio:.4g} times that'})",

@@ -125,6 +125,12 @@ def canonical_columns(names: Names) -> Assignment:
         f"It has: {_some(names.names)}. Files of another layout need a [source] table that names "
         "the beads' columns."
     )
+    for mark, delimiter in ((";", "semicolon"), ("\t", "tab")):
+        if len(names.names) == 1 and mark in names.names[0]:
+            hint = (
+                f'Its columns are separated by {delimiter}s: write delimiter = "{delimiter}" in '
+                '[source], and decimal = "," if the numbers have commas.'
+            )
     if time < 0 and frame < 0:
         raise RecordingError("has no column time_s or frame", where=names.where, mend=hint)
     if not found:

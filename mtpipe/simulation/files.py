@@ -57,7 +57,7 @@ def simulate_to_folder(
     MtpipeError : the setup cannot be simulated, or the folder cannot be written.
     """
     try:
-        text = setup_file.read_text(encoding="utf-8")
+        text = setup_file.read_text(encoding="utf-8-sig")
         content = tomllib.loads(text)
     except (OSError, UnicodeDecodeError, tomllib.TOMLDecodeError) as error:
         raise SetupError(f"cannot be read ({error})", where=str(setup_file)) from None
