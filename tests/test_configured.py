@@ -14,7 +14,9 @@ from mtpipe.configured.data import plateau_data
 from mtpipe.configured.fit import fit_configured, gradient_of, nearby_fit, slopes
 from mtpipe.configured.model import ConfiguredModel, heights_missed_nm
 from mtpipe.configured.spectra import matrix_periodogram
+from mtpipe.crosschecking.case import described, prepare
 from mtpipe.crosschecking.twin import TwinMaker
+from mtpipe.drift import subtract_drift
 from mtpipe.effects.catalogue import OWN
 from mtpipe.effects.effect import Evidence
 from mtpipe.errors import FitError
@@ -198,3 +200,28 @@ def test_data_that_no_force_explains_are_refused(fitted):
     broken = ConfiguredModel(nonsense, model.experiment, model.parameters, model.subtraction)
     with pytest.raises(FitError, match="no force makes the configured experiment agree"):
         fit_configured(broken)
+
+
+@pytest.mark.parametrize(
+    ("stated", "relative"),
+    [({"temperature_K_stderr": 6.0}, 0.0201), ({"temperature_K": "unknown"}, 0.0101)],
+)
+def test_a_doubtful_temperature_is_in_the_error_of_every_force(fitted, stated, relative):
+    exact = fitted[1].fit
+    doubtful = case(replace(raw(1), setup=setup(buffer=stated))).fit
+    added = (doubtful.force_stderr_pN / doubtful.force_pN) ** 2
+    added -= (exact.force_stderr_pN / exact.force_pN) ** 2
+    # diffusion with a known friction tells the temperature a little
+    assert np.all(np.sqrt(added) < 1.01 * relative)
+    assert np.all(np.sqrt(added) > 0.6 * relative)
+
+
+def test_a_doubtful_pixel_lets_x_and_y_be_larger_than_they_are():
+    recording = subtract_drift(raw(1))
+    larger = {bead: xyz * [1.03, 1.03, 1.0] for bead, xyz in recording.positions_nm.items()}
+    pixel = {"pixel_size_nm": 100.0, "pixel_size_nm_stderr": 3.0}
+    found = prepare(replace(recording, positions_nm=larger, setup=setup(camera=pixel)), "b1")
+    scale, stderr = described(found).optics.lateral_scale, np.sqrt(np.diag(found.fit.covariance))
+    (k,) = (k for k, p in enumerate(found.fit.model.parameters) if p.name == "ln scale of x and y")
+    assert stderr[found.fit.model.plateaus + k] < 0.03
+    assert abs(np.log(scale / 1.03)) < 3 * stderr[found.fit.model.plateaus + k]

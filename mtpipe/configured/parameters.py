@@ -5,12 +5,15 @@ from __future__ import annotations
 import math
 from dataclasses import replace
 
+from mtpipe.conditions import ROOM_TEMPERATURE_K
 from mtpipe.experiment.changes import (
     scaled_contour_length,
     scaled_exposure,
     scaled_persistence_length,
     scaled_radius,
+    scaled_temperature,
     scaled_viscosity,
+    scaled_x_and_y,
 )
 from mtpipe.experiment.description import Experiment
 from mtpipe.experiment.parameter import EXPOSURE, SHORTEST_EXPOSURE, Change, Parameter
@@ -26,8 +29,19 @@ UPWARD_FRICTION_STDERR, UPWARD_VARIANCE_STDERR = 0.03, 0.02
 
 
 def stated_parameters(setup: Setup) -> tuple[Parameter, ...]:
-    """Radius, viscosity, contour and persistence length, as far as they are not exact."""
+    """What the setup states of buffer, bead, tether and pixels, as far as it is not exact.
+
+    A temperature that is not known is a room's, as in `conditions_of`; a pixel's size is no matter
+    of positions in nm, but its error is.
+    """
+    temperature, pixel = setup.buffer.temperature_K, setup.camera.pixel_size_nm
+    if not temperature.known:
+        temperature = Measured(value=ROOM_TEMPERATURE_K[0], stderr=ROOM_TEMPERATURE_K[1])
     found = [
+        scaled("temperature", temperature, scaled_temperature),
+        None
+        if pixel is None or not pixel.known
+        else scaled("scale of x and y", pixel, scaled_x_and_y),
         scaled("bead radius", setup.beads.radius_nm, scaled_radius),
         scaled("viscosity", setup.buffer.viscosity_mPa_s, scaled_viscosity),
         scaled("contour length", setup.tether.contour_length_nm, scaled_contour_length),

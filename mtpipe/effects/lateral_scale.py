@@ -2,21 +2,13 @@
 
 from __future__ import annotations
 
-import math
-
 from mtpipe.effects.effect import Effect, Evidence, Hypothesis, factor
-from mtpipe.experiment.changes import with_optics
+from mtpipe.experiment.changes import scaled_x_and_y
 from mtpipe.experiment.description import Experiment
 
 
-def _change(experiment: Experiment, ln_factor: float) -> Experiment:
-    return with_optics(
-        experiment, lateral_scale=experiment.optics.lateral_scale * math.exp(ln_factor)
-    )
-
-
 def _hypotheses(experiment: Experiment, evidence: Evidence) -> list[Hypothesis]:
-    return [Hypothesis(experiment, (factor("recorded over true x and y", _change),))]
+    return [Hypothesis(experiment, (factor("recorded over true x and y", scaled_x_and_y),))]
 
 
 EFFECT = Effect(

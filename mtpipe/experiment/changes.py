@@ -47,6 +47,18 @@ def scaled_radius(experiment: Experiment, ln_factor: float) -> Experiment:
     return with_bead(experiment, radius_nm=experiment.bead.radius_nm * math.exp(ln_factor))
 
 
+def scaled_temperature(experiment: Experiment, ln_factor: float) -> Experiment:
+    """At another temperature, the viscosity being what it is."""
+    kelvin = experiment.fluid.temperature_K * math.exp(ln_factor)
+    return with_fluid(with_chain(experiment, temperature_K=kelvin), temperature_K=kelvin)
+
+
+def scaled_x_and_y(experiment: Experiment, ln_factor: float) -> Experiment:
+    """With x and y recorded larger by a factor."""
+    scale = experiment.optics.lateral_scale * math.exp(ln_factor)
+    return with_optics(experiment, lateral_scale=scale)
+
+
 def scaled_viscosity(experiment: Experiment, ln_factor: float) -> Experiment:
     """With another viscosity."""
     value = experiment.fluid.viscosity_mPa_s * math.exp(ln_factor)
