@@ -298,6 +298,8 @@ def _where(check: BeadCheck, look: Look) -> str:
     band = look.band_hz
     frequencies = "" if band is None else f", {band[0]:.2g}–{band[1]:.3g} Hz"
     numbers = [str(check.case.plateaus[k].number) for k in _concerned(check, look)]
+    if len(numbers) == len(check.case.plateaus):
+        return f"{axis}{frequencies}, all plateaus"
     return f"{axis}{frequencies}, plateau{'s' if len(numbers) > 1 else ''} {', '.join(numbers)}"
 
 
