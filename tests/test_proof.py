@@ -349,18 +349,24 @@ def test_what_is_recorded_prints_the_same_again_unless_it_was_changed(proof, tmp
     command, sealing = proof("proof"), proof("sealing")
     about = {"seed": 1, "frames": 4096, "formula": "marko-siggia", "recordings": 3}
     about |= {"date": "2026-11-21", "mtpipe": "0.1.0"}
-    answer = _answer("single", "drift") | {"name": "r0001"}
+    answer = _answer("single", "drift") | {"name": "r0001", "number": 1}
     rows = [
         {
             "sha256": sealing.seal(answer),
             "answer": answer,
-            "outcome": _outcome("explained", "drift"),
+            "outcome": _outcome("explained", "drift") | {"name": "r0001"},
         }
     ]
     path = tmp_path / "results.jsonl"
     command.write_rows(path, about, rows)
     assert command.read_rows(path) == rows
     assert "2 of 3 recordings have not been run" in command.page_part(about, rows)
+    (tmp_path / "about.json").write_text('{"seed": 1, "frames": 4096}')
+    command.put_back(path, tmp_path)
+    assert command.unsealed_rows(tmp_path, range(3)) == rows
+    (tmp_path / "about.json").write_text('{"seed": 2, "frames": 4096}')
+    with pytest.raises(SystemExit, match="another seed"):
+        command.put_back(path, tmp_path)
     path.write_text(path.read_text(encoding="utf-8").replace('"clear"', '"faint"'))
     with pytest.raises(sealing.BrokenSealError):
         command.read_rows(path)

@@ -6,7 +6,7 @@
 Makes a set of recordings from a seed, one at a time, seals what each conceals, diagnoses it by its
 file alone, and afterwards unseals and prints. What the folder of results already has is not done
 again. Tables are those of whatever is there. With `--record FILE` answers and outcomes go into one
-file, from which `--from FILE` prints without running anything.
+file, from which `--from FILE` prints without running anything, and `--resume FILE` goes on.
 """
 
 from __future__ import annotations
@@ -45,6 +45,8 @@ def main() -> None:
         # the processes share the cores; numerical libraries are not to do so as well
         os.environ |= dict.fromkeys(("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS"), "1")
         about = settled(choice)
+        if choice.resume is not None:
+            put_back(choice.resume, choice.results)
         numbers = range(choice.recordings) if choice.only is None else choice.only
         run_missing(choice, numbers)
         rows = unsealed_rows(choice.results, range(choice.recordings))
@@ -72,6 +74,7 @@ def _choice() -> argparse.Namespace:
     parser.add_argument("--write", type=Path, help="page to put the tables into")
     parser.add_argument("--record", type=Path, help="file to put answers and outcomes into")
     parser.add_argument("--from", dest="source", type=Path, default=RECORDED, help="such a file")
+    parser.add_argument("--resume", type=Path, help="such a file, whose outcomes are not run again")
     choice = parser.parse_args()
     if choice.results is None and not choice.source.exists():
         parser.error(f"{choice.source} is not there: give a folder of --results, or a file --from")
@@ -93,6 +96,30 @@ def settled(choice: argparse.Namespace) -> dict[str, Any]:
     path.write_text(json.dumps(about), encoding="utf-8")
     made = {"date": f"{datetime.now(UTC):%Y-%m-%d}", "mtpipe": mtpipe.__version__}
     return about | {"recordings": choice.recordings} | made
+
+
+def put_back(recorded: Path, results: Path) -> None:
+    """Put recorded outcomes into the folder of results, which may have more of the same set.
+
+    Raises
+    ------
+    SystemExit : they are of another set.
+    """
+    about = json.loads(recorded.read_text(encoding="utf-8").splitlines()[0])["about"]
+    here = json.loads((results / "about.json").read_text(encoding="utf-8"))
+    if any(about[key] != value for key, value in here.items()):
+        raise SystemExit(f"{recorded} holds results of another seed, length or formula")
+    for row in read_rows(recorded):
+        name, number = row["answer"]["name"], row["answer"]["number"]
+        files = {
+            blind.outcome_file(results, number): json.dumps(row["outcome"]),
+            blind.seal_file(results, name): row["sha256"] + "\n",
+            results / "answers" / f"{name}.json": sealing.text_of(row["answer"]),
+        }
+        for path, text in files.items():
+            path.parent.mkdir(parents=True, exist_ok=True)
+            if not path.exists():
+                path.write_text(text, encoding="utf-8")
 
 
 def run_missing(choice: argparse.Namespace, numbers: Sequence[int]) -> None:
