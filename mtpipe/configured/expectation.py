@@ -170,7 +170,7 @@ def _subtraction_gain(data: PlateauData, cutoff_hz: float | None) -> FloatArray:
     return np.asarray(response(data.spectrum.frequency_hz, cutoff_hz) ** 2)
 
 
-@functools.lru_cache(maxsize=8192)
+@functools.lru_cache(maxsize=1024)
 def _unit_power(window: Window, tau_s: bytes, exposure_s: float) -> FloatArray:
     """(modes, n_bins) expected power of modes of unit variance."""
     tau = np.frombuffer(tau_s)
