@@ -235,7 +235,7 @@ def not_simulated(listed: Sequence[str]) -> list[Notice]:
         return []
     return [
         Notice(
-            "effectsnot_simulated",
+            "effects_not_simulated",
             "caution",
             f"The setup lists {', '.join(names)}, which the simulations of the cross-check do not "
             "have: what such an effect does counts as a difference.",

@@ -81,4 +81,4 @@ def test_listed_effects_that_no_simulation_has_are_told():
     assert not not_simulated(KNOWN)
     (told,) = not_simulated([*KNOWN, "pixel_locking", "hydrodynamic_memory"])
     assert "pixel_locking, hydrodynamic_memory" in told.message
-    assert told.severity == "caution"
+    assert (told.code, told.severity) == ("effects_not_simulated", "caution")

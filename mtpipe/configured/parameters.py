@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from dataclasses import replace
 
-from mtpipe.conditions import ROOM_TEMPERATURE_K
+from mtpipe.conditions import conditions_of
 from mtpipe.experiment.changes import (
     scaled_contour_length,
     scaled_exposure,
@@ -31,17 +31,17 @@ UPWARD_FRICTION_STDERR, UPWARD_VARIANCE_STDERR = 0.03, 0.02
 def stated_parameters(setup: Setup) -> tuple[Parameter, ...]:
     """What the setup states of buffer, bead, tether and pixels, as far as it is not exact.
 
-    A temperature that is not known is a room's, as in `conditions_of`; a pixel's size is no matter
-    of positions in nm, but its error is.
+    An unknown temperature is what `conditions_of` makes of it; a pixel's size is no matter of
+    positions in nm, but its error is.
     """
-    temperature, pixel = setup.buffer.temperature_K, setup.camera.pixel_size_nm
-    if not temperature.known:
-        temperature = Measured(value=ROOM_TEMPERATURE_K[0], stderr=ROOM_TEMPERATURE_K[1])
+    conditions, _ = conditions_of(setup)
+    warmth = Measured(value=1.0, stderr=conditions.temperature_relative_stderr)
+    pixel = setup.camera.pixel_size_nm
+    if pixel is None or not pixel.known:
+        pixel = Measured(value=1.0)
     found = [
-        scaled("temperature", temperature, scaled_temperature),
-        None
-        if pixel is None or not pixel.known
-        else scaled("scale of x and y", pixel, scaled_x_and_y),
+        scaled("temperature", warmth, scaled_temperature),
+        scaled("scale of x and y", pixel, scaled_x_and_y),
         scaled("bead radius", setup.beads.radius_nm, scaled_radius),
         scaled("viscosity", setup.buffer.viscosity_mPa_s, scaled_viscosity),
         scaled("contour length", setup.tether.contour_length_nm, scaled_contour_length),
