@@ -18,14 +18,8 @@ from mtpipe.crosschecking.beads import bead_generator
 from mtpipe.crosschecking.case import FORMULAS, preference, prepare
 from mtpipe.crosschecking.check import check_bead
 from mtpipe.diagnosis.evidence import reference_moves
-from mtpipe.diagnosis.explain import (
-    Alternative,
-    Explanation,
-    Named,
-    alike,
-    explain,
-    without_superfluous,
-)
+from mtpipe.diagnosis.explain import alike, explain, without_superfluous
+from mtpipe.diagnosis.explanation import Alternative, Explanation, Named
 from mtpipe.diagnosis.mismatch import Mismatch
 from mtpipe.diagnosis.refit import other_formulas
 from mtpipe.effects.catalogue import OWN

@@ -178,13 +178,15 @@ def _unit_power(window: Window, tau_s: bytes, exposure_s: float) -> FloatArray:
 
 
 def _add_line(power: FloatArray, line: Line, data: PlateauData) -> None:
-    """Add a vibration's power, in place, to the bin that holds its frequency."""
+    """Add a vibration's power, in place, to the bin that holds its frequency.
+
+    In what phase the axes vibrate is not known, so each has it by itself.
+    """
     frequency = data.spectrum.frequency_hz
     at = int(np.argmin(np.abs(frequency - line.frequency_hz)))
     width = data.spectrum.ordinates[at] / data.duration_s
-    size = np.asarray(line.amplitude_nm)
-    gain = np.sqrt([data.spectrum.gain(axis)[at] for axis in range(3)])
-    power[at] += np.outer(size * gain, size * gain) / 2 / width
+    for axis, size_nm in enumerate(line.amplitude_nm):
+        power[at, axis, axis] += data.spectrum.gain(axis)[at] * size_nm**2 / 2 / width
 
 
 def changed_spectra(

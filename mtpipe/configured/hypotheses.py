@@ -74,6 +74,25 @@ def with_hypothesis(
     return max(begun, afresh, key=lambda one: one.log_likelihood)
 
 
+def gained_by_motion(one: Tried) -> float:
+    """ln likelihood that an effect gains by moving over all of it standing still (nats).
+
+    inf for one that is no matter of motion, or if it cannot be without.
+    """
+    if one.effect.still is None:
+        return math.inf
+    fit = one.fit
+    model, own = fit.model, len(one.hypothesis.parameters)
+    still = one.effect.still(model.described(fit.theta))
+    kept = model.parameters[: len(model.parameters) - own]
+    model = replace(model, experiment=still.experiment, parameters=(*kept, *still.parameters))
+    start = [*fit.theta[: fit.theta.size - own], *(p.start for p in still.parameters)]
+    try:
+        return fit.log_likelihood - fit_configured(model, np.array(start)).log_likelihood
+    except (FitError, ValueError):
+        return math.inf
+
+
 def together(fit: ConfiguredFit, chosen: Sequence[Tried], start: ConfiguredFit) -> ConfiguredFit:
     """Fit several effects at once, their parameters beginning where another fit has them.
 

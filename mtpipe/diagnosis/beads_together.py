@@ -19,7 +19,7 @@ from typing import TypeVar
 from mtpipe.configured.fit import ConfiguredFit
 from mtpipe.configured.hypotheses import Tried, best_of
 from mtpipe.crosschecking.beads import DATA_ERRORS, bead_generator
-from mtpipe.diagnosis.explain import Explanation
+from mtpipe.diagnosis.explanation import Explanation
 from mtpipe.diagnosis.pooled import (
     ANOTHER,
     ANSWERS,

@@ -16,7 +16,8 @@ from mtpipe.crosschecking.beads import DATA_ERRORS, bead_generator, check_of, pe
 from mtpipe.crosschecking.check import BeadCheck
 from mtpipe.crosschecking.recording import CrossCheck
 from mtpipe.diagnosis.beads_together import beads_together
-from mtpipe.diagnosis.explain import Explanation, Named, explain
+from mtpipe.diagnosis.explain import explain
+from mtpipe.diagnosis.explanation import Explanation, Named
 from mtpipe.diagnosis.unexplained import Unexplained
 from mtpipe.diagnosis.unexplained_content import content_of
 from mtpipe.physics.camera import FloatArray

@@ -15,14 +15,8 @@ import numpy as np
 from mtpipe.configured.fit import ConfiguredFit, fit_configured
 from mtpipe.configured.hypotheses import Tried, best_of, together
 from mtpipe.crosschecking.check import check_bead
-from mtpipe.diagnosis.explain import (
-    ALARM_P,
-    Alternative,
-    Explanation,
-    Named,
-    certain,
-    explain,
-)
+from mtpipe.diagnosis.explain import certain, explain
+from mtpipe.diagnosis.explanation import Alternative, Explanation, Named, agrees
 from mtpipe.diagnosis.misfit import heldout_gain
 from mtpipe.diagnosis.pooled import Common, Settled
 from mtpipe.diagnosis.refit import begun_again, best_formula
@@ -98,7 +92,7 @@ def revised(
         after = check_bead(replace(one.after.case, fit=fit), random)
     except (FitError, ValueError):
         after = None
-    if after is None or after.p_value < ALARM_P:
+    if after is None or not agrees(after, one.before):
         for change in switched:
             if change.effect.name == one.named[change.place].name:
                 return _excluded(one, change)

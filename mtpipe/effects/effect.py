@@ -85,6 +85,8 @@ class Effect:
     strengths : name, value and unit of what is reported of such an experiment.
     shared : its size belongs to camera, optics or buffer and is the same for all beads of a
         recording. Its hypotheses then have one parameter, which is 0 where there is no effect.
+    still : for an effect that is one only if it moves: from the fitted experiment to what has all
+        of it but the motion. Where that fits as well the effect is not named.
     """
 
     name: str
@@ -92,6 +94,7 @@ class Effect:
     cause: Callable[[Experiment], str]
     strengths: Callable[[Experiment], Sequence[tuple[str, float, str]]]
     shared: bool = False
+    still: Callable[[Experiment], Hypothesis] | None = None
 
     def __reduce__(self) -> tuple[Callable[[int], Effect], tuple[int]]:
         """Sent to other processes by its place in the catalogue: its functions may be lambdas."""

@@ -2,14 +2,17 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import replace
 from functools import partial
 
 from mtpipe.effects.effect import Effect, Evidence, Hypothesis, logarithm, plain
 from mtpipe.experiment.description import Experiment, Hopping
-from mtpipe.experiment.parameter import Change
+from mtpipe.experiment.parameter import Change, Parameter
 
 STEP_NM, RATE_HZ = 20.0, 3.0
+# So fast that a frame sees the mean of both states.
+UNSEEN_HZ = 1e9
 
 
 def _hypotheses(experiment: Experiment, evidence: Evidence) -> list[Hypothesis]:
@@ -19,18 +22,25 @@ def _hypotheses(experiment: Experiment, evidence: Evidence) -> list[Hypothesis]:
     found = []
     for force in forces[1:-1:2] or forces:
         start = replace(experiment, hopping=Hopping(STEP_NM, force, RATE_HZ))
-        bounds = (0.5 * forces[0], 2 * forces[-1])
-        found.append(
-            Hypothesis(
-                start,
-                (
-                    plain("step", "nm", STEP_NM, (0.0, 400.0), 0.05, _set("step_nm")),
-                    logarithm("force of equal states", "pN", force, bounds, _set("half_force_pN")),
-                    logarithm("rate there", "Hz", RATE_HZ, (0.01, 200.0), _set("rate_hz")),
-                ),
-            )
-        )
+        rate = logarithm("rate there", "Hz", RATE_HZ, (0.01, 200.0), _set("rate_hz"))
+        found.append(Hypothesis(start, (*_lengths(STEP_NM, force, forces), rate)))
     return found
+
+
+def _lengths(step_nm: float, half_pN: float, forces: Sequence[float]) -> tuple[Parameter, ...]:
+    bounds = (0.5 * min(forces), 2 * max(forces))
+    return (
+        plain("step", "nm", step_nm, (0.0, 400.0), 0.05, _set("step_nm")),
+        logarithm("force of equal states", "pN", half_pN, bounds, _set("half_force_pN")),
+    )
+
+
+def _still(experiment: Experiment) -> Hypothesis:
+    """A tether that is longer at high force, and not seen to change."""
+    hopping = experiment.hopping or Hopping(STEP_NM, 1.0, RATE_HZ)
+    forces = [rest.force_pN for rest in experiment.rests]
+    start = replace(experiment, hopping=replace(hopping, rate_hz=UNSEEN_HZ))
+    return Hypothesis(start, _lengths(hopping.step_nm, hopping.half_force_pN, forces))
 
 
 def _set(field: str) -> Change:
@@ -63,4 +73,4 @@ def _strengths(experiment: Experiment) -> list[tuple[str, float, str]]:
     ]
 
 
-EFFECT = Effect("hopping", _hypotheses, _cause, _strengths)
+EFFECT = Effect("hopping", _hypotheses, _cause, _strengths, still=_still)

@@ -72,7 +72,7 @@ def recorded(
         seen = seen + np.cumsum(steps, axis=0)
     time_s = camera.frame_s * np.arange(frames)[:, None]
     for line in experiment.stage.lines:
-        phase = 2 * np.pi * random.random()
+        phase = 2 * np.pi * random.random(3)
         wave = np.sin(2 * np.pi * line.frequency_hz * time_s + phase)
         seen = seen + np.asarray(line.amplitude_nm) * wave
     seen = seen + np.asarray(experiment.tracker.noise_nm) * random.normal(size=seen.shape)

@@ -30,7 +30,7 @@ import pandas as pd
 from scipy import stats
 
 import mtpipe
-from mtpipe.diagnosis.explain import ALARM_P
+from mtpipe.diagnosis.explanation import ALARM_P
 
 # The first is the diagnosis's own.
 LEVELS = (ALARM_P, 0.01, 0.05, 0.1)

@@ -1,0 +1,53 @@
+"""What is seen in time and not in spectra, taken off the traces before and beside effects."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from mtpipe.corrections.catalogue import CORRECTIONS
+from mtpipe.corrections.retraced import with_positions
+from mtpipe.crosschecking.case import Case
+from mtpipe.crosschecking.check import BeadCheck, check_bead
+from mtpipe.diagnosis.explanation import ALARM_P, Named
+
+# A correction is kept where ln p falls to this share.
+MOST_OF_THE_ODDITY = 0.5
+
+
+def corrected(check: BeadCheck, random: np.random.Generator) -> tuple[list[Named], BeadCheck]:
+    """Take off what is seen in time and not in spectra, as far as the battery objects less then.
+
+    What is found has passed a test of its own, so the battery need not have objected before.
+    """
+    named = []
+    for find in CORRECTIONS:
+        found = find(check)
+        if found is None:
+            continue
+        after = check_bead(found.case, random)
+        if after.p_value >= ALARM_P or after.p_value > check.p_value**MOST_OF_THE_ODDITY:
+            named.append(Named(found, (), check, after, float("nan")))
+            check = after
+    return named, check
+
+
+def late_corrections(
+    check: BeadCheck, corrections: Sequence[Named], case: Case, random: np.random.Generator
+) -> list[Named]:
+    """Corrections that are of use once effects are there, as they are without these.
+
+    Parameters
+    ----------
+    check : with effects. case : without them.
+    """
+    taken = {one.name for one in corrections}
+    found = [one for one in corrected(check, random)[0] if one.name not in taken]
+    named: list[Named] = []
+    for one in found:
+        before = named[-1].after if named else check_bead(case, random)
+        without = with_positions(case, one.after.case.positions_nm)
+        named.append(replace(one, before=before, after=check_bead(without, random)))
+    return named

@@ -1,0 +1,128 @@
+"""What was found about one bead: the effects named, and the forces with them."""
+
+from __future__ import annotations
+
+import functools
+from dataclasses import dataclass
+
+import numpy as np
+
+from mtpipe.configured.fit import ConfiguredFit
+from mtpipe.configured.hypotheses import Tried
+from mtpipe.corrections.correction import Correction
+from mtpipe.crosschecking.case import preference
+from mtpipe.crosschecking.check import BeadCheck
+from mtpipe.diagnosis.refit import other_formulas
+from mtpipe.diagnosis.unexplained import Rejected, Unexplained, unexplained
+from mtpipe.physics.camera import FloatArray
+
+# Chance of a false alarm that is accepted per bead.
+ALARM_P = 0.004
+# Below this p a recording that had raised an alarm does not agree with its simulation yet.
+AGREES_P = 0.01
+# An alternative that is worse by so many nats weighs nothing, and one better by so many all.
+CERTAIN_NATS = 50.0
+
+
+@dataclass(frozen=True, eq=False)
+class Alternative:
+    """Another effect fitted in a named one's place; `nats` : its net gain less that one's there."""
+
+    found: Tried
+    nats: float
+
+
+@dataclass(frozen=True, eq=False)
+class Named:
+    """An effect that is named.
+
+    Attributes
+    ----------
+    found : its fit, the effects named before it included, or the correction of the traces.
+    alternatives : effects that the recording cannot tell from it.
+    before, after : the check without and with it.
+    heldout_gain : ln likelihood gained on time that was not fitted, in nats; nan where the effect
+        is none of the spectrum's.
+    others : a sentence on what the recording's other beads say of it; empty where it is the bead's
+        own affair.
+    """
+
+    found: Tried | Correction
+    alternatives: tuple[Alternative, ...]
+    before: BeadCheck
+    after: BeadCheck
+    heldout_gain: float
+    others: str = ""
+
+    @property
+    def equivalent(self) -> tuple[str, ...]:
+        """Names of the alternatives."""
+        return tuple(other.found.effect.name for other in self.alternatives)
+
+    @property
+    def name(self) -> str:
+        """As FORMATS section 5 has it."""
+        return self.found.effect.name if isinstance(self.found, Tried) else self.found.name
+
+
+@dataclass(frozen=True, eq=False)
+class Explanation:
+    """What was found about one bead.
+
+    Attributes
+    ----------
+    before : check against the configured experiment. after : with the effects named.
+    verdict : "consistent", "explained" or "unexplained".
+    nearest : the effect that came nearest and why it was rejected, where the verdict is
+        "unexplained"; None if none could be tried or no more are named at once.
+    """
+
+    before: BeadCheck
+    after: BeadCheck
+    named: tuple[Named, ...]
+    verdict: str
+    nearest: Rejected | None
+
+    @property
+    def fit(self) -> ConfiguredFit:
+        """The fit with the effects named."""
+        return self.after.case.fit
+
+    @property
+    def force_stderr_pN(self) -> FloatArray:
+        """(plateaus,) standard errors of the fit's forces, what alternatives and the chain's other
+        formula would make of them included, each with the weight that its ln likelihood after BIC
+        has beside the one that was taken.
+        """
+        variance = self.fit.force_stderr_pN**2
+        choices = [
+            [(other.found.fit, other.nats) for other in one.alternatives] for one in self.named
+        ]
+        for choice in [*choices, self._other_formulas]:
+            weights = np.exp(np.minimum([nats for _, nats in choice], CERTAIN_NATS))
+            for weight, (fit, _) in zip(weights / (1 + weights.sum()), choice, strict=True):
+                variance = variance + weight * (fit.force_pN - self.fit.force_pN) ** 2
+        return np.asarray(np.sqrt(variance))
+
+    @functools.cached_property
+    def _other_formulas(self) -> list[tuple[ConfiguredFit, float]]:
+        """Fits with the chain's other formulas, and by how many nats they are to be preferred."""
+        mine = preference(self.fit)
+        return [(fit, preference(fit) - mine) for fit in other_formulas(self.fit)]
+
+    @functools.cached_property
+    def unexplained(self) -> Unexplained | None:
+        """Place, size and shape of what is left; None where nothing is."""
+        if self.verdict != "unexplained":
+            return None
+        return unexplained(self.after, self.nearest, beside=bool(self.named))
+
+
+def agrees(after: BeadCheck, before: BeadCheck) -> bool:
+    """Whether recording and simulation agree with the effects that are named.
+
+    Parameters
+    ----------
+    after : with these. before : the bead's first check.
+    """
+    return after.p_value >= (AGREES_P if before.p_value < ALARM_P else ALARM_P)
