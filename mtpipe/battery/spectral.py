@@ -6,6 +6,7 @@ import itertools
 from collections.abc import Sequence
 
 import numpy as np
+from numpy.typing import NDArray
 from scipy import special
 
 from mtpipe.battery.look import Look, Values
@@ -76,6 +77,7 @@ def lines(seen: Sequence[Observed], spectra: Sequence[Whitened]) -> Values:
                 band = (float(frequency - width), float(frequency + width))
                 score = _score_of_largest(float(left[at]), len(power))
                 values.append((Look(statistic, name, (i,), band), score))
+                left[same_line(spectrum.frequency_hz, float(frequency))] = 0.0
                 left[max(at - TAPERED, 0) : at + TAPERED + 1] = 0.0
             cell = np.floor(spectrum.frequency_hz / (2 * coarsest)).astype(int)
             cells.append(np.bincount(cell, power) / np.maximum(np.bincount(cell), 1))
@@ -88,6 +90,11 @@ def lines(seen: Sequence[Observed], spectra: Sequence[Whitened]) -> Values:
             look = Look("line", name, everywhere, band, pooled=True)
             values.append((look, float(np.log(mean[at]))))
     return values
+
+
+def same_line(frequency_hz: FloatArray, line_hz: float) -> NDArray[np.bool_]:
+    """Whether frequencies may be a line's own: mains and motors wander by as much."""
+    return np.asarray(np.abs(frequency_hz - line_hz) <= 0.02 * line_hz + 0.1)
 
 
 def _local_level(power: FloatArray) -> FloatArray:
