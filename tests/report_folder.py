@@ -154,6 +154,7 @@ def unexplained() -> dict[str, Any]:
     return {
         "sentence": "Nothing in the catalogue explains it. Between 0.4 and 2.5 Hz along y …",
         "looks": [],
+        "shapes": [shape("variance"), shape("distribution")],
         "nearest": None,
         "correction": {
             "gain_nats": 41.0,
@@ -162,6 +163,15 @@ def unexplained() -> dict[str, Any]:
             "forces": [force | {"corrected_stderr_pN": 0.03, "low_pN": 0.95, "high_pN": 1.07}],
         },
     }
+
+
+def shape(kind: str) -> dict[str, Any]:
+    """Something that doubles from one end to the other along x in plateau 1."""
+    curve = np.geomspace(1, 2, 16)
+    told = {"value": curve, "value_low": 0.9 * curve, "value_high": 1.1 * curve}
+    told |= {"curve": curve, "curve_low": 0.95 * curve, "curve_high": 1.05 * curve}
+    arrays = {name: values.tolist() for name, values in told.items()}
+    return {"kind": kind, "axis": "x", "plateau": 1, "at": list(range(16)), **arrays}
 
 
 def usable(forces: pd.DataFrame) -> list[dict[str, Any]]:

@@ -366,7 +366,15 @@ def test_what_no_effect_explains_is_said_drawn_and_bounded(pages: dict[str, Page
     np.testing.assert_allclose(points["y"], line["y"])
     assert line["y"].max() == pytest.approx(1.2, abs=0.01)
     assert band["y"].max() == pytest.approx(1.23, abs=0.01)
-    assert "unexplained" not in pages[GOOD].charts["figures"]
+    shapes = resolved(page.charts["figures"]["shapes"], unpacked(page.charts["arrays"]))
+    assert [one["yaxis"] for one in shapes["data"]] == ["y"] * 3 + ["y2"] * 3
+    assert shapes["layout"]["xaxis2"]["title"]["text"] == (
+        "x, plateau 1: position / standard deviation"
+    )
+    np.testing.assert_allclose(
+        shapes["data"][2]["error_y"]["arrayminus"], 0.1 * np.geomspace(1, 2, 16)
+    )
+    assert not {"unexplained", "shapes"} & set(pages[GOOD].charts["figures"])
 
 
 def test_what_is_not_identified_says_with_what(tmp_path: Path) -> None:

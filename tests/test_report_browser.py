@@ -170,6 +170,7 @@ def test_what_no_effect_explains_is_drawn(opened: Open) -> None:
     page = opened("bead-b10.html")
     assert page.locator("[data-figure=unexplained] .main-svg").count() > 0
     assert page.locator("[data-figure=unexplained] .point").count() == 90
+    assert page.locator("[data-figure=shapes] .point").count() == 32
 
 
 @pytest.mark.parametrize("name", ["index.html", GOOD, "bead-b2.html"])

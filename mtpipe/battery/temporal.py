@@ -22,17 +22,14 @@ def over_time(seen: Sequence[Observed]) -> Values:
     for i, one in enumerate(seen):
         series = one.bridged_nm
         frames = series.shape[1]
-        length = frames // WINDOWS
-        blocks = series[:, : WINDOWS * length].reshape(3, WINDOWS, length)
-        means = blocks.mean(axis=2)
-        logs = np.log(np.maximum(blocks.var(axis=2), 1e-12))
+        means, logs = in_windows(one)
         quiet_length = min(max(4, round(QUIET_S / one.frame_s)), frames)
         pieces = frames // quiet_length
         short = series[:, : pieces * quiet_length].reshape(3, pieces, quiet_length)
         quiet = np.log(np.maximum(short.var(axis=2), 1e-12))
         edges = np.linspace(0.0, one.duration_s, WINDOWS + 1)
         for axis, name in enumerate(AXES):
-            spread = _stderr_of_window(one, axis, length)
+            spread = stderr_of_window(one, axis)
             trend = _slope(means[axis]) / spread
             walk, at = _largest_step(means[axis])
             half = (float(edges[at]), float(edges[-1]))
@@ -64,10 +61,18 @@ def over_time(seen: Sequence[Observed]) -> Values:
     return values
 
 
-def _stderr_of_window(one: Observed, axis: int, length: int) -> float:
+def in_windows(one: Observed) -> tuple[FloatArray, FloatArray]:
+    """(3, WINDOWS) means in nm about the plateau's, and ln of the variances in nm²."""
+    series = one.bridged_nm
+    length = series.shape[1] // WINDOWS
+    blocks = series[:, : WINDOWS * length].reshape(3, WINDOWS, length)
+    return blocks.mean(axis=2), np.log(np.maximum(blocks.var(axis=2), 1e-12))
+
+
+def stderr_of_window(one: Observed, axis: int) -> float:
     """Expected spread of window means: √(S(1/2T_w)/2T_w)."""
     spectrum = one.data.spectrum
-    window_s = length * one.frame_s
+    window_s = len(one.position_nm) // WINDOWS * one.frame_s
     level = one.expected.power[:, axis, axis] / spectrum.gain(axis)
     there = np.interp(1 / (4 * window_s), spectrum.frequency_hz, level)
     return float(np.sqrt(there / (2 * window_s)))

@@ -72,7 +72,7 @@ def check_bead(
     progress : called with (simulations done, of how many in this round).
     """
     battery = _Battery(case)
-    recorded = battery.recorded()
+    recorded = recorded_of(case)
     looks, observed = battery.looks(recorded)
     upper = np.array([_is_upper(look) for look in looks])
     pooled = np.array([look.pooled for look in looks])
@@ -122,13 +122,6 @@ class _Battery:
         # subtracted frame by frame, nothing is left of the reference
         self.above_hz = [CLEAR_OF_CUTOFF * (math.inf if c is None else c) for c in cutoffs]
 
-    def recorded(self) -> list[Observed]:
-        """The recording, as the battery looks at it."""
-        case = self.case
-        return self._observed(
-            case.positions_nm, case.references_nm, case.fit.model.data, case.fit.expected
-        )
-
     def simulated(self, twin: Twin) -> list[Observed]:
         """A simulation, reduced and fitted as the recording was."""
         case = self.case
@@ -137,26 +130,7 @@ class _Battery:
             for x, phi in zip(twin.positions_nm, case.phi, strict=True)
         )
         expected = nearby_fit(case.fit, data)
-        return self._observed(twin.positions_nm, twin.references_nm, data, expected)
-
-    def _observed(
-        self,
-        positions: tuple[FloatArray, ...],
-        references: tuple[FloatArray, ...] | None,
-        data: tuple[PlateauData, ...],
-        expected: list[Expectation],
-    ) -> list[Observed]:
-        return [
-            Observed(
-                position,
-                None if references is None else references[i],
-                self.case.camera_offset_nm[i],
-                data[i],
-                expected[i],
-                self.case.frame_s,
-            )
-            for i, position in enumerate(positions)
-        ]
+        return _observed(case, twin.positions_nm, twin.references_nm, data, expected)
 
     def looks(self, seen: list[Observed]) -> tuple[tuple[Look, ...], FloatArray]:
         """All looks, and their values."""
@@ -179,6 +153,33 @@ class _Battery:
             *agreement.extensions(seen),
         ]
         return tuple(look for look, _ in values), np.array([value for _, value in values])
+
+
+def recorded_of(case: Case) -> list[Observed]:
+    """The recording, plateau by plateau, as the battery looks at it."""
+    return _observed(
+        case, case.positions_nm, case.references_nm, case.fit.model.data, case.fit.expected
+    )
+
+
+def _observed(
+    case: Case,
+    positions: tuple[FloatArray, ...],
+    references: tuple[FloatArray, ...] | None,
+    data: tuple[PlateauData, ...],
+    expected: list[Expectation],
+) -> list[Observed]:
+    return [
+        Observed(
+            position,
+            None if references is None else references[i],
+            case.camera_offset_nm[i],
+            data[i],
+            expected[i],
+            case.frame_s,
+        )
+        for i, position in enumerate(positions)
+    ]
 
 
 def _projections(case: Case) -> list[list[FloatArray]]:

@@ -12,7 +12,6 @@ from mtpipe.configured.fit import ConfiguredFit, fit_configured
 from mtpipe.crosschecking.case import Case
 from mtpipe.crosschecking.check import BeadCheck
 from mtpipe.errors import FitError
-from mtpipe.physics.camera import FloatArray
 
 
 def excess(fit: ConfiguredFit) -> float:
@@ -43,17 +42,9 @@ def heldout_gain(case: Case, without: ConfiguredFit, with_it: ConfiguredFit) -> 
     """
     if any(fit.model.experiment.magnets.courses for fit in (without, with_it)):
         return float("nan")
-    halves = []
-    for first in (True, False):
-        data: list[PlateauData] = []
-        for position, phi in zip(case.positions_nm, case.phi, strict=True):
-            middle = len(position) // 2
-            piece: FloatArray = position[:middle] if first else position[middle:]
-            try:
-                data.append(plateau_data(piece, case.frame_s, phi))
-            except FitError:
-                return float("nan")
-        halves.append(tuple(data))
+    halves = halves_of(case)
+    if halves is None:
+        return float("nan")
     gain = 0.0
     for fitted, left in ((0, 1), (1, 0)):
         for fit, sign in ((with_it, 1), (without, -1)):
@@ -64,3 +55,17 @@ def heldout_gain(case: Case, without: ConfiguredFit, with_it: ConfiguredFit) -> 
             except (FitError, ValueError):
                 return float("nan")
     return gain
+
+
+def halves_of(case: Case) -> tuple[tuple[PlateauData, ...], tuple[PlateauData, ...]] | None:
+    """Data of the first and of the second half of every plateau; None where these are too short."""
+    first: list[PlateauData] = []
+    second: list[PlateauData] = []
+    for position, phi in zip(case.positions_nm, case.phi, strict=True):
+        middle = len(position) // 2
+        try:
+            first.append(plateau_data(position[:middle], case.frame_s, phi))
+            second.append(plateau_data(position[middle:], case.frame_s, phi))
+        except FitError:
+            return None
+    return tuple(first), tuple(second)

@@ -4,8 +4,9 @@ Three things are said. Of spectra, the smooth factor that the recording asks for
 (`mtpipe.diagnosis.smooth_correction`), and what it does to the forces when it is free: a force then
 lies between the fit and the corrected fit, give or take the error. Of what is no matter of
 frequency (a distribution, a course of time, a narrow line), the looks of the battery that show it,
-with the recorded value beside the simulated ones. Of the catalogue, the effect that came nearest,
-and why it was rejected.
+with the recorded value beside the simulated ones, and of courses and distributions a smooth curve
+and what it leaves open about the force (`left_in_time`, `left_in_distribution`). Of the catalogue,
+the effect that came nearest, and why it was rejected.
 """
 
 from __future__ import annotations
@@ -19,6 +20,8 @@ import numpy as np
 from mtpipe.battery.words import STATISTICS
 from mtpipe.configured.hypotheses import Tried
 from mtpipe.crosschecking.check import BeadCheck
+from mtpipe.diagnosis.left_in_distribution import LeftInDistribution, left_in_distribution
+from mtpipe.diagnosis.left_in_time import LeftInTime, left_in_time
 from mtpipe.diagnosis.smooth_correction import (
     AxisCorrection,
     Place,
@@ -81,6 +84,17 @@ class Unexplained:
                     kinds.setdefault((look.statistic, look.axis), i)
         return tuple(kinds.values())[:MOST_LOOKS]
 
+    @functools.cached_property
+    def shapes(self) -> tuple[LeftInTime | LeftInDistribution, ...]:
+        """Courses of time and distributions that the looks are about, each once."""
+        found: dict[tuple[str, int, int], LeftInTime | LeftInDistribution] = {}
+        for i in self.looks:
+            look = self.check.looks[i]
+            one = left_in_time(self.check, look) or left_in_distribution(self.check, look)
+            if one is not None:
+                found.setdefault((one.kind, one.axis, one.plateau), one)
+        return tuple(found.values())
+
     @property
     def sentence(self) -> str:
         """All of it in words."""
@@ -91,6 +105,10 @@ class Unexplained:
         )
         spectral = [] if self.correction is None else self._of_spectra(self.correction)
         looks = [_capital(self._of_look(i)) + "." for i in self.looks]
+        looks += [
+            f"In plateau {self.number(one.plateau)}, along {AXES[one.axis]}, {one.words}."
+            for one in self.shapes
+        ]
         first = int(np.argmin(self.check.p_values))
         inner = looks + spectral if first in self.looks else spectral + looks
         if self.nearest is not None:

@@ -7,6 +7,8 @@ from typing import Any
 
 import numpy as np
 
+from mtpipe.diagnosis.left_in_distribution import LeftInDistribution
+from mtpipe.diagnosis.left_in_time import LeftInTime
 from mtpipe.diagnosis.smooth_correction import (
     FARTHEST,
     AxisCorrection,
@@ -26,6 +28,7 @@ def content_of(left: Unexplained) -> dict[str, Any]:
     return {
         "sentence": left.sentence,
         "looks": [_look_dict(left, i) for i in left.looks],
+        "shapes": [_shape_dict(left, one) for one in left.shapes],
         "nearest": None
         if left.nearest is None
         else {
@@ -56,6 +59,35 @@ def _look_dict(left: Unexplained, i: int) -> dict[str, Any]:
         "band_hz": None if look.band_hz is None else list(look.band_hz),
         "time_s": None if look.time_s is None else list(look.time_s),
         **{name: _finite(value) for name, value in zip(names, values, strict=True)},
+    }
+
+
+def _shape_dict(left: Unexplained, one: LeftInTime | LeftInDistribution) -> dict[str, Any]:
+    """A course or a distribution: points, the curve through them, and what it does to the force."""
+    force: dict[str, Any]
+    if isinstance(one, LeftInTime):
+        force = {
+            "halves": None
+            if one.halves is None
+            else [{"force_pN": f, "force_stderr_pN": stderr} for f, stderr in one.halves]
+        }
+    else:
+        factor = math.exp(one.ln_force_shift)
+        force = {"force_factor": factor, "force_factor_stderr": factor * one.ln_force_stderr}
+    curve, shown = one.curve, (lambda values: values) if one.kind == "mean" else np.exp
+    return {
+        "kind": one.kind,
+        "axis": AXES[one.axis],
+        "plateau": left.number(one.plateau),
+        "at": curve.at.tolist(),
+        "value": shown(one.values).tolist(),
+        "value_low": shown(one.values - one.stderr).tolist(),
+        "value_high": shown(one.values + one.stderr).tolist(),
+        "curve": shown(curve.mean).tolist(),
+        "curve_low": shown(curve.mean - curve.stderr).tolist(),
+        "curve_high": shown(curve.mean + curve.stderr).tolist(),
+        "gain_nats": curve.gain_nats,
+        **force,
     }
 
 

@@ -1,4 +1,6 @@
-"""The chart of what no effect explains: recorded over expected power, and its smooth correction."""
+"""Charts of what no effect explains: spectra, courses of time and distributions, and the smooth
+curves through them.
+"""
 
 from __future__ import annotations
 
@@ -21,6 +23,13 @@ from mtpipe.report.plotly_json import (
     layout,
     log_axis,
 )
+
+# Of each kind of shape: the two axes in words, and the unit across.
+SHAPE_WORDS = {
+    "mean": ("time / s", "mean position / nm", " s"),
+    "variance": ("time / s", "variance / that of the plateau", " s"),
+    "distribution": ("position / standard deviation", "density / normal", ""),
+}
 
 
 def left_panels(run: RunFolder, bead: str) -> Sequence[Mapping[str, Any]]:
@@ -87,4 +96,68 @@ def unexplained_figure(arrays: Arrays, panels: Sequence[Mapping[str, Any]]) -> F
     made["yaxis"] = log_axis("recorded / expected power", seen, anchor="x")
     line = {"type": "line", "xref": "paper", "x0": 0, "x1": 1, "y0": 1, "y1": 1}
     made["shapes"] = [line | {"line": {"color": GREY, "width": 1, "dash": "dash"}}]
+    return {"data": data, "layout": made}
+
+
+def left_shapes(run: RunFolder, bead: str) -> Sequence[Mapping[str, Any]]:
+    """Courses of time and distributions that are to be drawn."""
+    shapes: Sequence[Mapping[str, Any]] = run.unexplained.get(bead, {"shapes": ()})["shapes"]
+    return shapes
+
+
+def shapes_figure(arrays: Arrays, shapes: Sequence[Mapping[str, Any]]) -> Figure:
+    """A panel for each."""
+    data: list[dict[str, Any]] = []
+    made = layout(320, showlegend=False)
+    made["shapes"] = []
+    width = 0.42 if len(shapes) > 1 else 1.0
+    for number, shape in enumerate(shapes, start=1):
+        suffix = "" if number == 1 else str(number)
+        on: dict[str, Any] = {"xaxis": f"x{suffix}", "yaxis": f"y{suffix}"}
+        across, along, hover = SHAPE_WORDS[shape["kind"]]
+        at, value, low, high, curve, curve_low, curve_high = (
+            np.array(shape[key])
+            for key in (
+                "at", "value", "value_low", "value_high", "curve", "curve_low", "curve_high",
+            )
+        )  # fmt: skip
+        colour = AXIS_COLOUR[shape["axis"]]
+        data += [
+            band(arrays, at, curve_low, curve_high, PALE, showlegend=False, **on),
+            {
+                "type": "scatter",
+                "mode": "lines",
+                "x": arrays.add(at),
+                "y": arrays.add(curve),
+                "line": {"color": INK, "width": 1.6},
+                "hoverinfo": "skip",
+                **on,
+            },
+            {
+                "type": "scatter",
+                "mode": "markers",
+                "x": arrays.add(at),
+                "y": arrays.add(value),
+                "error_y": bars(arrays, high - value, colour, below=value - low),
+                "marker": {"size": 5, "symbol": AXIS_SYMBOL[shape["axis"]], "color": colour},
+                "hovertemplate": f"%{{x:.3g}}{hover}: %{{y:.3g}}<extra></extra>",
+                **on,
+            },
+        ]
+        left = 0.0 if number == 1 else 1 - width
+        where = f"{shape['axis']}, plateau {shape['plateau']}"
+        made[f"xaxis{suffix}"] = {
+            "title": {"text": f"{where}: {across}"},
+            "domain": [left, left + width],
+            "anchor": f"y{suffix}",
+        }
+        if shape["kind"] == "mean":
+            made[f"yaxis{suffix}"] = {"title": {"text": along}, "anchor": f"x{suffix}"}
+        else:
+            made[f"yaxis{suffix}"] = log_axis(along, [*value, 0.9, 1.1], anchor=f"x{suffix}")
+        none = 0 if shape["kind"] == "mean" else 1
+        line = {"color": GREY, "width": 1, "dash": "dash"}
+        ends = {"x0": 0, "x1": 1, "y0": none, "y1": none}
+        on_panel = {"type": "line", "xref": f"x{suffix} domain", "yref": f"y{suffix}"}
+        made["shapes"].append({**on_panel, **ends, "line": line})
     return {"data": data, "layout": made}

@@ -26,7 +26,12 @@ from mtpipe.report.figures_bead import (
 from mtpipe.report.figures_crosscheck import curves_figure, map_figure
 from mtpipe.report.figures_run import drift_figure, forces_figure
 from mtpipe.report.figures_trace import posterior_figure, spectrum_figure
-from mtpipe.report.figures_unexplained import left_panels, unexplained_figure
+from mtpipe.report.figures_unexplained import (
+    left_panels,
+    left_shapes,
+    shapes_figure,
+    unexplained_figure,
+)
 from mtpipe.report.folder import RunFolder, read_run_folder, records
 from mtpipe.report.notices import notice_groups
 from mtpipe.report.plateau_forces import comparisons
@@ -176,6 +181,8 @@ def _bead_page(run: RunFolder, row: rows.BeadRow) -> dict[str, Any]:
         figures["crosscheck"] = map_figure(checked)
     if panels := left_panels(run, bead):
         figures["unexplained"] = unexplained_figure(arrays, panels)
+    if shapes := left_shapes(run, bead):
+        figures["shapes"] = shapes_figure(arrays, shapes)
     curves = _crosscheck_curves(arrays, run, bead)
     usable = [key for key, force in forces.items() if force["status"] != "refused"]
     figures = {name: figure for name, figure in figures.items() if figure["data"]}

@@ -1,0 +1,137 @@
+"""How a mean or a variance runs within a plateau where no effect explains it, and what that leaves
+open about the force.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from typing import Literal
+
+import numpy as np
+
+from mtpipe.battery.look import Look
+from mtpipe.battery.temporal import WINDOWS, in_windows, stderr_of_window
+from mtpipe.configured.fit import fit_configured
+from mtpipe.crosschecking.case import Case
+from mtpipe.crosschecking.check import BeadCheck, recorded_of
+from mtpipe.diagnosis.misfit import halves_of
+from mtpipe.diagnosis.smooth_curve import SmoothCurve, smooth_curve
+from mtpipe.errors import FitError
+from mtpipe.physics.camera import FloatArray
+from mtpipe.recording import AXES
+
+Kind = Literal["mean", "variance"]
+KINDS: dict[str, Kind] = {
+    "mean_trend": "mean",
+    "mean_step": "mean",
+    "mean_excursion": "mean",
+    "variance_trend": "variance",
+    "variance_step": "variance",
+    "variance_spread": "variance",
+    "quietest_second": "variance",
+}
+# ln of the marginal likelihood a course has to gain over none.
+WORTH_NATS = 3.0
+
+
+@dataclass(frozen=True, eq=False)
+class LeftInTime:
+    """A course within a plateau.
+
+    Attributes
+    ----------
+    axis, plateau : indices.
+    values, stderr : (windows,) means about the plateau's in nm, or ln of variances over their mean.
+    curve : smooth, over the seconds from the plateau's begin.
+    halves : force in pN and its standard error, of the first and the second half of the plateau by
+        themselves; None where these are too short, or the force changes as it is.
+    """
+
+    kind: Kind
+    axis: int
+    plateau: int
+    values: FloatArray
+    stderr: FloatArray
+    curve: SmoothCurve
+    halves: tuple[tuple[float, float], tuple[float, float]] | None
+
+    @property
+    def words(self) -> str:
+        """A sentence, without the plateau's number."""
+        ends = sorted((int(np.argmin(self.curve.mean)), int(np.argmax(self.curve.mean))))
+        told = []
+        for k in ends:
+            size, error = float(self.curve.mean[k]), float(self.curve.stderr[k])
+            if self.kind == "mean":
+                told.append(f"{size:+.2g} ± {error:.1g} nm at {self.curve.at[k]:.3g} s")
+            else:
+                factor = np.exp(size)
+                told.append(f"{factor:.2f} ± {factor * error:.2f} at {self.curve.at[k]:.3g} s")
+        of = "the mean" if self.kind == "mean" else "the variance, over that of all of it,"
+        words = f"{of} runs from {told[0]} to {told[1]}"
+        if self.halves is None:
+            return words
+        first, second = (f"{force:.3g} ± {error:.1g}" for force, error in self.halves)
+        return (
+            f"{words}, and the force is {first} pN by the first half and {second} pN by the second"
+        )
+
+
+def left_in_time(check: BeadCheck, look: Look) -> LeftInTime | None:
+    """The course that a look is about, in the plateau where it is clearest; None if it is about
+    none, or the course is not worth a curve.
+    """
+    kind = KINDS.get(look.statistic)
+    if kind is None:
+        return None
+    axis = AXES.index(look.axis)
+    plateau = clearest_plateau(check, look)
+    one = recorded_of(check.case)[plateau]
+    means, logs = in_windows(one)
+    if kind == "mean":
+        values, error = means[axis], stderr_of_window(one, axis)
+    else:
+        values = logs[axis] - np.log(np.mean(np.exp(logs[axis])))
+        error = _simulated_spread(check, axis, plateau)
+    time_s = (np.arange(WINDOWS) + 0.5) / WINDOWS * one.duration_s
+    stderr = np.full(WINDOWS, error)
+    curve = smooth_curve(time_s, values, stderr)
+    if curve.gain_nats < WORTH_NATS:
+        return None
+    halves = _halves_pN(check.case, plateau)
+    return LeftInTime(kind, axis, plateau, values, stderr, curve, halves)
+
+
+def clearest_plateau(check: BeadCheck, look: Look) -> int:
+    """Index of the plateau in which the look's statistic is oddest along its axis."""
+    odd = {
+        one.plateaus[0]: float(check.p_values[i])
+        for i, one in enumerate(check.looks)
+        if (one.statistic, one.axis, len(one.plateaus)) == (look.statistic, look.axis, 1)
+        and set(one.plateaus) <= set(look.plateaus)
+    }
+    return min(odd, key=lambda k: odd[k], default=look.plateaus[0])
+
+
+def _simulated_spread(check: BeadCheck, axis: int, plateau: int) -> float:
+    """Standard deviation of ln of the windows' variances, as simulated."""
+    own = [
+        i
+        for i, one in enumerate(check.looks)
+        if (one.statistic, one.axis, one.plateaus) == ("variance_spread", AXES[axis], (plateau,))
+    ]
+    return float(np.median(check.simulated[:, own[0]]))
+
+
+def _halves_pN(case: Case, plateau: int) -> tuple[tuple[float, float], tuple[float, float]] | None:
+    halves = None if case.fit.model.experiment.magnets.courses else halves_of(case)
+    if halves is None:
+        return None
+    found = []
+    for data in halves:
+        try:
+            fit = fit_configured(replace(case.fit.model, data=data), case.fit.theta)
+        except (FitError, ValueError):
+            return None
+        found.append((float(fit.force_pN[plateau]), float(fit.force_stderr_pN[plateau])))
+    return found[0], found[1]
