@@ -80,6 +80,18 @@ def test_line_is_found_at_its_frequency_and_scored_like_a_normal_variate():
     assert value > 8
 
 
+def test_a_line_that_wanders_is_not_two():
+    """Its phase runs to and fro by a turn: the line is several steps of the spectrum wide."""
+    phase = 2 * np.pi * 30.0 * FRAME_S * np.arange(2048) + 3 * np.sin(np.linspace(0, 9, 2048))
+    one = White().seen(generator(4), lambda x: x + np.outer(np.sin(phase), [1, 0, 0]))
+    found = spectral.lines([one], [whitened(one)])
+    ((_, first),) = values(found, "line").items()
+    ((look, second),) = values(found, "second_line").items()
+    assert first > 7
+    assert second < 4
+    assert abs(np.mean(look.band_hz) - 30.0) > 0.6
+
+
 def test_score_of_the_largest_is_finite_for_any_line():
     huge = spectral._score_of_largest(1e6, 1000)
     assert np.isfinite(huge)

@@ -17,12 +17,13 @@ from mtpipe.crosschecking.check import check_bead
 from mtpipe.crosschecking.curves import KINDS
 from mtpipe.crosschecking.recording import COLUMNS
 from mtpipe.crosschecking.twin import TwinMaker
+from mtpipe.diagnosis.evidence import evidence_of
 from mtpipe.drift import subtract_drift
 from mtpipe.errors import RecordingError
 from mtpipe.plateaus import find_plateaus
 from mtpipe.setup import Setup
 from mtpipe.tables import crosscheck_curves, crosscheck_table
-from tests.small_case import FORCES_PN, case, generator, raw, setup
+from tests.small_case import FORCES_PN, FRAMES, case, generator, raw, setup
 
 ROUNDS = (26,)
 
@@ -93,6 +94,8 @@ def test_a_vibration_is_found_where_it_is(clean):
     assert look.axis == "y"
     assert look.band_hz[0] - 0.2 < 31.7 < look.band_hz[1] + 0.2
     assert {one.axis for one in oddest(found, 1e-6)} <= {"y", "xy", "yz"}
+    # an error of a tenth of the spectrum's steps is 10 standard errors of such a line's frequency
+    assert evidence_of(found).lines_hz[0] == pytest.approx(31.7, abs=0.1 * 120 / FRAMES)
 
 
 def test_a_wrong_viscosity_is_seen_in_lateral_motion(clean):

@@ -19,7 +19,7 @@ from mtpipe.crosschecking.case import FORMULAS, preference, prepare
 from mtpipe.crosschecking.check import check_bead
 from mtpipe.diagnosis.evidence import reference_moves
 from mtpipe.diagnosis.explain import alike, explain, without_superfluous
-from mtpipe.diagnosis.explanation import Alternative, Explanation, Named
+from mtpipe.diagnosis.explanation import Alternative, Explanation, Named, agrees
 from mtpipe.diagnosis.mismatch import Mismatch
 from mtpipe.diagnosis.refit import other_formulas
 from mtpipe.effects.catalogue import OWN
@@ -230,6 +230,19 @@ def test_an_effect_that_another_makes_needless_is_dropped():
     assert {p.name for p in after.case.fit.model.parameters} == {
         p.name for p in before.case.fit.model.parameters
     } | {"viscosity over configured"}
+
+
+@pytest.mark.parametrize(
+    ("before", "after", "agree"),
+    [
+        (1e-9, 0.3, True),
+        (1e-9, 0.007, False),  # an alarm is not explained by what is nearly another
+        (0.006, 0.007, True),  # there was no alarm
+        (0.3, 0.001, False),
+    ],
+)
+def test_what_was_an_alarm_has_to_agree_better_than_to_be_none(before, after, agree):
+    assert agrees(SimpleNamespace(p_value=after), SimpleNamespace(p_value=before)) == agree
 
 
 @pytest.mark.parametrize(
