@@ -6,7 +6,8 @@ plateaus that are far enough from the surface, and one is recommended by the dat
 1. Bouchiat's chain or Marko and Siggia's interpolation, whichever fits the same points up to 10 pN
    better over all beads of a recording (`fit_curves`), so that beads can be compared. They have as
    many parameters, and persistence lengths 8 % apart. Where a bead's chi2 differs by less than 6
-   (odds of 20) a notice names the other's.
+   (odds of 20) a notice names the other's. What the other formula makes of the lengths is in the
+   errors of those recommended, with the weight that chi2 leaves it.
 2. The extensible chain instead, when some force reaches above 8 pN, the stretch modulus is told
    from infinity by two standard errors, and BIC improves by more than 6 ("strong", Kass & Raftery
    1995) over the fit of Bouchiat's chain to the same points.
@@ -22,6 +23,7 @@ Points below 3.5 kT/sigma are left out: 0.05 pN for a contour of 2700 nm, 0.14 p
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, replace
 
@@ -43,6 +45,8 @@ from mtpipe.physics.tether import VALIDITY, Formula
 _SURFACE_REDUCED_FORCE = 3.5
 _DECISIVE_CHI2 = 6.0
 _DECISIVE_BIC = 6.0
+# From here on the worse formula weighs nothing.
+_CERTAIN_CHI2 = 200.0
 _STRETCHING_FROM_PN = 8.0
 _STRONG_CORRELATION = 0.98
 _POOR_P_VALUE = 1e-3
@@ -80,14 +84,20 @@ class ForceExtension:
 
 
 def fit_curves(beads: Mapping[str, tuple[ExtensionPoints, Assay]]) -> dict[str, ForceExtension]:
-    """Fit the curves of all beads of a recording, with one formula for the inextensible chain."""
+    """Fit the curves of all beads of a recording, with one formula for the inextensible chain.
+
+    What the other formula would make of the lengths is in the errors of those recommended, with the
+    weight that it has by chi2 over all beads.
+    """
     curves = {bead: fit_curve(bead, points, assay) for bead, (points, assay) in beads.items()}
-    if sum(curve.interpolation_gain for curve in curves.values()) <= 0:
-        return curves
-    return {
-        bead: fit_curve(bead, points, assay, inextensible="marko-siggia")
-        for bead, (points, assay) in beads.items()
-    }
+    gain = sum(curve.interpolation_gain for curve in curves.values())
+    if gain > 0:
+        curves = {
+            bead: fit_curve(bead, points, assay, inextensible="marko-siggia")
+            for bead, (points, assay) in beads.items()
+        }
+    weight = 1 / (1 + math.exp(min(abs(gain), _CERTAIN_CHI2) / 2))
+    return {bead: _with_other_formula(curve, weight) for bead, curve in curves.items()}
 
 
 def fit_curve(
@@ -142,6 +152,35 @@ def fit_curve(
         surface_pN,
         tuple(replace(notice, bead=bead) for notice in notices),
     )
+
+
+def _with_other_formula(curve: ForceExtension, weight: float) -> ForceExtension:
+    """The curve with what the inextensible chain's other formula would make of its lengths in the
+    errors of the recommended ones; `weight` : of that formula.
+    """
+    chosen = curve.recommended
+    other = next(
+        (
+            fit
+            for fit in curve.fits
+            if chosen is not None
+            and {fit.model, chosen.model} == {"bouchiat", "marko-siggia"}
+            and fit.identified
+        ),
+        None,
+    )
+    if chosen is None or other is None:
+        return curve
+    lengths = {
+        name: getattr(chosen, name).widened(
+            math.sqrt(weight)
+            * abs(math.log(getattr(other, name).value / getattr(chosen, name).value))
+        )
+        for name in ("contour_length_nm", "persistence_length_nm")
+    }
+    widened = replace(chosen, **lengths)
+    fits = tuple(widened if fit is chosen else fit for fit in curve.fits)
+    return replace(curve, fits=fits, recommended=widened)
 
 
 def surface_force_pN(points: ExtensionPoints, assay: Assay) -> float:

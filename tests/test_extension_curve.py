@@ -324,3 +324,29 @@ def test_one_recording_has_one_formula():
     models = {curve.recommended.model for curve in fit_curves(beads).values()}
     assert models <= {"bouchiat", "extensible"}
     assert "bouchiat" in models
+
+
+def test_lengths_whose_formula_is_not_known_are_known_less_well():
+    """Four points of 2 % do not tell one formula from the other."""
+    points = measure(BOUCHIAT, np.geomspace(0.5, 8, 4), error=0.02, error_nm=0.5)
+    curve = fit_curves({"b1": (points, ASSAY)})["b1"]
+    alone = next(one for one in fit_curve("b1", points, ASSAY).fits if one.model == "bouchiat")
+    other = next(one for one in curve.fits if one.model == "marko-siggia")
+    weight = 1 / (1 + math.exp(abs(curve.interpolation_gain) / 2))
+    assert 0.05 < weight < 0.5
+    for name in ("contour_length_nm", "persistence_length_nm"):
+        mine, own, theirs = (getattr(one, name) for one in (curve.recommended, alone, other))
+        apart = math.log(theirs.value / own.value)
+        assert mine.value == own.value
+        relative = math.hypot(own.stderr / own.value, math.sqrt(weight) * apart)
+        assert mine.stderr / mine.value == pytest.approx(relative, rel=1e-6)
+    assert curve.recommended in curve.fits
+
+
+def test_a_formula_that_is_known_leaves_lengths_as_they_are():
+    points = measure(BOUCHIAT, np.geomspace(0.1, 9, 12), error=0.004, error_nm=0.2)
+    curve = fit_curves({"b1": (points, ASSAY)})["b1"]
+    alone = next(one for one in fit_curve("b1", points, ASSAY).fits if one.model == "bouchiat")
+    assert curve.interpolation_gain < -30
+    mine, own = curve.recommended.persistence_length_nm, alone.persistence_length_nm
+    assert mine.stderr == pytest.approx(own.stderr, rel=1e-3)
