@@ -10,6 +10,7 @@ from mtpipe.battery.spectral import same_line
 from mtpipe.configured.courses import force_courses
 from mtpipe.crosschecking.case import Case
 from mtpipe.crosschecking.check import BeadCheck
+from mtpipe.drift.lowpass import response
 from mtpipe.effects.effect import Evidence
 from mtpipe.physics.camera import FloatArray
 
@@ -20,6 +21,8 @@ BLOCK_S = 1.0
 FINER = 20
 # So much likelier one of two has to be to be believed.
 DECIDED_NATS = 4.0
+# Block means hold next to nothing of frequencies beyond so many per block.
+HIGHEST, POINTS = 20.0, 2001
 
 
 def evidence_of(check: BeadCheck) -> Evidence:
@@ -63,13 +66,15 @@ def reference_moves(check: BeadCheck) -> bool | None:
     """Whether slow motion of the bead is the reference's own, carried over by subtraction.
 
     Then the bead's steps from second to second go against the motion that was subtracted, by the
-    reference's share of it; motion of the bead itself has nothing to do with it. None: there is no
-    reference, or the data do not tell.
+    reference's share of it; motion of the bead itself has nothing to do with it. The reference's
+    tracking noise is subtracted too, as far as it passes, and goes against it in either case. None:
+    there is no reference, or the data do not tell.
     """
     case = check.case
     if case.references_nm is None:
         return None
-    bead, subtracted, thermal = [], [], []
+    bead, subtracted, thermal, tracked = [], [], [], []
+    noise_nm2 = noise_between_blocks_nm2(case)
     for i, position in enumerate(case.positions_nm):
         length = max(2, round(BLOCK_S / case.frame_s))
         blocks = len(position) // length
@@ -84,22 +89,38 @@ def reference_moves(check: BeadCheck) -> bool | None:
             level = case.fit.expected[i].power[:, axis, axis] / spectrum.gain(axis)
             slow = float(np.interp(1 / (4 * BLOCK_S), spectrum.frequency_hz, level))
             thermal.append(np.full(blocks - 1, slow / BLOCK_S))
+            tracked.append(np.full(blocks - 1, noise_nm2[axis]))
     if not bead:
         return None
     # each plateau and axis counts by what its thermal motion leaves visible
-    b, s, noise = (np.concatenate(part) for part in (bead, subtracted, thermal))
+    b, s, noise, passed = (np.concatenate(part) for part in (bead, subtracted, thermal, tracked))
     known = np.isfinite(b) & np.isfinite(s)
-    b, s, weight = b[known], s[known], 1 / noise[known]
+    b, s, weight, passed = b[known], s[known], 1 / noise[known], passed[known]
     total = float(np.sum(weight * s**2))
     if not total > 0:
         return None
     slope = float(np.sum(weight * b * s)) / total
     variance = float(np.sum((weight * s * (b - slope * s)) ** 2)) / total**2
+    beyond_noise = slope + float(np.sum(weight * passed)) / total
     # all that the bead moves more than it should is the reference's, or none of it
     if_reference = -max(float(np.sum(weight * b**2)) - len(b), 0.0) / total
     variance_if = variance + 2 * len(b) / total**2
-    nats = 0.5 * (slope**2 / variance - (slope - if_reference) ** 2 / variance_if)
+    nats = 0.5 * (beyond_noise**2 / variance - (beyond_noise - if_reference) ** 2 / variance_if)
     return None if abs(nats) < DECIDED_NATS else nats > 0
+
+
+def noise_between_blocks_nm2(case: Case) -> list[float]:
+    """Variance per axis of the difference of successive block means of what passes the low-pass of
+    the references' tracking noise.
+    """
+    subtraction = case.fit.model.subtraction
+    frequency = np.linspace(0.0, HIGHEST / BLOCK_S, POINTS)
+    of_blocks = np.sinc(frequency * BLOCK_S) ** 2 * 4 * np.sin(np.pi * frequency * BLOCK_S) ** 2
+    return [
+        2 * case.frame_s * noise_nm**2
+        * float(np.trapezoid(response(frequency, cutoff_hz) ** 2 * of_blocks, frequency))
+        for noise_nm, cutoff_hz in zip(subtraction.noise_nm, subtraction.cutoff_hz, strict=True)
+    ]  # fmt: skip
 
 
 def _block_means(series: FloatArray, blocks: int, length: int) -> FloatArray:
