@@ -55,7 +55,7 @@ def _line_hz(case: Case, axis: int, plateaus: Sequence[int], band_hz: tuple[floa
         series = case.positions_nm[i][:, axis]
         series = np.nan_to_num(series - np.nanmean(series))
         time_s = case.frame_s * np.arange(len(series))
-        sums = np.exp(-2j * np.pi * np.outer(frequency, time_s)) @ series
+        sums = np.array([np.exp(-2j * np.pi * f * time_s) @ series for f in frequency])
         spectrum = case.fit.model.data[i].spectrum
         expected = case.fit.expected[i].power[:, axis, axis]
         total += np.abs(sums) ** 2 / np.interp(frequency, spectrum.frequency_hz, expected)
