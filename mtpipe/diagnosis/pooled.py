@@ -12,8 +12,8 @@ import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
-from mtpipe.diagnosis.explain import ALIKE_NATS
-
+# Of all beads together causes that differ by so many nats are told apart.
+TOLD_NATS = 3.0
 # What a bead says of a size that another would have: it asks for that too, or for another, it
 # excludes it, or cannot tell it from none.
 ASKED, ANOTHER, EXCLUDED, UNKNOWN = ANSWERS = ("asked", "another", "excluded", "unknown")
@@ -42,10 +42,10 @@ class Curve:
 
     def says(self, value: float) -> str:
         """What the bead says of a size: one of `ANSWERS`."""
-        none, most = self.at(0.0), self.penalty + ALIKE_NATS
+        none, most = self.at(0.0), self.penalty + TOLD_NATS
         if self.nats - self.at(value) > most:
             return ANOTHER if self.nats - none > most else EXCLUDED
-        if abs(self.at(value) - none) <= ALIKE_NATS:
+        if abs(self.at(value) - none) <= TOLD_NATS:
             return UNKNOWN
         return ASKED if self.at(value) > none else EXCLUDED
 
@@ -172,14 +172,14 @@ def settled(ballots: Mapping[str, Ballot], bead: str, slot: Mapping[str, float])
     first = max(shared, key=lambda effect: totals[effect])
     hidden = max(beside, key=lambda effect: beside[effect], default=first)
     top, other = totals[first], max(own, beside.get(hidden, -math.inf))
-    if other > max(top, own) + ALIKE_NATS:
+    if other > max(top, own) + TOLD_NATS:
         return Settled((hidden,), of_others[hidden], beside=True)
-    if other > top + ALIKE_NATS:
+    if other > top + TOLD_NATS:
         totals = {effect: totals[effect] for effect in private}
     best = max(totals.values(), default=0.0)
-    left = sorted((e for e in totals if totals[e] > best - ALIKE_NATS), key=lambda e: -totals[e])
-    supported = top > other + ALIKE_NATS
-    refuted = agreed < max(top, other) - ALIKE_NATS
+    left = sorted((e for e in totals if totals[e] > best - TOLD_NATS), key=lambda e: -totals[e])
+    supported = top > other + TOLD_NATS
+    refuted = agreed < max(top, other) - TOLD_NATS
     if refuted and not supported and not set(left) & set(private):
         return Settled(())
     return Settled(tuple(left), of_others.get(first) if supported and len(left) == 1 else None)

@@ -48,10 +48,14 @@ MOST_TOLD = 100
 
 @dataclass(frozen=True, eq=False)
 class Rejected:
-    """An effect of the catalogue that is not named, and why, in words that continue "which …"."""
+    """An effect of the catalogue that is not named, and why, in words that continue "which …".
+
+    `unseen` : because all of it but its motion fits as well.
+    """
 
     tried: Tried
     reason: str
+    unseen: bool = False
 
 
 @dataclass(frozen=True, eq=False)
