@@ -29,6 +29,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.special import expit
 
 from mtpipe.fit.tether import (
     Assay,
@@ -45,8 +46,6 @@ from mtpipe.physics.tether import VALIDITY, Formula
 _SURFACE_REDUCED_FORCE = 3.5
 _DECISIVE_CHI2 = 6.0
 _DECISIVE_BIC = 6.0
-# From here on the worse formula weighs nothing.
-_CERTAIN_CHI2 = 200.0
 _STRETCHING_FROM_PN = 8.0
 _STRONG_CORRELATION = 0.98
 _POOR_P_VALUE = 1e-3
@@ -96,7 +95,7 @@ def fit_curves(beads: Mapping[str, tuple[ExtensionPoints, Assay]]) -> dict[str, 
             bead: fit_curve(bead, points, assay, inextensible="marko-siggia")
             for bead, (points, assay) in beads.items()
         }
-    weight = 1 / (1 + math.exp(min(abs(gain), _CERTAIN_CHI2) / 2))
+    weight = float(expit(-abs(gain) / 2))
     return {bead: _with_other_formula(curve, weight) for bead, curve in curves.items()}
 
 
@@ -159,18 +158,13 @@ def _with_other_formula(curve: ForceExtension, weight: float) -> ForceExtension:
     errors of the recommended ones; `weight` : of that formula.
     """
     chosen = curve.recommended
-    other = next(
-        (
-            fit
-            for fit in curve.fits
-            if chosen is not None
-            and {fit.model, chosen.model} == {"bouchiat", "marko-siggia"}
-            and fit.identified
-        ),
-        None,
-    )
-    if chosen is None or other is None:
+    if chosen is None:
         return curve
+    formulas = {"bouchiat", "marko-siggia"}
+    others = [fit for fit in curve.fits if {fit.model, chosen.model} == formulas]
+    if not (others and others[0].identified):
+        return curve
+    (other,) = others
     lengths = {
         name: getattr(chosen, name).widened(
             math.sqrt(weight)

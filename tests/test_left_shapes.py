@@ -73,6 +73,30 @@ def test_a_constant_is_drawn_as_it_is_whatever_its_size():
     assert found.stderr.max() < 1.0
 
 
+def test_a_step_of_any_height_is_drawn():
+    for height_nm in (1e-6, 1e3, 1e9):
+        values = np.where(np.arange(16) < 8, 0.0, height_nm)
+        found = smooth_curve(np.arange(16.0), values, np.full(16, 0.05))
+        assert np.all(np.isfinite(found.mean))
+        np.testing.assert_allclose(found.mean, values, atol=0.1 + 0.1 * height_nm)
+
+
+def test_positions_stored_in_coarse_steps_have_no_middle_half_to_tell_the_force_by():
+    check, plateau = changed(6, lambda x: x), 2
+    stored = [position.copy() for position in check.case.positions_nm]
+    x = stored[plateau][:, ALONG_X]
+    step = 3 * x.std()
+    stored[plateau][:, ALONG_X] = x.mean() + step * np.round((x - x.mean()) / step)
+    check = replace(check, case=replace(check.case, positions_nm=tuple(stored)))
+    found = left_in_distribution(check, Look("kurtosis", "x", (plateau,)))
+    assert np.isnan(found.ln_force_shift)
+    assert "middle half" not in found.words
+    left = unexplained(check, None, beside=False)
+    left.__dict__["shapes"] = (found,)
+    (told,) = json.loads(json.dumps(content_of(left), allow_nan=False))["shapes"]
+    assert told["force_factor"] is None
+
+
 def test_a_variance_that_grows_is_drawn_and_both_halves_have_the_force_that_heights_hold():
     """Beyond 4 standard errors of the difference once in 16 000."""
     check = changed(1, lambda x: x * np.linspace(0.6, 1.4, len(x)), only=1)

@@ -13,6 +13,7 @@ from mtpipe.crosschecking.check import BeadCheck
 from mtpipe.drift.lowpass import response
 from mtpipe.effects.effect import Evidence
 from mtpipe.physics.camera import FloatArray
+from mtpipe.recording import AXES
 
 LINE_P = 1e-3
 MOST_LINES = 3
@@ -30,7 +31,7 @@ def evidence_of(check: BeadCheck) -> Evidence:
     found: list[tuple[float, float]] = []
     for look, p in zip(check.looks, check.p_values, strict=True):
         if look.statistic == "line" and p < LINE_P and look.band_hz is not None:
-            axis = "xyz".index(look.axis)
+            axis = AXES.index(look.axis)
             found.append((float(p), _line_hz(check.case, axis, look.plateaus, look.band_hz)))
     distinct: list[float] = []
     for _, frequency in sorted(found):

@@ -8,13 +8,12 @@ it. Effects that the recording cannot tell from the one named are listed beside 
 
 from __future__ import annotations
 
-import functools
 from collections.abc import Callable, Collection, Sequence
 from dataclasses import replace
+from functools import partial
 
 import numpy as np
 
-from mtpipe.configured.fit import ConfiguredFit
 from mtpipe.configured.hypotheses import (
     Tried,
     gained_by_motion,
@@ -178,24 +177,19 @@ def _with_alternatives(
     if own is None:
         return replace(one, alternatives=())
     names = {other.name for other in named}
-    return replace(one, alternatives=alike(own, tried, names, _predicted(case, without)))
+    return replace(one, alternatives=alike(own, tried, names, partial(_foretold, case)))
 
 
-def _predicted(case: Case, without: ConfiguredFit) -> Callable[[Tried], float]:
-    """What an effect gains on time that was not fitted, over the fit without it."""
-
-    @functools.cache
-    def gain(tried: Tried) -> float:
-        return heldout_gain(case, without, tried.fit)
-
-    return gain
+def _foretold(case: Case, one: Tried, other: Tried) -> float:
+    """How much better an effect than another tells time that was not fitted, in nats."""
+    return heldout_gain(case, other.fit, one.fit)
 
 
 def alike(
     one: Tried,
     tried: Sequence[Tried],
     named: Collection[str],
-    predicted: Callable[[Tried], float],
+    foretold: Callable[[Tried, Tried], float],
 ) -> tuple[Alternative, ...]:
     """Effects that are not named and fit as well as this one, by themselves or by their price, or
     tell as much beforehand.
@@ -203,7 +197,8 @@ def alike(
     Parameters
     ----------
     tried : all of them, this one too. named : names of those that are named.
-    predicted : what an effect gains on time that was not fitted; nan where that is not known.
+    foretold : how much better the first of two tells time that was not fitted; nan where that is
+        not known.
     """
     return tuple(
         Alternative(other, other.net - one.net)
@@ -212,7 +207,7 @@ def alike(
         and (
             abs(other.net - one.net) < ALIKE_NATS
             or one.gain - other.gain < ALIKE_NATS
-            or (one.net - other.net < NEAR_NATS and predicted(one) - predicted(other) < ALIKE_NATS)
+            or (one.net - other.net < NEAR_NATS and foretold(one, other) < ALIKE_NATS)
         )
     )
 
@@ -241,7 +236,7 @@ def _named(
     if after.p_value < min(ALARM_P, check.p_value**MORE_ODD):
         return Rejected(one, _more_odd(one, check, after))
     # all as they were tried, so that none has been fitted better than the others
-    alternatives = alike(chosen, tried, {one.effect.name}, _predicted(case, without))
+    alternatives = alike(chosen, tried, {one.effect.name}, partial(_foretold, case))
     return Named(one, alternatives, check, after, heldout)
 
 

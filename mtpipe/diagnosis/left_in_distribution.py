@@ -7,6 +7,7 @@ counterparts are; the recorded density over the normal one of the same width is 
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 from typing import Literal
 
@@ -16,7 +17,8 @@ from scipy import stats
 from mtpipe.battery.look import Look
 from mtpipe.battery.observed import Observed
 from mtpipe.crosschecking.check import BeadCheck, recorded_of
-from mtpipe.diagnosis.left_in_time import WORTH_NATS, clearest_plateau
+from mtpipe.diagnosis.left_in_time import clearest_plateau
+from mtpipe.diagnosis.smooth_correction import WORTH_NATS
 from mtpipe.diagnosis.smooth_curve import SmoothCurve, smooth_curve
 from mtpipe.physics.camera import FloatArray
 from mtpipe.recording import AXES
@@ -38,7 +40,8 @@ class LeftInDistribution:
     axis, plateau : indices.
     values, stderr : (bins,) ln of the recorded density over the normal one's.
     curve : smooth, over the position in standard deviations about the mean.
-    ln_force_shift, ln_force_stderr : of ln F, were the width that of the positions' middle half.
+    ln_force_shift, ln_force_stderr : of ln F, were the width that of the positions' middle half;
+        nan where that has none, as of positions stored in coarse steps.
     """
 
     axis: int
@@ -60,7 +63,7 @@ class LeftInDistribution:
             f"positions {self.curve.at[worst]:+.1f} standard deviations from the mean are "
             f"{factor:.2g} ± {error:.1g} times as frequent as of a normal distribution"
         )
-        if AXES[self.axis] == "z":
+        if AXES[self.axis] == "z" or math.isnan(self.ln_force_shift):
             return told
         shift = 100 * float(np.expm1(self.ln_force_shift))
         error = 100 * float(np.exp(self.ln_force_shift)) * self.ln_force_stderr
@@ -88,9 +91,10 @@ def left_in_distribution(check: BeadCheck, look: Look) -> LeftInDistribution | N
     if curve.gain_nats < WORTH_NATS:
         return None
     middle = float(np.diff(np.quantile(u, [0.25, 0.75]))[0]) / QUARTILES
-    error = 2 / np.sqrt(2 * EFFICIENCY * independent)
-    shift = -2 * float(np.log(middle))
-    return LeftInDistribution(axis, plateau, values, stderr, curve, shift, float(error))
+    shift, error = math.nan, math.nan
+    if middle > 0:
+        shift, error = -2 * math.log(middle), 2 / math.sqrt(2 * EFFICIENCY * independent)
+    return LeftInDistribution(axis, plateau, values, stderr, curve, shift, error)
 
 
 def independent_positions(one: Observed, axis: int) -> float:

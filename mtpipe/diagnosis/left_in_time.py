@@ -15,6 +15,7 @@ from mtpipe.configured.fit import fit_configured
 from mtpipe.crosschecking.case import Case
 from mtpipe.crosschecking.check import BeadCheck, recorded_of
 from mtpipe.diagnosis.misfit import halves_of
+from mtpipe.diagnosis.smooth_correction import WORTH_NATS
 from mtpipe.diagnosis.smooth_curve import SmoothCurve, smooth_curve
 from mtpipe.errors import FitError
 from mtpipe.physics.camera import FloatArray
@@ -30,8 +31,6 @@ KINDS: dict[str, Kind] = {
     "variance_spread": "variance",
     "quietest_second": "variance",
 }
-# ln of the marginal likelihood a course has to gain over none.
-WORTH_NATS = 3.0
 
 
 @dataclass(frozen=True, eq=False)

@@ -1,7 +1,7 @@
 """A smooth curve through points with errors, and how much they ask for one.
 
-A Gaussian process about an unknown constant (Matérn covariance of order 3/2; Rasmussen & Williams
-2006, eq. 4.17), of the size and length that have the largest marginal likelihood.
+A Gaussian process about an unknown constant (Matérn covariance), of the size and length that have
+the largest marginal likelihood.
 """
 
 from __future__ import annotations
@@ -16,8 +16,9 @@ from mtpipe.physics.camera import FloatArray
 
 # Sizes that are tried, in units of the points' own spread, and lengths, of their range.
 SIZES, LENGTHS = (0.3, 1.0, 3.0), (0.1, 0.3, 1.0)
-# The constant is known so badly beforehand, in units of all that is seen.
-CONSTANT = 30.0
+# The constant is known so badly beforehand, in units of all that is seen, and errors are taken for
+# no smaller than this part of it: the arithmetic holds so many digits.
+CONSTANT, LEAST_ERROR = 30.0, 1e-4
 
 
 @dataclass(frozen=True, eq=False)
@@ -45,14 +46,14 @@ def smooth_curve(at: FloatArray, values: FloatArray, stderr: FloatArray) -> Smoo
     """
     centred = values - np.average(values, weights=stderr**-2.0)
     spread = float(centred.std())
+    stderr = np.maximum(stderr, LEAST_ERROR * spread)
     constant = (CONSTANT * (spread + float(stderr.max()))) ** 2 * np.ones((len(at), len(at)))
     apart = np.abs(np.subtract.outer(at, at)) / float(np.ptp(at))
     noise = np.diag(stderr**2)
     without = _ln_evidence(constant + noise, centred)
     best, gain = constant, 0.0
     for size, length in itertools.product(SIZES, LENGTHS):
-        far = np.sqrt(3) * apart / length
-        prior = constant + (size * spread) ** 2 * (1 + far) * np.exp(-far)
+        prior = constant + matern(apart, size * spread, length)
         gained = _ln_evidence(prior + noise, centred) - without
         if gained > gain:
             best, gain = prior, gained
@@ -60,6 +61,12 @@ def smooth_curve(at: FloatArray, values: FloatArray, stderr: FloatArray) -> Smoo
     variance = np.diag(best) - np.einsum("ij,ij->j", best, solved)
     mean = values - centred + solved.T @ centred
     return SmoothCurve(at, mean, np.sqrt(np.maximum(variance, 0.0)), gain)
+
+
+def matern(apart: FloatArray, size: float, length: float) -> FloatArray:
+    """Covariance of order 3/2 (Rasmussen & Williams 2006, eq. 4.17) of points so far apart."""
+    far = np.sqrt(3) * apart / length
+    return np.asarray(size**2 * (1 + far) * np.exp(-far))
 
 
 def _ln_evidence(covariance: FloatArray, values: FloatArray) -> float:

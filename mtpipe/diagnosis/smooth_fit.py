@@ -15,6 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import interpolate, linalg
 
+from mtpipe.diagnosis.smooth_curve import matern
 from mtpipe.physics.camera import FloatArray
 
 # Distance of the splines in ln f.
@@ -109,8 +110,8 @@ def _precision(band_hz: tuple[float, float], width: float, length: float) -> Flo
     middles = np.array(
         [knots[k + 1 : k + 1 + DEGREE].mean() for k in range(len(knots) - DEGREE - 1)]
     )
-    apart = np.sqrt(3) * np.abs(np.subtract.outer(middles, middles)) / length
-    return np.asarray(np.linalg.inv(width**2 * (1 + apart) * np.exp(-apart)))
+    apart = np.abs(np.subtract.outer(middles, middles))
+    return np.asarray(np.linalg.inv(matern(apart, width, length)))
 
 
 def terms_of(

@@ -73,7 +73,10 @@ def _shape_dict(left: Unexplained, one: LeftInTime | LeftInDistribution) -> dict
         }
     else:
         factor = math.exp(one.ln_force_shift)
-        force = {"force_factor": factor, "force_factor_stderr": factor * one.ln_force_stderr}
+        force = {
+            "force_factor": _finite(factor),
+            "force_factor_stderr": _finite(factor * one.ln_force_stderr),
+        }
     curve, shown = one.curve, (lambda values: values) if one.kind == "mean" else np.exp
     return {
         "kind": one.kind,
