@@ -9,6 +9,7 @@ from typing import Any
 
 import numpy as np
 
+from mtpipe.physics.camera import FloatArray
 from mtpipe.report.folder import RunFolder
 from mtpipe.report.plotly_json import (
     AXIS_COLOUR,
@@ -54,20 +55,9 @@ def unexplained_figure(arrays: Arrays, panels: Sequence[Mapping[str, Any]]) -> F
                 np.array(correction[key])
                 for key in ("frequency_hz", "factor", "factor_low", "factor_high")
             )
-            data += [
-                band(arrays, at, low, high, PALE, showlegend=False, **on),
-                {
-                    "type": "scatter",
-                    "mode": "lines",
-                    "x": arrays.add(at),
-                    "y": arrays.add(factor),
-                    "name": "correction",
-                    "showlegend": not named["line"],
-                    "line": {"color": INK, "width": 1.6},
-                    "hovertemplate": "%{x:.3g} Hz: factor %{y:.3g}<extra></extra>",
-                    **on,
-                },
-            ]
+            legend = {"name": "correction", "showlegend": not named["line"]}
+            hover = "%{x:.3g} Hz: factor %{y:.3g}<extra></extra>"
+            data += _smooth(arrays, at, factor, low, high, hovertemplate=hover, **legend, **on)
             named["line"] = True
         data.append(
             {
@@ -122,17 +112,8 @@ def shapes_figure(arrays: Arrays, shapes: Sequence[Mapping[str, Any]]) -> Figure
             )
         )  # fmt: skip
         colour = AXIS_COLOUR[shape["axis"]]
-        data += [
-            band(arrays, at, curve_low, curve_high, PALE, showlegend=False, **on),
-            {
-                "type": "scatter",
-                "mode": "lines",
-                "x": arrays.add(at),
-                "y": arrays.add(curve),
-                "line": {"color": INK, "width": 1.6},
-                "hoverinfo": "skip",
-                **on,
-            },
+        data += _smooth(arrays, at, curve, curve_low, curve_high, hoverinfo="skip", **on)
+        data.append(
             {
                 "type": "scatter",
                 "mode": "markers",
@@ -142,8 +123,8 @@ def shapes_figure(arrays: Arrays, shapes: Sequence[Mapping[str, Any]]) -> Figure
                 "marker": {"size": 5, "symbol": AXIS_SYMBOL[shape["axis"]], "color": colour},
                 "hovertemplate": f"%{{x:.3g}}{hover}: %{{y:.3g}}<extra></extra>",
                 **on,
-            },
-        ]
+            }
+        )
         left = 0.0 if number == 1 else 1 - width
         where = f"{shape['axis']}, plateau {shape['plateau']}"
         made[f"xaxis{suffix}"] = {
@@ -161,3 +142,27 @@ def shapes_figure(arrays: Arrays, shapes: Sequence[Mapping[str, Any]]) -> Figure
         on_panel = {"type": "line", "xref": f"x{suffix} domain", "yref": f"y{suffix}"}
         made["shapes"].append({**on_panel, **ends, "line": line})
     return {"data": data, "layout": made}
+
+
+def _smooth(
+    arrays: Arrays,
+    at: FloatArray,
+    curve: FloatArray,
+    low: FloatArray,
+    high: FloatArray,
+    **keys: Any,
+) -> list[dict[str, Any]]:
+    """A smooth curve on its band. `keys` : of the curve; its axes are also the band's."""
+    on = {key: keys[key] for key in ("xaxis", "yaxis")}
+    line = {"color": INK, "width": 1.6}
+    return [
+        band(arrays, at, low, high, PALE, showlegend=False, **on),
+        {
+            "type": "scatter",
+            "mode": "lines",
+            "x": arrays.add(at),
+            "y": arrays.add(curve),
+            "line": line,
+            **keys,
+        },
+    ]
