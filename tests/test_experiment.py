@@ -155,7 +155,6 @@ def test_a_setup_becomes_the_experiment_it_states():
 def test_what_is_assumed_is_said():
     stated = setup(
         "tracking_noise",
-        "hydrodynamic_memory",
         camera={"frame_rate_hz": 120.0, "exposure_s": "unknown"},
         buffer={"temperature_K": "unknown", "viscosity_mPa_s": "unknown"},
     )
@@ -163,10 +162,8 @@ def test_what_is_assumed_is_said():
     assert described.camera.exposure_s == 1 / 120
     assert {notice.code for notice in notices} == {
         "stage_assumed", "magnet_assumed", "noise_assumed", "exposure_assumed",
-        "temperature_assumed", "viscosity_assumed", "short_plateaus", "effects_not_simulated",
+        "temperature_assumed", "viscosity_assumed", "short_plateaus",
     }  # fmt: skip
-    said = next(n.message for n in notices if n.code == "effects_not_simulated")
-    assert said == "The simulation does not contain hydrodynamic_memory."
 
 
 @pytest.mark.parametrize(

@@ -14,11 +14,10 @@ from mtpipe.battery import spectral
 from mtpipe.battery.observed import Observed, whitened
 from mtpipe.configured.courses import force_courses
 from mtpipe.configured.hypotheses import best_of
-from mtpipe.configured.pinned import with_pinned
 from mtpipe.crosschecking.case import Case
 from mtpipe.effects.catalogue import catalogue
 from mtpipe.effects.effect import Evidence
-from mtpipe.errors import SetupError
+from mtpipe.effects.pinned import pinned_sizes, read_sizes, with_pinned
 from mtpipe.experiment.from_setup import DESCRIBED
 from mtpipe.setup import Setup
 
@@ -30,38 +29,18 @@ def with_listed(case: Case, setup: Setup) -> Case:
     for known in catalogue():
         if known.name not in listed:
             continue
-        effect = with_pinned(known, pinned.get(known.name, {}))
         forces = tuple(float(f) for f in case.fit.force_pN)
         evidence = Evidence((), forces)
-        if effect.name == "vibration":
+        if known.name == "vibration":
             evidence = replace(evidence, lines_hz=strongest_lines_hz(case))
-        if effect.name == "force_drift":
+        if known.name == "force_drift":
             each, common = force_courses(case.fit, case.positions_nm, case.frame_s)
             evidence = replace(evidence, courses=each, common_course=common)
-        tried = best_of(case.fit, effect, evidence)
+        held, evidence = read_sizes(known.name, pinned.get(known.name, {}), evidence)
+        tried = best_of(case.fit, with_pinned(known, held), evidence)
         if tried is not None:
             case = replace(case, fit=tried.fit)
     return case
-
-
-def pinned_sizes(setup: Setup) -> dict[str, dict[str, float]]:
-    """Sizes that `[model.<effect>]` pins, by effect and name; those of tracking noise apart.
-
-    Raises
-    ------
-    SetupError : one is no number.
-    """
-    tables = {k: v for k, v in (setup.model.model_extra or {}).items() if k != "tracking_noise"}
-    for effect, table in tables.items():
-        for name, size in table.items():
-            if not isinstance(size, (int, float)):
-                raise SetupError(
-                    f"[model.{effect}] {name} = {size!r} is no number",
-                    mend="Write one, or leave it out: it is fitted then.",
-                )
-        if table and effect in DESCRIBED:
-            raise SetupError(f"[model.{effect}] {min(table)} is no size that can be pinned")
-    return {k: {name: float(size) for name, size in v.items()} for k, v in tables.items()}
 
 
 def strongest_lines_hz(case: Case) -> tuple[float, ...]:

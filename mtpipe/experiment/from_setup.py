@@ -104,16 +104,6 @@ def experiment_of(
                 "rest of the magnets counts as a plateau ([plateaus] minimum_s).",
             )
         )
-    pinned = set(setup.model.model_extra or {}) - {"tracking_noise"}
-    left_out = sorted((set(setup.model.effects) | pinned) - set(DESCRIBED))
-    if left_out:
-        assumed.append(
-            Notice(
-                "effects_not_simulated",
-                "caution",
-                f"The simulation does not contain {', '.join(left_out)}.",
-            )
-        )
     chosen = _noise(setup, assumed) if noise_nm is None else noise_nm
     if any(not (value >= 0 and math.isfinite(value)) for value in chosen):
         raise SetupError(f"a tracking noise of {chosen} nm cannot be simulated")

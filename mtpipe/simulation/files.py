@@ -22,12 +22,12 @@ import numpy as np
 import mtpipe
 from mtpipe.errors import MtpipeError, SetupError
 from mtpipe.experiment.description import Experiment
-from mtpipe.experiment.from_setup import experiment_of
 from mtpipe.experiment.state import BeadState, bead_state
 from mtpipe.files import write_atomically
 from mtpipe.recording import AXES, Recording
 from mtpipe.setup import parse_setup
 from mtpipe.simulation.recording import Engine, Progress, simulate_experiment
+from mtpipe.simulation.stated import stated_experiment
 
 SCHEMA = "mtpipe.truth/1"
 # Digits after the point: µs, nm of the magnets (slow moves stay moves), pm of the beads.
@@ -69,8 +69,14 @@ def simulate_to_folder(
         out.mkdir(parents=True, exist_ok=True)
     except OSError as error:
         raise MtpipeError(f"cannot be written ({error.strerror})", where=str(out)) from None
-    experiment, notices = experiment_of(
-        setup, forces_pN, frames, noise_nm=noise_nm, beads=beads, lost_share=lost_share
+    experiment, notices = stated_experiment(
+        setup,
+        forces_pN,
+        frames,
+        noise_nm=noise_nm,
+        beads=beads,
+        lost_share=lost_share,
+        whole_tether=engine == "brownian",
     )
     recording = simulate_experiment(
         experiment, setup, seed, engine=engine, notices=notices, progress=progress

@@ -18,14 +18,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mtpipe.errors import SetupError
-from mtpipe.experiment.description import Experiment
-from mtpipe.experiment.from_setup import experiment_of
+from mtpipe.experiment.description import Clock, Experiment
 from mtpipe.physics.camera import Camera, FloatArray
 from mtpipe.plateaus import find_plateaus
 from mtpipe.recording import Recording
 from mtpipe.setup import Setup
 from mtpipe.simulation.bead_image import BeadImage, BeadOptics
-from mtpipe.simulation.recording import SPACING_NM, simulate_experiment
+from mtpipe.simulation.recording import SPACING_NM, rows_in_file, simulate_experiment
+from mtpipe.simulation.stated import stated_experiment
 
 Frames = NDArray[np.uint8] | NDArray[np.uint16]
 # Frames drawn at once; a stack is never in memory as a whole.
@@ -127,21 +127,27 @@ def render_stack(
     FitError : a force does not hold the bead off the surface.
     """
     optics, sensor = optics or optics_of(setup), sensor or Sensor()
-    experiment, notices = experiment_of(
+    experiment, notices = stated_experiment(
         setup, forces_pN, frames, noise_nm=(0.0, 0.0, 0.0), beads=beads
     )
     parts, open_parts = parts_of(experiment.camera)
-    motion_seed, noise_seed = np.random.SeedSequence(seed).spawn(2)
+    motion_seed, noise_seed, clock_seed = np.random.SeedSequence(seed).spawn(3)
     fine = simulate_experiment(
         _in_parts(experiment, parts), setup, np.random.default_rng(motion_seed), notices=notices
     )
-    count = len(fine.time_s) // parts
+    clock = np.random.default_rng(clock_seed)
+    whole = len(fine.time_s) // parts
+    filmed = rows_in_file(whole, experiment.clock.dropped_share, clock)
+    count = len(filmed)
     pixel, margin = optics.pixel_size_nm, SPACING_NM / 2
     names = list(fine.positions_nm)
     # (beads, frames, open parts, 3)
     seen = np.array(
-        [fine.positions_nm[n][: count * parts].reshape(count, parts, 3) for n in names]
-    )[:, :, :open_parts]
+        [
+            fine.positions_nm[n][: whole * parts].reshape(whole, parts, 3)[filmed, :open_parts]
+            for n in names
+        ]
+    )
     first = seen.mean(axis=(1, 2))[:, :2]
     origin = np.floor((first.min(axis=0) - margin) / pixel) * pixel
     seen[..., :2] -= origin
@@ -149,7 +155,7 @@ def render_stack(
     image = BeadImage.of(optics, seen[..., 2].min(), seen[..., 2].max())
     random = np.random.default_rng(noise_seed)
     time_s = np.asarray(experiment.camera.frame_s * np.arange(count), dtype=np.float64)
-    magnet = None if fine.magnet_mm is None else fine.magnet_mm[: count * parts : parts]
+    magnet = None if fine.magnet_mm is None else fine.magnet_mm[: whole * parts : parts][filmed]
     levels = _film(image, sensor, seen, pixel, (int(height), int(width)), random)
     write_tiff(
         path,
@@ -218,10 +224,10 @@ def write_tiff(
 
 
 def _in_parts(experiment: Experiment, parts: int) -> Experiment:
-    """The same experiment filmed faster, without a dark time."""
+    """The same experiment filmed faster, without a dark time, every part of every frame."""
     part_s = experiment.camera.frame_s / parts
     rests = tuple(replace(rest, frames=rest.frames * parts) for rest in experiment.rests)
-    return replace(experiment, camera=Camera(part_s, part_s), rests=rests)
+    return replace(experiment, camera=Camera(part_s, part_s), rests=rests, clock=Clock())
 
 
 def _film(

@@ -17,7 +17,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mtpipe.experiment.description import Experiment
-from mtpipe.experiment.from_setup import experiment_of
 from mtpipe.experiment.state import bead_state
 from mtpipe.notice import Notice
 from mtpipe.physics.camera import FloatArray
@@ -26,6 +25,7 @@ from mtpipe.recording import Recording
 from mtpipe.setup import Setup
 from mtpipe.simulation.linear import simulate_motion
 from mtpipe.simulation.readout import force_pieces, height_within_pieces, recorded, reference_motion
+from mtpipe.simulation.stated import stated_experiment
 
 Progress = Callable[[int, int], None]
 Engine = Literal["linear", "brownian"]
@@ -88,8 +88,14 @@ def simulate(
     SetupError : the setup does not state what a simulation needs, or an argument cannot be.
     FitError : a force does not hold the bead off the surface.
     """
-    experiment, notices = experiment_of(
-        setup, forces_pN, frames, noise_nm=noise_nm, beads=beads, lost_share=lost_share
+    experiment, notices = stated_experiment(
+        setup,
+        forces_pN,
+        frames,
+        noise_nm=noise_nm,
+        beads=beads,
+        lost_share=lost_share,
+        whole_tether=engine == "brownian",
     )
     return simulate_experiment(
         experiment, setup, seed, engine=engine, notices=notices, progress=progress
@@ -133,7 +139,7 @@ def simulate_experiment(
         seen = recorded(motion(random), force_pN, experiment, random) + stage
         positions[name] = _tracked(seen, _place(i), (0.0, 0.0, 0.0), experiment, random)
     everything = positions | fixed
-    rows = _rows(table, experiment.clock.dropped_share, clock)
+    rows = rows_in_file(table.edges[-1], experiment.clock.dropped_share, clock)
     frames = len(rows)
     time_s = np.asarray(experiment.camera.frame_s * np.arange(frames))
     return Recording(
@@ -185,10 +191,12 @@ def _brownian(
     return lambda random: simulate_bead(bead, experiment.camera, frames, random).position_nm
 
 
-def _rows(table: Timetable, dropped_share: float, random: np.random.Generator) -> NDArray[np.int64]:
+def rows_in_file(
+    frames: int, dropped_share: float, random: np.random.Generator
+) -> NDArray[np.int64]:
     """The camera's frames that the file has; it counts them as if none were missing."""
-    frames = np.arange(table.edges[-1])
-    return frames if dropped_share <= 0 else frames[random.random(len(frames)) >= dropped_share]
+    every = np.arange(frames)
+    return every if dropped_share <= 0 else every[random.random(frames) >= dropped_share]
 
 
 def _departures(experiment: Experiment, engine: Engine) -> tuple[Notice, ...]:

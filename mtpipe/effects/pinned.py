@@ -1,6 +1,7 @@
 """Sizes of effects that the setup pins in `[model.<effect>]`: they are taken, and not fitted.
 
-They go by the names under which the diagnosis reports them.
+They go by the names under which the diagnosis reports them. Those of tracking noise are apart, as
+the description of every experiment has it (`mtpipe.experiment.from_setup`).
 """
 
 from __future__ import annotations
@@ -11,10 +12,54 @@ from functools import partial
 
 from scipy import optimize
 
-from mtpipe.effects.effect import Effect, Evidence, Hypothesis
+from mtpipe.effects.effect import Effect, Evidence, Hypothesis, SeenCourse
 from mtpipe.errors import SetupError
-from mtpipe.experiment.description import Experiment
+from mtpipe.experiment.description import Experiment, ForceCourse
+from mtpipe.experiment.from_setup import DESCRIBED
 from mtpipe.experiment.parameter import Parameter
+from mtpipe.setup import Setup
+
+# Sizes of which hypotheses are made, and not fitted: a line's frequency, and the change of the
+# force where it is alike in all plateaus.
+READ = {"vibration": "line_hz", "force_drift": "relative_change"}
+
+
+def pinned_sizes(setup: Setup) -> dict[str, dict[str, float]]:
+    """Sizes that `[model.<effect>]` pins, by effect and name; those of tracking noise apart.
+
+    Raises
+    ------
+    SetupError : one is no number.
+    """
+    tables = {k: v for k, v in (setup.model.model_extra or {}).items() if k != "tracking_noise"}
+    for effect, table in tables.items():
+        for name, size in table.items():
+            if not isinstance(size, (int, float)):
+                raise SetupError(
+                    f"[model.{effect}] {name} = {size!r} is no number",
+                    mend="Write one, or leave it out: it is fitted then.",
+                )
+        if table and effect in DESCRIBED:
+            raise SetupError(f"[model.{effect}] {min(table)} is no size that can be pinned")
+    return {k: {name: float(size) for name, size in v.items()} for k, v in tables.items()}
+
+
+def read_sizes(
+    effect: str, sizes: Mapping[str, float], evidence: Evidence
+) -> tuple[dict[str, float], Evidence]:
+    """Take what the setup says of `READ` for what was seen.
+
+    Returns
+    -------
+    The sizes that are left to be held, and the evidence.
+    """
+    left, read = dict(sizes), READ.get(effect)
+    if read is None or read not in left:
+        return left, evidence
+    if effect == "vibration":
+        return left, replace(evidence, lines_hz=(left.pop(read),))
+    course = SeenCourse(ForceCourse(left[read]))
+    return left, replace(evidence, courses=(), common_course=course)
 
 
 def with_pinned(effect: Effect, sizes: Mapping[str, float]) -> Effect:
