@@ -328,22 +328,31 @@ def test_what_alternatives_make_of_a_force_is_in_its_error():
     assert both.named[0].equivalent == ("lateral_scale",)
 
 
-def test_pixel_locking_is_found_beside_an_effect_that_hides_what_it_does():
-    """With the rotation missing, p hardly rises where the tracker's response is undone."""
-    silent = parse_setup(setup_content(model={"effects": ["wall_drag", "tracking_noise"]}))
+def locked(simulated, size_nm, scale=1.0):
+    """The recording of a tracker with the period of the pixels, z by a factor too large."""
+    place = {bead: xyz.copy() for bead, xyz in simulated.positions_nm.items()}
+    for bead, xyz in place.items():
+        xyz[:, 2] *= scale
+        if bead in simulated.tethered:
+            xyz[:, :2] += size_nm * np.sin(2 * np.pi * xyz[:, :2] / 100.0)
+    return replace(simulated, positions_nm=place)
+
+
+@pytest.mark.parametrize(
+    ("effects", "size_nm", "scale", "other"),
+    [
+        # with the rotation missing, p hardly rises where the tracker's response is undone
+        (["wall_drag", "tracking_noise"], 4.0, 1.0, "rotation_coupling"),
+        # with z's scale put right, the battery no longer objects
+        (["wall_drag", "rotation_coupling", "tracking_noise"], 1.5, AXIAL_SCALE, "axial_scale"),
+    ],
+)
+def test_pixel_locking_is_found_beside_an_effect_that_hides_what_it_does(
+    effects, size_nm, scale, other
+):
     experiment, _ = experiment_of(SETUP, FORCES_PN, FRAMES, formula=FORMULAS[0])
-    simulated = simulate_experiment(experiment, SETUP, 5)
-    period_nm, size_nm = 100.0, 4.0
-
-    def tracked(xyz):
-        locked = size_nm * np.sin(2 * np.pi * xyz[:, :2] / period_nm)
-        return np.column_stack([xyz[:, :2] + locked, xyz[:, 2]])
-
-    positions = {
-        bead: tracked(xyz) if bead in simulated.tethered else xyz
-        for bead, xyz in simulated.positions_nm.items()
-    }
-    concealed = replace(simulated, setup=silent, positions_nm=positions)
+    seen = locked(simulate_experiment(experiment, SETUP, 5), size_nm, scale)
+    concealed = replace(seen, setup=parse_setup(setup_content(model={"effects": effects})))
     found = mtpipe.diagnose(mtpipe.subtract_drift(concealed), seed=1).beads["b1"]
-    assert {one.name for one in found.named} == {"pixel_locking", "rotation_coupling"}
+    assert {one.name for one in found.named} == {"pixel_locking", other}
     assert found.verdict == "explained"

@@ -9,6 +9,7 @@ import re
 import tomllib
 from dataclasses import dataclass, field, replace
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -21,6 +22,7 @@ from mtpipe.configured.hypotheses import (
     Tried,
     best_of,
     gained_by_motion,
+    looking_ahead,
     try_effects,
     with_hypothesis,
 )
@@ -476,3 +478,47 @@ def test_other_effects_need_not_be_seen_to_move():
     found = best_of(fitted(BASE, np.random.default_rng(23)), of_name("viscosity"), EVIDENCE)
     assert isinstance(found, Tried)
     assert gained_by_motion(found) == math.inf
+
+
+@pytest.mark.parametrize(
+    ("seconds", "first"),
+    [
+        ({"one": 4.0, "two": 20.0, "three": 4.0}, "two"),  # 90 + 20 against 100
+        ({"one": 4.0, "two": 12.0, "three": 4.0}, "one"),  # no better than one by 3 nats
+        ({"one": 20.0, "two": 29.0, "three": 41.0}, "three"),
+        ({}, "one"),
+    ],
+)
+def test_the_search_begins_with_the_effect_that_explains_most_with_a_second(
+    monkeypatch, seconds, first
+):
+    """A second one may be any, also one that gains nothing by itself."""
+
+    def tried(name, net):
+        return Tried(SimpleNamespace(name=name), None, name, net, 0.0, None, 0)
+
+    def behind(fit, effects, evidence):
+        return [tried("a second", seconds[fit])] if fit in seconds else []
+
+    monkeypatch.setattr("mtpipe.configured.hypotheses.try_effects", behind)
+    alone = [tried("one", 100.0), tried("two", 90.0), tried("three", 80.0), tried("four", 70.0)]
+    order = [one.effect.name for one in looking_ahead(alone, OWN)]
+    assert order[0] == first
+    assert order[1:] == [name for name in ("one", "two", "three", "four") if name != first]
+
+
+def test_one_effect_that_stands_in_for_two_is_not_where_the_search_begins():
+    """Noise and a shorter tether look more like motion of a reference than like either alone."""
+    silent = replace(
+        BASE, chain=replace(BASE.chain, contour_length_nm=5500.0), bead=Bead(1400.0),
+        tracker=Tracker(), references=1,
+    )  # fmt: skip
+    shorter = replace(silent.chain, contour_length_nm=5430.0)
+    true = replace(silent, chain=shorter, tracker=Tracker((1.2, 2.4, 8.3)))
+    model, _ = model_of(true, np.random.default_rng(1))
+    fit = fit_configured(replace(model, experiment=silent))
+    names = ("tracking_noise", "contour_length", "reference_noise")
+    effects = [effect for effect in OWN if effect.name in names]
+    tried = try_effects(fit, effects, EVIDENCE)
+    assert tried[0].effect.name == "reference_noise"
+    assert looking_ahead(tried, effects)[0].effect.name == "tracking_noise"

@@ -83,7 +83,8 @@ def explain(
     corrections, check = corrected(before, random)
     case = check.case
     named, check, nearest = _searched(check, corrections, effects, random, say)
-    if not agrees(check, before) and len(corrections) < len(named):
+    if len(corrections) < len(named):
+        # what is seen in time has a test of its own, and effects of the spectrum may have hidden it
         say("looking at the course of time again")
         late = late_corrections(check, corrections, case, random)
         again = (
@@ -139,7 +140,7 @@ def _searched(
         able = [one for one in tried if one.net >= needed]
         if len(named) == len(corrections) and len(able) > 1:
             say("trying pairs of effects")
-            able = looking_ahead(fit, able)
+            able = looking_ahead(able, effects)
         rejected: list[Rejected] = []
         candidates = able[:MOST_CANDIDATES]
         while candidates:
