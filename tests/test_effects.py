@@ -22,8 +22,10 @@ from mtpipe.configured.hypotheses import (
     Tried,
     best_of,
     gained_by_motion,
+    gained_by_scatter,
     looking_ahead,
     try_effects,
+    wanders,
     with_hypothesis,
 )
 from mtpipe.configured.model import ConfiguredModel
@@ -522,3 +524,25 @@ def test_one_effect_that_stands_in_for_two_is_not_where_the_search_begins():
     tried = try_effects(fit, effects, EVIDENCE)
     assert tried[0].effect.name == "reference_noise"
     assert looking_ahead(tried, effects)[0].effect.name == "tracking_noise"
+
+
+@pytest.mark.parametrize(("walk_nm", "kink", "off"), [(0.5, 0.0, False), (0.1, 0.3, True)])
+def test_heights_that_are_off_by_more_than_positions_wander_are_told(walk_nm, kink, off):
+    """A bead that drifts, and one that drifts little while z has another scale above some height.
+
+    Of eight seeds the first gains 0.4 nats at most, the second 3.6 to 17.5; this one is fixed.
+    """
+    random = np.random.default_rng(2)
+    positions = traces(BASE, random)
+    steps = walk_nm / math.sqrt(RATE_HZ) * random.normal(size=(len(positions) * FRAMES, 3))
+    walks = np.split(np.cumsum(steps, axis=0), len(positions))
+    positions = [position + walk for position, walk in zip(positions, walks, strict=True)]
+    middle = np.median([position[:, 2].mean() for position in positions])
+    for position in positions:
+        position[:, 2] += kink * np.maximum(position[:, 2] - middle, 0.0)
+    data = reduced(positions, tuple(whitening(x, 1 / RATE_HZ) for x in positions))
+    silent = fit_configured(ConfiguredModel(data, BASE, (), subtraction_of(BASE)))
+    found = best_of(silent, of_name("drift"), EVIDENCE)
+    assert wanders(found.fit)
+    assert not wanders(silent)
+    assert (gained_by_scatter(found.fit) > ALIKE_NATS) == off

@@ -37,6 +37,7 @@ class ConfiguredModel:
     ----------
     begins_s : when each plateau begins after the moment from which positions are counted; empty:
         one follows the other from there on.
+    height_scatter_nm : standard deviation of what else mean heights are off by, each by itself.
     """
 
     data: tuple[PlateauData, ...]
@@ -44,6 +45,7 @@ class ConfiguredModel:
     parameters: tuple[Parameter, ...]
     subtraction: Subtraction
     begins_s: tuple[float, ...] = ()
+    height_scatter_nm: float = 0.0
 
     @property
     def plateaus(self) -> int:
@@ -107,6 +109,7 @@ class ConfiguredModel:
     def height_whitening(self, expected: Sequence[Expectation], theta: FloatArray) -> FloatArray:
         """(plateaus, plateaus) triangular matrix that makes missed heights independent pulls."""
         stderr = np.array([one.extension_stderr_nm for one in expected])
+        stderr = np.hypot(stderr, self.height_scatter_nm)
         walk = self.walk_nm2_per_s(theta)
         if walk == 0:
             return np.diag(1 / stderr)

@@ -8,6 +8,7 @@ it. Effects that the recording cannot tell from the one named are listed beside 
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Callable, Collection, Sequence
 from dataclasses import replace
 from functools import partial
@@ -17,9 +18,11 @@ import numpy as np
 from mtpipe.configured.hypotheses import (
     Tried,
     gained_by_motion,
+    gained_by_scatter,
     looking_ahead,
     together,
     try_effects,
+    wanders,
 )
 from mtpipe.crosschecking.case import Case
 from mtpipe.crosschecking.check import BeadCheck, check_bead
@@ -98,13 +101,19 @@ def explain(
     dropped = len(named) < found_first
     consistent = not named and before.p_value >= ALARM_P
     verdict = "consistent" if consistent else "unexplained"
-    if named and agrees(check, before):
+    fit = check.case.fit
+    scatter = gained_by_scatter(fit) if named and wanders(fit) else 0.0
+    if named and agrees(check, before) and scatter < ALIKE_NATS:
         verdict = "explained"
     else:
         kept = certain(named)
+        if scatter >= ALIKE_NATS:
+            kept = list(itertools.takewhile(lambda one: not wanders(one.after.case.fit), kept))
         for left_out in named[len(kept) :][:1]:
             if isinstance(left_out.found, Tried):
-                nearest = Rejected(left_out.found, _not_enough(left_out))
+                off = wanders(left_out.after.case.fit) and scatter >= ALIKE_NATS
+                reason = _heights_off(left_out, scatter) if off else _not_enough(left_out)
+                nearest = Rejected(left_out.found, reason)
         named, check = kept, kept[-1].after if kept else before
     # the last was compared with all others there, unless one of them has gone since
     known = named[-1:] if not dropped else []
@@ -268,6 +277,14 @@ def _not_enough(one: Named) -> str:
     return (
         f"explains {share:.0%} of the misfit, but leaves what is about as odd "
         f"(p {one.before.p_value:.1g} → {one.after.p_value:.1g})"
+    )
+
+
+def _heights_off(one: Named, scatter: float) -> str:
+    return (
+        f"explains {max(explained_share(one.before, one.after), 0.0):.0%} of the misfit, but mean "
+        "heights are off by more than positions wander within plateaus "
+        f"({scatter:.0f} nats more if each is off by something of its own)"
     )
 
 
