@@ -225,6 +225,7 @@ def _answer(kind: str, *effects: str, strength: str | None = "clear", **where: A
     return {
         "kind": kind,
         "strength": strength,
+        "formula": "marko-siggia",
         "effects": [{"effect": name, "where": place} for name in effects],
         "plateaus": [{"magnet_mm": 1.0, "force_pN": 10.0}, {"magnet_mm": 2.0, "force_pN": 1.0}],
         "force_bias": [0.1, 0.001],

@@ -37,7 +37,7 @@ class Score:
 
     Attributes
     ----------
-    kind, strength, effects : of the answer. verdict, named : of the diagnosis.
+    kind, strength, chain, effects : of the answer. verdict, named : of the diagnosis.
     outcome : of clean recordings "right" or "false alarm"; of effects outside the catalogue
         "right" (unexplained, at the right place), "located" (unexplained, elsewhere), "wrong"
         (explained, with a name) or "missed"; of others "exact", "partial" (nothing wrong, but not
@@ -49,6 +49,7 @@ class Score:
 
     kind: str
     strength: str
+    chain: str
     effects: tuple[str, ...]
     verdict: str
     named: tuple[str, ...]
@@ -69,11 +70,13 @@ def score(answer: dict[str, Any], outcome: dict[str, Any]) -> Score:
     answer : as `generate.make` has it. outcome : as `blind.diagnosed` has it.
     """
     effects = tuple(one["effect"] for one in answer["effects"])
+    # one that stretches is one of the two as well
+    chain = "marko-siggia" if answer["formula"].endswith("marko-siggia") else "bouchiat"
     bead = outcome["bead"]
     if bead is None:
         return Score(
-            answer["kind"], answer["strength"] or "", effects, "", (), FAILED, (), False, 0, None,
-            (), outcome["seconds"],
+            answer["kind"], answer["strength"] or "", chain, effects, "", (), FAILED, (), False, 0,
+            None, (), outcome["seconds"],
         )  # fmt: skip
     named = bead["effects"]
     wrong, left, by_equivalent = _matched(named, effects)
@@ -88,6 +91,7 @@ def score(answer: dict[str, Any], outcome: dict[str, Any]) -> Score:
     return Score(
         kind=answer["kind"],
         strength=answer["strength"] or "",
+        chain=chain,
         effects=effects,
         verdict=bead["verdict"],
         named=tuple(one["effect"] for one in named),

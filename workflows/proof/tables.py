@@ -142,11 +142,16 @@ def forces(scores: Sequence[Score]) -> str:
 
 
 def coverage(scores: Sequence[Score]) -> str:
-    """Share of forces within one and two standard errors, by kind and by outcome."""
+    """Share of forces within one and two standard errors, by kind, by outcome and by chain."""
     groups: list[tuple[str, Sequence[Score]]] = [
         (kind, _of(scores, kind)) for kind in ("clean", "single", "pair")
     ]
     groups.append(("exactly named", [s for s in scores if s.outcome == EXACT]))
+    known = [s for s in scores if s.kind != "outside"]
+    groups += [
+        (f"{chain} chains", [s for s in known if s.chain == chain])
+        for chain in ("marko-siggia", "bouchiat")
+    ]
     rows = []
     for name, mine in groups:
         one, total = covered(mine)
