@@ -99,10 +99,9 @@ def explain(
     found_first = len(named)
     named, check = without_superfluous(case, named, check, random)
     dropped = len(named) < found_first
-    consistent = not named and before.p_value >= ALARM_P
-    verdict = "consistent" if consistent else "unexplained"
     fit = check.case.fit
     scatter = gained_by_scatter(fit) if named and wanders(fit) else 0.0
+    verdict = "unexplained"
     if named and agrees(check, before) and scatter < ALIKE_NATS:
         verdict = "explained"
     else:
@@ -115,6 +114,8 @@ def explain(
                 reason = _heights_off(left_out, scatter) if off else _not_enough(left_out)
                 nearest = Rejected(left_out.found, reason)
         named, check = kept, kept[-1].after if kept else before
+        if not named and before.p_value >= ALARM_P:
+            verdict = "consistent"
     # the last was compared with all others there, unless one of them has gone since
     known = named[-1:] if not dropped else []
     distinct = tuple(
