@@ -213,7 +213,9 @@ def test_arguments_that_cannot_be_are_refused(forces, frames, options, said):
 
 
 known_magnets = st.lists(
-    st.tuples(st.floats(0.05, 50), st.floats(0.2, 9)), max_size=4, unique_by=lambda one: one[0]
+    st.tuples(st.floats(0.05, 50), st.floats(0.2, 9)),
+    max_size=4,
+    unique_by=(lambda one: one[0], lambda one: one[1]),
 )
 
 
