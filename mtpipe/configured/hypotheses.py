@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
@@ -16,9 +17,8 @@ from mtpipe.errors import FitError
 FIRST_ROUNDS, TRIED_NATS = 3, 0.05
 # A hypothesis that has gained less than the best by this many nats, and by this share, is left.
 WORTHWHILE_NATS, WORTHWHILE_SHARE = 30.0, 0.6
-# Behind so many of the best effects a second is tried, and such a pair has to be better than one by
-# so much.
-AHEAD, PAIR_NATS = 3, 3.0
+# So many effects are tried in pairs, and a pair has to be better than one by so much.
+AHEAD, PAIR_NATS = 6, 3.0
 # Sizes that are tried of what else mean heights may be off by.
 SCATTERS_NM = (1.0, 3.0, 10.0, 30.0)
 # Recorded heights this many standard errors from the fitted ones are out of the tether's reach.
@@ -146,17 +146,20 @@ def together(fit: ConfiguredFit, chosen: Sequence[Tried], start: ConfiguredFit) 
     return fit_configured(model, np.concatenate([start.theta[:plateaus], values]))
 
 
-def looking_ahead(tried: Sequence[Tried], effects: Sequence[Effect]) -> list[Tried]:
-    """Effects in the order in which to take them: first the one that explains most with a second.
+def looking_ahead(fit: ConfiguredFit, tried: Sequence[Tried]) -> list[Tried]:
+    """Effects in the order in which to take them: first one of the pair that explains most.
 
-    The best alone may be a substitute for two others, of which one need not gain anything by itself
-    (`tried`: best first).
+    The best alone may be a substitute for two others (`tried`: best first).
     """
     best, most = tried[0], tried[0].net + PAIR_NATS
-    for first in tried[:AHEAD]:
-        for second in try_effects(first.fit, effects, first.evidence)[:1]:
-            if first.net + second.net > most:
-                best, most = first, first.net + second.net
+    for first, second in itertools.combinations(tried[:AHEAD], 2):
+        try:
+            both = together(fit, [first, second], first.fit)
+        except (FitError, ValueError):
+            continue
+        net = both.log_likelihood - fit.log_likelihood - first.penalty - second.penalty
+        if net > most:
+            best, most = first, net
     return [best, *(one for one in tried if one is not best)]
 
 

@@ -150,7 +150,7 @@ def _searched(
         able = [one for one in tried if one.net >= needed]
         if len(named) == len(corrections) and len(able) > 1:
             say("trying pairs of effects")
-            able = looking_ahead(able, effects)
+            able = looking_ahead(fit, able)
         rejected: list[Rejected] = []
         candidates = able[:MOST_CANDIDATES]
         while candidates:
