@@ -74,9 +74,7 @@ def sizes_of(effect):
     return {name: value for name, value, _ in effect.strengths(begun)}
 
 
-@pytest.mark.parametrize(
-    "effect", [e for e in OWN if e.name not in DESCRIBED], ids=lambda e: e.name
-)
+@pytest.mark.parametrize("effect", SIZED, ids=lambda effect: effect.name)
 def test_every_effect_of_the_catalogue_is_simulated_at_its_stated_size(effect):
     sizes = sizes_of(effect)
     experiment, notices = stated(**{effect.name: sizes})
@@ -86,9 +84,7 @@ def test_every_effect_of_the_catalogue_is_simulated_at_its_stated_size(effect):
     assert experiment != stated()[0]
 
 
-@pytest.mark.parametrize(
-    "effect", [e for e in OWN if e.name not in DESCRIBED], ids=lambda e: e.name
-)
+@pytest.mark.parametrize("effect", SIZED, ids=lambda effect: effect.name)
 def test_an_effect_with_a_size_missing_is_left_out_and_the_size_is_named(effect):
     sizes = sizes_of(effect)
     for missing in sizes:
@@ -103,7 +99,7 @@ def test_what_no_simulation_has_is_told_unless_the_engine_has_it_by_itself():
     listed = setup(anharmonic_tether={}, hydrodynamic_memory={})
     _, notices = stated_experiment(listed, FORCES_PN, 2000)
     assert left_out(notices) == [
-        "The simulation does not contain anharmonic_tether, which no simulation has; "
+        "The simulation does not contain anharmonic_tether, which only the step-by-step one has; "
         "hydrodynamic_memory, which no simulation has."
     ]
     _, notices = stated_experiment(listed, FORCES_PN, 2000, whole_tether=True)

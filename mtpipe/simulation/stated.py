@@ -47,9 +47,10 @@ def stated_experiment(
     )
     sizes = pinned_sizes(setup)
     listed = (set(setup.model.effects) | set(sizes)) - set(DESCRIBED)
-    if whole_tether:
-        listed.discard("anharmonic_tether")
     reasons = dict.fromkeys(listed, "which no simulation has")
+    if "anharmonic_tether" in listed:
+        said = "" if whole_tether else "which only the step-by-step one has"
+        reasons["anharmonic_tether"] = said
     for effect in catalogue():
         if effect.name in listed:
             experiment, reasons[effect.name] = _with_effect(
