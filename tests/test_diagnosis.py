@@ -15,7 +15,7 @@ import pytest
 import mtpipe
 from mtpipe.configured.hypotheses import Tried, best_of
 from mtpipe.crosschecking.beads import bead_generator
-from mtpipe.crosschecking.case import FORMULAS, preference, prepare
+from mtpipe.crosschecking.case import FORMULAS, prepare
 from mtpipe.crosschecking.check import check_bead
 from mtpipe.diagnosis.evidence import BLOCK_S, noise_between_blocks_nm2, reference_moves
 from mtpipe.diagnosis.explain import alike, explain, without_superfluous
@@ -317,7 +317,7 @@ def test_what_alternatives_make_of_a_force_is_in_its_error():
     )
     both = replace(alone, named=(Named(one, (Alternative(other, 0.0),), before, after, math.nan),))
     (formula,) = other_formulas(one.fit)
-    odds = np.exp(preference(formula) - preference(one.fit))
+    odds = np.exp(formula.log_likelihood - one.fit.log_likelihood)
     chain = odds / (1 + odds) * (formula.force_pN - one.fit.force_pN) ** 2
     assert np.all(chain > 0)
     expected = np.sqrt(one.fit.force_stderr_pN**2 + chain)

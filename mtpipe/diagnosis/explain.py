@@ -58,6 +58,9 @@ CONTENT_P, BESIDE_NATS = 0.3, 10.0
 # difference where they were fitted.
 ALIKE_NATS, NEAR_NATS = 5.0, 20.0
 MOST_EFFECTS = 3
+# What no name describes is imitated the better the more effects are taken for it. A third effect of
+# the spectrum has to be unmistakable.
+THIRD_NATS = 100.0
 # So many effects are checked at most before the search ends, and one is rejected if with it ln p is
 # larger than this many times what it was.
 MOST_CANDIDATES, MORE_ODD = 3, 1.25
@@ -98,31 +101,37 @@ def explain(
             named, check, nearest = again
     found_first = len(named)
     named, check = without_superfluous(case, named, check, random)
-    dropped = len(named) < found_first
+    verdict, kept, check, nearest = _concluded(before, named, check, nearest)
+    # the last was compared with all others there, unless one of them has gone since
+    compared = kept[-1:] if len(named) == found_first else []
+    distinct = tuple(
+        one if one in compared else _with_alternatives(one, kept, case, effects) for one in kept
+    )
+    return Explanation(before, check, distinct, verdict, nearest)
+
+
+def _concluded(
+    before: BeadCheck, named: list[Named], check: BeadCheck, nearest: Rejected | None
+) -> tuple[str, list[Named], BeadCheck, Rejected | None]:
+    """The verdict, the effects that may be named with it, the check with these, and what came
+    nearest where something is left.
+    """
     fit = check.case.fit
     scatter = gained_by_scatter(fit) if named and wanders(fit) else 0.0
-    verdict = "unexplained"
     if named and agrees(check, before) and scatter < ALIKE_NATS:
-        verdict = "explained"
-    else:
-        kept = certain(named)
-        if scatter >= ALIKE_NATS:
-            kept = list(itertools.takewhile(lambda one: not wanders(one.after.case.fit), kept))
-        for left_out in named[len(kept) :][:1]:
-            if isinstance(left_out.found, Tried):
-                off = wanders(left_out.after.case.fit) and scatter >= ALIKE_NATS
-                reason = _heights_off(left_out, scatter) if off else _not_enough(left_out)
-                nearest = Rejected(left_out.found, reason)
-        named, check = kept, kept[-1].after if kept else before
-        if not named and before.p_value >= ALARM_P:
-            verdict = "consistent"
-    # the last was compared with all others there, unless one of them has gone since
-    known = named[-1:] if not dropped else []
-    distinct = tuple(
-        one if one in known else _with_alternatives(one, named, case, effects) for one in named
-    )
-    nearest = nearest if verdict == "unexplained" else None
-    return Explanation(before, check, distinct, verdict, nearest)
+        return "explained", named, check, None
+    kept = certain(named)
+    if scatter >= ALIKE_NATS:
+        kept = list(itertools.takewhile(lambda one: not wanders(one.after.case.fit), kept))
+    for left_out in named[len(kept) :][:1]:
+        if isinstance(left_out.found, Tried):
+            off = wanders(left_out.after.case.fit) and scatter >= ALIKE_NATS
+            reason = _heights_off(left_out, scatter) if off else _not_enough(left_out)
+            nearest = Rejected(left_out.found, reason)
+    check = kept[-1].after if kept else before
+    if not kept and before.p_value >= ALARM_P:
+        return "consistent", kept, check, None
+    return "unexplained", kept, check, nearest
 
 
 def _searched(
@@ -144,6 +153,8 @@ def _searched(
         needed = KEPT_NATS if check.p_value < ALARM_P else SEEN_NATS
         if named and check.p_value >= CONTENT_P:
             needed = BESIDE_NATS
+        if len(named) - len(corrections) >= 2:
+            needed = THIRD_NATS
         if not tried or tried[0].net < needed:
             nearest = Rejected(tried[0], _too_little(tried[0], needed)) if tried else None
             break
@@ -254,11 +265,10 @@ def _named(
 def _too_little(one: Tried, needed: float) -> str:
     numbers = one.hypothesis.numbers
     gains = f"gains {one.gain:.1f} nats" if one.gain >= 0.05 else "gains nothing"
-    return (
-        f"{gains}, too little for its "
-        f"{'parameter' if numbers == 1 else f'{numbers} parameters'} "
-        f"({one.penalty + needed:.1f} are needed)"
-    )
+    what = "its parameter" if numbers == 1 else f"its {numbers} parameters"
+    if needed == THIRD_NATS:
+        what = "a third effect, as what no name describes looks like several"
+    return f"{gains}, too little for {what} ({one.penalty + needed:.1f} are needed)"
 
 
 def _more_odd(one: Tried, before: BeadCheck, after: BeadCheck) -> str:

@@ -10,7 +10,6 @@ import numpy as np
 from mtpipe.configured.fit import ConfiguredFit
 from mtpipe.configured.hypotheses import Tried
 from mtpipe.corrections.correction import Correction
-from mtpipe.crosschecking.case import preference
 from mtpipe.crosschecking.check import BeadCheck
 from mtpipe.diagnosis.refit import other_formulas
 from mtpipe.diagnosis.unexplained import Rejected, Unexplained, unexplained
@@ -92,7 +91,8 @@ class Explanation:
     def force_stderr_pN(self) -> FloatArray:
         """(plateaus,) standard errors of the fit's forces, what alternatives and the chain's other
         formula would make of them included, each with the weight that its ln likelihood after BIC
-        has beside the one that was taken.
+        has beside the one that was taken; formulas by likelihood alone, as no setup says which it
+        means.
         """
         variance = self.fit.force_stderr_pN**2
         choices = [
@@ -106,9 +106,9 @@ class Explanation:
 
     @functools.cached_property
     def _other_formulas(self) -> list[tuple[ConfiguredFit, float]]:
-        """Fits with the chain's other formulas, and by how many nats they are to be preferred."""
-        mine = preference(self.fit)
-        return [(fit, preference(fit) - mine) for fit in other_formulas(self.fit)]
+        """Fits with the chain's other formulas, and by how many nats they are the likelier."""
+        mine = self.fit.log_likelihood
+        return [(fit, fit.log_likelihood - mine) for fit in other_formulas(self.fit)]
 
     @functools.cached_property
     def unexplained(self) -> Unexplained | None:
