@@ -203,9 +203,7 @@ def slopes(model: ConfiguredModel, theta: FloatArray, expected: list[Expectation
     experiment = model.described(theta)
     shifted = []
     for k, parameter in enumerate(model.parameters):
-        up = theta[plateaus + k] + parameter.step <= parameter.upper
-        step = parameter.step if up else -parameter.step
-        moved = theta.copy()
+        step, moved = parameter.step_from(theta[plateaus + k]), theta.copy()
         moved[plateaus + k] += step
         shifted.append((step, model.described(moved)))
     found = []
@@ -216,7 +214,7 @@ def slopes(model: ConfiguredModel, theta: FloatArray, expected: list[Expectation
         inverse = np.asarray(np.linalg.inv(here.power))
         power = np.array([(other.power - here.power) / step for step, other in others])
         height = np.array([(o.extension_nm - here.extension_nm) / step for step, o in others])
-        whitened = np.asarray(np.einsum("fab,kfbc->kfac", inverse, power))
+        whitened = np.asarray(inverse @ power)
         found.append(Slopes([i, *range(plateaus, n)], power, height, inverse, whitened))
     return found
 
@@ -261,9 +259,8 @@ def walk_slopes(model: ConfiguredModel, theta: FloatArray) -> FloatArray:
     """(coordinates,) how the square of the random walk of z follows θ."""
     found = np.zeros(len(theta))
     here = model.walk_nm2_per_s(theta)
-    for k, parameter in enumerate(model.parameters, start=model.plateaus):
-        moved = theta.copy()
-        step = parameter.step if theta[k] + parameter.step <= parameter.upper else -parameter.step
+    for k in model.walking:
+        step, moved = model.parameters[k - model.plateaus].step_from(theta[k]), theta.copy()
         moved[k] += step
         found[k] = (model.walk_nm2_per_s(moved) - here) / step
     return found

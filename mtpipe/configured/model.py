@@ -104,7 +104,18 @@ class ConfiguredModel:
 
     def walk_nm2_per_s(self, theta: FloatArray) -> float:
         """Square of the random walk of z that subtraction has left, at θ."""
-        return float(self.described(theta).stage.unsubtracted_nm_per_root_s[2] ** 2)
+        experiment = self.described(theta) if self.walking else self.experiment
+        return _walk_nm2_per_s(experiment)
+
+    @functools.cached_property
+    def walking(self) -> tuple[int, ...]:
+        """Coordinates that the random walk of z follows."""
+        return tuple(
+            k
+            for k, p in enumerate(self.parameters, start=self.plateaus)
+            if _walk_nm2_per_s(p.change(self.experiment, p.start))
+            != _walk_nm2_per_s(p.change(self.experiment, p.start + p.step_from(p.start)))
+        )
 
     def height_whitening(self, expected: Sequence[Expectation], theta: FloatArray) -> FloatArray:
         """(plateaus, plateaus) triangular matrix that makes missed heights independent pulls."""
@@ -124,6 +135,10 @@ class ConfiguredModel:
                 for p, value in zip(self.parameters, theta[self.plateaus :], strict=True)
             ]
         )
+
+
+def _walk_nm2_per_s(experiment: Experiment) -> float:
+    return float(experiment.stage.unsubtracted_nm_per_root_s[2] ** 2)
 
 
 def heights_missed_nm(data: Sequence[PlateauData], expected: Sequence[Expectation]) -> FloatArray:

@@ -230,10 +230,7 @@ def _strengths(found: Explanation, one: Named) -> list[Strength]:
     covariance = fit.covariance[first:, first:]
     slopes = np.zeros((len(here), len(fit.model.parameters)))
     for k, parameter in enumerate(fit.model.parameters):
-        theta = fit.theta.copy()
-        step = parameter.step if theta[first + k] + parameter.step <= parameter.upper else (
-            -parameter.step
-        )  # fmt: skip
+        step, theta = parameter.step_from(fit.theta[first + k]), fit.theta.copy()
         theta[first + k] += step
         there = effect.strengths(fit.model.described(theta))
         slopes[:, k] = [(b[1] - a[1]) / step for a, b in zip(here, there, strict=True)]

@@ -43,6 +43,10 @@ class Parameter:
     prior: tuple[float, float] | None
     change: Change
 
+    def step_from(self, value: float) -> float:
+        """The step, downwards where it would leave the bounds."""
+        return self.step if value + self.step <= self.upper else -self.step
+
 
 def noise_parameters(start_nm: Triple) -> tuple[Parameter, ...]:
     """Variance of the tracking noise along each axis, in nm²."""

@@ -26,8 +26,7 @@ from mtpipe.physics.axial import AxialMotion
 from mtpipe.physics.camera import FloatArray, power_spectrum
 from mtpipe.physics.friction import rotation_wall_factor, rotational_stokes_pN_nm_s
 from mtpipe.physics.linear import LinearMotion, NormalModes, normal_modes, pair_modes
-from mtpipe.physics.tether import Chain, log_distance_density, mean_extension_nm, radial_moments
-from mtpipe.physics.tether import extension_nm as chain_extension_nm
+from mtpipe.physics.tether import Chain, log_distance_density, moments
 from mtpipe.physics.tethered_bead import friction_pN_s_per_nm
 
 ALONG, ACROSS, UP, ANGLE = range(4)
@@ -164,9 +163,9 @@ class _Tether:
 
 @functools.lru_cache(maxsize=4096)
 def _tether(chain: Chain, force_pN: float) -> _Tether:
-    end = float(mean_extension_nm(chain, force_pN))
-    variance = float(radial_moments(chain, force_pN)[0])
-    middle, spread = float(chain_extension_nm(chain, force_pN)), np.sqrt(variance)
+    found = moments(chain, force_pN)
+    end, variance = float(found.height_nm), float(found.variance_nm2)
+    middle, spread = float(found.extension_nm), np.sqrt(variance)
     low = max(middle - GRID_SPREADS * spread, 0.002 * chain.contour_length_nm)
     high = middle + GRID_SPREADS * spread
     if chain.compliance == 0:

@@ -78,12 +78,12 @@ def lag_one_covariance(variance: ArrayLike, tau_s: ArrayLike, camera: Camera) ->
 def white_deficit(alpha: ArrayLike) -> FloatArray:
     """2 (sinh α − α)/α²: the white part that blur takes from the spectrum (form B), α ≤ 1."""
     a = np.asarray(alpha, dtype=float)
-    total = np.zeros_like(a)
-    term = a / 6.0
-    for j in range(1, 12):
-        total = total + term
-        term = term * a * a / ((2 * j + 2) * (2 * j + 3))
-    return 2 * total
+    square = a * a
+    # 2 Σ α^(2j+1)/(2j+3)!: the closed form cancels for short exposures
+    series = np.ones_like(a)
+    for j in range(9, 0, -1):
+        series = 1 + square / ((2 * j + 2) * (2 * j + 3)) * series
+    return np.asarray(a / 3 * series)
 
 
 def edge_gain(alpha: ArrayLike) -> FloatArray:

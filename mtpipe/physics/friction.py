@@ -79,11 +79,11 @@ def rotation_wall_factor(centre_height_nm: ArrayLike, radius_nm: ArrayLike) -> F
 
 
 def _radius_over_height(centre_height_nm: ArrayLike, radius_nm: ArrayLike) -> FloatArray:
-    height, radius = np.broadcast_arrays(
-        np.asarray(centre_height_nm, dtype=np.float64), np.asarray(radius_nm, dtype=np.float64)
-    )
+    height = np.asarray(centre_height_nm, dtype=np.float64)
+    radius = np.asarray(radius_nm, dtype=np.float64)
     inside = ~(height > radius)
     if np.any(inside):
+        height, radius = np.broadcast_arrays(height, radius)
         raise FitError(
             f"the bead's centre at {height[inside].flat[0]:.0f} nm lies within one radius "
             f"({radius[inside].flat[0]:.0f} nm) of the surface",

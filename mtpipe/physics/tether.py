@@ -136,6 +136,44 @@ def stiffness_pN_per_nm(chain: Chain, extension_nm: ArrayLike) -> FloatArray:
         return chain.thermal_force_pN / chain.contour_length_nm / softness
 
 
+@dataclass(frozen=True, eq=False)
+class Moments:
+    """A chain under a constant force, the chain being a potential A(r); any shape.
+
+    Attributes
+    ----------
+    extension_nm : of the chain's curve, as `extension_nm` has it.
+    height_nm : mean height of the end, as `mean_extension_nm` has it.
+    variance_nm2, skewness : of the end-to-end distance, as `radial_moments` has them.
+    """
+
+    extension_nm: FloatArray
+    height_nm: FloatArray
+    variance_nm2: FloatArray
+    skewness: FloatArray
+
+
+def moments(chain: Chain, force_pN: ArrayLike) -> Moments:
+    """What `extension_nm`, `mean_extension_nm` and `radial_moments` say, in one pass.
+
+    Raises
+    ------
+    ValueError : a force is negative.
+    """
+    curve, r, weight, pull = _distances(chain, force_pN)
+    height = np.sum(weight * r * _mean_cosine(pull), axis=-1)
+    deviation = r - np.sum(weight * r, axis=-1, keepdims=True)
+    variance = np.sum(weight * deviation**2, axis=-1)
+    skewness = np.sum(weight * deviation**3, axis=-1) / variance**1.5
+    length = chain.contour_length_nm
+    return Moments(
+        np.asarray(length * curve),
+        np.asarray(length * height),
+        np.asarray(length**2 * variance),
+        np.asarray(skewness),
+    )
+
+
 def mean_extension_nm(chain: Chain, force_pN: ArrayLike) -> FloatArray:
     """Mean height of the tether's end under a constant force, the chain being a potential A(r).
 
@@ -151,9 +189,7 @@ def mean_extension_nm(chain: Chain, force_pN: ArrayLike) -> FloatArray:
     ------
     ValueError : a force is negative.
     """
-    r, weight, pull = _distances(chain, force_pN)
-    height = np.sum(weight * r * _mean_cosine(pull), axis=-1)
-    return np.asarray(chain.contour_length_nm * height)
+    return moments(chain, force_pN).height_nm
 
 
 def log_distance_density(chain: Chain, force_pN: float, distance_nm: ArrayLike) -> FloatArray:
@@ -186,15 +222,16 @@ def radial_moments(chain: Chain, force_pN: ArrayLike) -> tuple[FloatArray, Float
     ------
     ValueError : a force is negative.
     """
-    r, weight, _ = _distances(chain, force_pN)
-    deviation = r - np.sum(weight * r, axis=-1, keepdims=True)
-    variance = np.sum(weight * deviation**2, axis=-1)
-    skewness = np.sum(weight * deviation**3, axis=-1) / variance**1.5
-    return np.asarray(chain.contour_length_nm**2 * variance), np.asarray(skewness)
+    found = moments(chain, force_pN)
+    return found.variance_nm2, found.skewness
 
 
-def _distances(chain: Chain, force_pN: ArrayLike) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """Nodes of the distance over the contour length, their weights (sum 1), and F r/kT there."""
+def _distances(
+    chain: Chain, force_pN: ArrayLike
+) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
+    """Extension of the curve over the contour length; nodes of the distance over it, their weights
+    (sum 1), and F r/kT there.
+    """
     force = np.asarray(force_pN, dtype=np.float64)
     if np.any(force < 0):
         raise ValueError(f"force_pN = {force.min():g}: must not be negative")
@@ -216,7 +253,8 @@ def _distances(chain: Chain, force_pN: ArrayLike) -> tuple[FloatArray, FloatArra
     # Over the half sphere e^(pull cos) integrates to e^pull (1 - e^-pull)/pull.
     density = r**2 * (1 + c * _reduced_slope(chain, y)) * exprel(-pull)
     weight = _NODE_WEIGHTS * density * np.exp(log_weight - log_weight.max(axis=-1, keepdims=True))
-    return r, weight / np.sum(weight, axis=-1, keepdims=True), pull
+    curve = (peak + c * reduced)[..., 0]
+    return curve, r, weight / np.sum(weight, axis=-1, keepdims=True), pull
 
 
 def _mean_cosine(pull: FloatArray) -> FloatArray:
