@@ -21,14 +21,13 @@ from mtpipe.configured.hypotheses import (
     Tried,
     best_of,
     gained_by_motion,
-    gained_by_scatter,
     looking_ahead,
     try_effects,
-    wanders,
     with_hypothesis,
 )
 from mtpipe.configured.model import ConfiguredModel
-from mtpipe.diagnosis.explain import ALIKE_NATS
+from mtpipe.diagnosis.explanation import ALIKE_NATS
+from mtpipe.diagnosis.heights import gained_by_scatter, wanders
 from mtpipe.drift.lowpass import low_pass
 from mtpipe.effects.catalogue import OWN, catalogue
 from mtpipe.effects.effect import Evidence, SeenCourse
@@ -498,8 +497,9 @@ def test_one_effect_that_stands_in_for_two_is_not_where_the_search_begins():
     assert looking_ahead(fit, tried)[0].effect.name == "tracking_noise"
 
 
+@pytest.mark.parametrize("name", ["drift", "reference_noise"])
 @pytest.mark.parametrize(("walk_nm", "kink", "off"), [(0.5, 0.0, False), (0.1, 0.3, True)])
-def test_heights_that_are_off_by_more_than_positions_wander_are_told(walk_nm, kink, off):
+def test_heights_that_are_off_by_more_than_positions_wander_are_told(walk_nm, kink, off, name):
     """A bead that drifts, and one that drifts little while z has another scale above some height.
 
     Of eight seeds the first gains 0.4 nats at most, the second 3.6 to 17.5; this one is fixed.
@@ -513,8 +513,9 @@ def test_heights_that_are_off_by_more_than_positions_wander_are_told(walk_nm, ki
     for position in positions:
         position[:, 2] += kink * np.maximum(position[:, 2] - middle, 0.0)
     data = reduced(positions, tuple(whitening(x, 1 / RATE_HZ) for x in positions))
-    silent = fit_configured(ConfiguredModel(data, BASE, (), subtraction_of(BASE)))
-    found = best_of(silent, of_name("drift"), EVIDENCE)
+    base = replace(BASE, references=1)
+    silent = fit_configured(ConfiguredModel(data, base, (), subtraction_of(base)))
+    found = best_of(silent, of_name(name), EVIDENCE)
     assert wanders(found.fit)
-    assert not wanders(silent)
-    assert (gained_by_scatter(found.fit) > ALIKE_NATS) == off
+    assert gained_by_scatter(silent, []) == 0
+    assert (gained_by_scatter(found.fit, [found]) > ALIKE_NATS) == off

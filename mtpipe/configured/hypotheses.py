@@ -19,8 +19,6 @@ FIRST_ROUNDS, TRIED_NATS = 3, 0.05
 WORTHWHILE_NATS, WORTHWHILE_SHARE = 30.0, 0.6
 # So many effects are tried in pairs, and a pair has to be better than one by so much.
 AHEAD, PAIR_NATS = 6, 3.0
-# Sizes that are tried of what else mean heights may be off by.
-SCATTERS_NM = (1.0, 3.0, 10.0, 30.0)
 # Recorded heights this many standard errors from the fitted ones are out of the tether's reach.
 FAR_FROM_IT = 8.0
 
@@ -93,29 +91,6 @@ def gained_by_motion(one: Tried) -> float:
         return fit.log_likelihood - fit_configured(model, np.array(start)).log_likelihood
     except (FitError, ValueError):
         return math.inf
-
-
-def wanders(fit: ConfiguredFit) -> bool:
-    """Whether the bead or its reference moves by itself up and down, so that heights are free."""
-    stage = fit.model.described(fit.theta).stage
-    return stage.unsubtracted_nm_per_root_s[2] > 0 or stage.reference_nm[2] > 0
-
-
-def gained_by_scatter(fit: ConfiguredFit) -> float:
-    """ln likelihood gained were each plateau's mean height off by something of its own (nats).
-
-    Of heights that are free to wander: they are not off by more than positions are seen to wander
-    within plateaus where this is about 0.
-    """
-    gains = [0.0]
-    for scatter_nm in SCATTERS_NM:
-        model = replace(fit.model, height_scatter_nm=scatter_nm)
-        try:
-            found = fit_configured(model, fit.theta, arrived=TRIED_NATS)
-        except (FitError, ValueError):
-            continue
-        gains.append(found.log_likelihood - fit.log_likelihood)
-    return max(gains)
 
 
 def together(fit: ConfiguredFit, chosen: Sequence[Tried], start: ConfiguredFit) -> ConfiguredFit:

@@ -18,11 +18,9 @@ import numpy as np
 from mtpipe.configured.hypotheses import (
     Tried,
     gained_by_motion,
-    gained_by_scatter,
     looking_ahead,
     together,
     try_effects,
-    wanders,
 )
 from mtpipe.crosschecking.case import Case
 from mtpipe.crosschecking.check import BeadCheck, check_bead
@@ -31,11 +29,13 @@ from mtpipe.diagnosis.evidence import evidence_of
 from mtpipe.diagnosis.explanation import (
     AGREES_P,
     ALARM_P,
+    ALIKE_NATS,
     Alternative,
     Explanation,
     Named,
     agrees,
 )
+from mtpipe.diagnosis.heights import gained_by_scatter, wanders
 from mtpipe.diagnosis.misfit import explained_share, heldout_gain
 from mtpipe.diagnosis.refit import begun_again, best_formula, with_forces_found
 from mtpipe.diagnosis.unexplained import Rejected
@@ -50,13 +50,10 @@ SEEN_NATS, KEPT_NATS = 4.0, 3.0
 # Where the battery is as content as this with an effect, a second one has to gain so much: the form
 # of the first is known only so well, and what is left of it may look like another.
 CONTENT_P, BESIDE_NATS = 0.3, 10.0
-# Two effects that fit equally well within so many nats cannot be told apart, whatever their numbers
-# cost, nor can two whose net gains differ by less, or what they gain on time that was not fitted. A
-# wrong one is better by as much once in 150 recordings at most (the mean of a likelihood ratio is
-# 1), and there are several. On that time those are compared whose net gains differ by no more than
-# the second: ordinates that are less independent than they are taken for make as much of a
-# difference where they were fitted.
-ALIKE_NATS, NEAR_NATS = 5.0, 20.0
+# What effects gain on time that was not fitted is compared where their net gains differ by no more:
+# ordinates that are less independent than they are taken for make as much of a difference where
+# they were fitted.
+NEAR_NATS = 20.0
 MOST_EFFECTS = 3
 # What no name describes is imitated the better the more effects are taken for it. A third effect of
 # the spectrum has to be unmistakable.
@@ -116,8 +113,8 @@ def _concluded(
     """The verdict, the effects that may be named with it, the check with these, and what came
     nearest where something is left.
     """
-    fit = check.case.fit
-    scatter = gained_by_scatter(fit) if named and wanders(fit) else 0.0
+    fitted = [one.found for one in named if isinstance(one.found, Tried)]
+    scatter = gained_by_scatter(check.case.fit, fitted) if fitted else 0.0
     if named and agrees(check, before) and scatter < ALIKE_NATS:
         return "explained", named, check, None
     kept = certain(named)

@@ -19,6 +19,11 @@ from mtpipe.physics.camera import FloatArray
 ALARM_P = 0.004
 # Below this p a recording that had raised an alarm does not agree with its simulation yet.
 AGREES_P = 0.01
+# Two effects that fit equally well within so many nats cannot be told apart, whatever their numbers
+# cost, nor can two whose net gains differ by less, or what they gain on time that was not fitted. A
+# wrong one is better by as much once in 150 recordings at most (the mean of a likelihood ratio is
+# 1), and there are several.
+ALIKE_NATS = 5.0
 # An alternative that is worse by so many nats weighs nothing, and one better by so many all.
 CERTAIN_NATS = 50.0
 

@@ -1,0 +1,85 @@
+"""Whether mean heights are off by more than positions are seen to wander.
+
+Drift, and motion of the reference, leave mean heights free to wander. What is wrong with heights
+for another reason can then be taken for either.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from mtpipe.configured.fit import ConfiguredFit, fit_configured
+from mtpipe.configured.hypotheses import TRIED_NATS, Tried
+from mtpipe.diagnosis.explanation import ALIKE_NATS
+from mtpipe.effects import drift
+from mtpipe.effects.effect import Evidence
+from mtpipe.errors import FitError
+from mtpipe.experiment.changes import with_stage
+
+# Sizes that are tried of what else mean heights may be off by.
+SCATTERS_NM = (1.0, 3.0, 10.0, 30.0)
+
+
+def wanders(fit: ConfiguredFit) -> bool:
+    """Whether the bead or its reference moves by itself up and down, so that heights are free."""
+    stage = fit.model.described(fit.theta).stage
+    return stage.unsubtracted_nm_per_root_s[2] > 0 or stage.reference_nm[2] > 0
+
+
+def gained_by_scatter(fit: ConfiguredFit, named: Sequence[Tried]) -> float:
+    """ln likelihood gained were each plateau's mean height off by something of its own (nats).
+
+    0 where heights are not free to wander, and about 0 where they are off by no more than
+    positions are seen to wander within plateaus. Motion of the reference that is not seen to relax
+    would free the heights by itself: where a walk and such heights fit as well, it is what the walk
+    gains.
+
+    Parameters
+    ----------
+    named : effects that the fit contains.
+    """
+    if not wanders(fit):
+        return 0.0
+    gained = _gained(fit)
+    for one in named:
+        walk = _as_a_walk(fit, one) if one.effect.name == "reference_noise" else None
+        if walk is not None:
+            beside = _gained(walk)
+            if walk.log_likelihood + beside > fit.log_likelihood - ALIKE_NATS:
+                gained = max(gained, beside)
+    return gained
+
+
+def _gained(fit: ConfiguredFit) -> float:
+    gains = [0.0]
+    for scatter_nm in SCATTERS_NM:
+        model = replace(fit.model, height_scatter_nm=scatter_nm)
+        try:
+            found = fit_configured(model, fit.theta, arrived=TRIED_NATS)
+        except (FitError, ValueError):
+            continue
+        gains.append(found.log_likelihood - fit.log_likelihood)
+    return max(gains)
+
+
+def _as_a_walk(fit: ConfiguredFit, one: Tried) -> ConfiguredFit | None:
+    """The fit with a walk of the bead's own in the place of the reference's motion."""
+    model = fit.model
+    still = with_stage(model.experiment, reference_nm=(0.0, 0.0, 0.0))
+    walks = drift.EFFECT.hypotheses(still, Evidence((), tuple(fit.force_pN)))
+    own = {parameter.name for parameter in one.hypothesis.parameters}
+    own |= {parameter.name for walk in walks for parameter in walk.parameters}
+    kept = [k for k, parameter in enumerate(model.parameters) if parameter.name not in own]
+    parameters = [model.parameters[k] for k in kept]
+    start = [*fit.theta[: model.plateaus], *(fit.theta[model.plateaus + k] for k in kept)]
+    for walk in walks:
+        parameters += walk.parameters
+        start += [parameter.start for parameter in walk.parameters]
+    model = replace(model, experiment=still, parameters=tuple(parameters))
+    try:
+        return fit_configured(model, np.array(start), arrived=TRIED_NATS)
+    except (FitError, ValueError):
+        return None
