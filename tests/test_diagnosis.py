@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import functools
+import importlib
 import json
 import math
 import re
@@ -263,6 +264,29 @@ def test_an_effect_that_another_makes_needless_is_dropped():
     assert {p.name for p in after.case.fit.model.parameters} == {
         p.name for p in before.case.fit.model.parameters
     } | {"viscosity over configured"}
+
+
+@pytest.mark.parametrize(("net", "names"), [(99.0, ["a", "b"]), (101.0, ["a", "b", "c"])])
+def test_a_third_effect_has_to_be_unmistakable(monkeypatch, net, names):
+    """What no name describes looks like several effects; the second needs a few nats only."""
+    module = importlib.import_module("mtpipe.diagnosis.explain")
+    order = iter([("a", 500.0), ("b", 9.0), ("c", net), ("d", 1.0)])
+
+    def next_tried(fit, effects, evidence):
+        name, gain = next(order)
+        hypothesis = SimpleNamespace(numbers=1)
+        return [Tried(SimpleNamespace(name=name), hypothesis, None, gain, 0.0, evidence, 0)]
+
+    def named(one, tried, check, case, random):
+        return Named(one, (), check, check, math.nan)
+
+    monkeypatch.setattr(module, "try_effects", next_tried)
+    monkeypatch.setattr(module, "evidence_of", lambda check: None)
+    monkeypatch.setattr(module, "_named", named)
+    check = SimpleNamespace(case=SimpleNamespace(fit=None), p_value=1e-9)
+    found, _, nearest = module._searched(check, [], [], None, lambda step: None)
+    assert [one.name for one in found] == names
+    assert nearest is None or "a third effect" in nearest.reason
 
 
 @pytest.mark.parametrize(
