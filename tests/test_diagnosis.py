@@ -14,13 +14,20 @@ import numpy as np
 import pytest
 
 import mtpipe
-from mtpipe.configured.hypotheses import Tried, best_of
+from mtpipe.configured.hypotheses import Tried, best_of, together
 from mtpipe.crosschecking.beads import bead_generator
 from mtpipe.crosschecking.case import FORMULAS, prepare
 from mtpipe.crosschecking.check import check_bead
 from mtpipe.diagnosis.evidence import BLOCK_S, noise_between_blocks_nm2, reference_moves
-from mtpipe.diagnosis.explain import alike, explain, without_superfluous
+from mtpipe.diagnosis.explain import (
+    alike,
+    concluded,
+    explain,
+    without_superfluous,
+    without_unclear_third,
+)
 from mtpipe.diagnosis.explanation import Alternative, Explanation, Named, agrees
+from mtpipe.diagnosis.misfit import halves_of
 from mtpipe.diagnosis.mismatch import Mismatch
 from mtpipe.diagnosis.refit import other_formulas
 from mtpipe.drift.lowpass import low_pass
@@ -266,27 +273,58 @@ def test_an_effect_that_another_makes_needless_is_dropped():
     } | {"viscosity over configured"}
 
 
+def stand_in(name, net, before, after, *, frees=False):
+    """A named effect whose checks are (p, whether heights are free with what is in it)."""
+
+    def check(p_value, free):
+        return SimpleNamespace(p_value=p_value, case=SimpleNamespace(fit=free))
+
+    tried = Tried(SimpleNamespace(name=name), SimpleNamespace(numbers=1), None, net, 0.0, None, 0)
+    return Named(tried, (), check(before, False), check(after, frees), math.nan)
+
+
 @pytest.mark.parametrize(("net", "names"), [(99.0, ["a", "b"]), (101.0, ["a", "b", "c"])])
-def test_a_third_effect_has_to_be_unmistakable(monkeypatch, net, names):
-    """What no name describes looks like several effects; the second needs a few nats only."""
+@pytest.mark.parametrize("corrections", [0, 1])
+def test_a_third_effect_has_to_be_unmistakable(net, names, corrections):
+    """What no name describes looks like several effects; a correction of traces is none of them."""
+    corrected = [replace(stand_in("pixel_locking", 0.0, 1e-9, 1e-8), found=None)] * corrections
+    named = [stand_in("a", 500.0, 1e-9, 1e-6), stand_in("b", 9.0, 1e-6, 1e-3)]
+    named = [*corrected, *named, stand_in("c", net, 1e-3, 0.5)]
+    left, check, nearest = without_unclear_third(named, named[-1].after, None)
+    assert [one.name for one in left[corrections:]] == names
+    assert check is (named[-1].after if len(names) == 3 else named[-1].before)
+    assert (nearest is None) == (net > 100)
+    assert nearest is None or (nearest.tried.effect.name, nearest.tried.net) == ("c", 99.0)
+
+
+@pytest.mark.parametrize(
+    ("scatter", "order", "verdict", "kept"),
+    [
+        (0.0, ["viscosity", "drift"], "explained", ["viscosity", "drift"]),
+        (9.0, ["viscosity", "drift"], "unexplained", ["viscosity"]),
+        (9.0, ["drift", "viscosity"], "unexplained", []),
+        (9.0, ["viscosity"], "unexplained", ["viscosity"]),  # heights were free before
+    ],
+)
+def test_what_frees_heights_is_not_named_where_they_are_off(
+    monkeypatch, scatter, order, verdict, kept
+):
     module = importlib.import_module("mtpipe.diagnosis.explain")
-    order = iter([("a", 500.0), ("b", 9.0), ("c", net), ("d", 1.0)])
-
-    def next_tried(fit, effects, evidence):
-        name, gain = next(order)
-        hypothesis = SimpleNamespace(numbers=1)
-        return [Tried(SimpleNamespace(name=name), hypothesis, None, gain, 0.0, evidence, 0)]
-
-    def named(one, tried, check, case, random):
-        return Named(one, (), check, check, math.nan)
-
-    monkeypatch.setattr(module, "try_effects", next_tried)
-    monkeypatch.setattr(module, "evidence_of", lambda check: None)
-    monkeypatch.setattr(module, "_named", named)
-    check = SimpleNamespace(case=SimpleNamespace(fit=None), p_value=1e-9)
-    found, _, nearest = module._searched(check, [], [], None, lambda step: None)
-    assert [one.name for one in found] == names
-    assert nearest is None or "a third effect" in nearest.reason
+    monkeypatch.setattr(module, "gained_by_scatter", lambda fit, fitted: scatter)
+    monkeypatch.setattr(module, "wanders", lambda fit: fit)
+    monkeypatch.setattr(module, "certain", lambda named: list(named))
+    monkeypatch.setattr(module, "explained_share", lambda before, after: 0.5)
+    named, free = [], False
+    for name in order:
+        free = free or name == "drift"
+        one = stand_in(name, 50.0, 1e-9, 0.5, frees=free)
+        named.append(replace(one, before=named[-1].after if named else one.before))
+    found = concluded(named[0].before, named, named[-1].after, None)
+    assert (found[0], [one.name for one in found[1]]) == (verdict, kept)
+    assert found[2] is (found[1][-1].after if kept else named[0].before)
+    if len(kept) < len(order):
+        assert found[3].tried.effect.name == "drift"
+        assert "mean heights are off" in found[3].reason
 
 
 @pytest.mark.parametrize(
@@ -350,6 +388,23 @@ def test_what_alternatives_make_of_a_force_is_in_its_error():
     expected = np.sqrt(one.fit.force_stderr_pN**2 + chain + apart**2 / 2)
     np.testing.assert_allclose(both.force_stderr_pN, expected, rtol=1e-6)
     assert both.named[0].equivalent == ("lateral_scale",)
+    # effects fitted anew go with the formula that they were named with
+    again = together(before.case.fit, [one], formula)
+    assert again.model.experiment.chain.formula == formula.model.experiment.chain.formula
+    assert again.log_likelihood == pytest.approx(formula.log_likelihood, abs=0.1)
+
+
+def test_second_halves_begin_in_the_middle_of_their_plateaus():
+    """A walk has moved the bead farther by then."""
+    case = prepare(recording("nothing", 1), "b1")
+    first, second = halves_of(case)
+    model = case.fit.model
+    for half, at in ((first, 0.25), (second, 0.75)):
+        lasts = np.array([data.duration_s for data in half.data])
+        whole = np.array([data.duration_s for data in model.data])
+        np.testing.assert_allclose(lasts, whole / 2)
+        middles = np.array(half.of(model).begins_s) + lasts / 2
+        np.testing.assert_allclose(middles, np.array(model.begins_s) + at * whole)
 
 
 def locked(simulated, size_nm, scale=1.0):

@@ -4,9 +4,10 @@ from dataclasses import replace
 
 import pytest
 
-from mtpipe.crosschecking.case import described, prepare
+from mtpipe.crosschecking.case import OTHER_FORMULA_NATS, described, preference, prepare
 from mtpipe.crosschecking.listed import with_listed
 from mtpipe.crosschecking.recording import crosscheck
+from mtpipe.diagnosis.refit import other_formulas
 from mtpipe.drift import subtract_drift
 from mtpipe.errors import SetupError
 from mtpipe.pipeline import not_simulated
@@ -43,6 +44,24 @@ def test_one_size_of_several_can_be_pinned(recorded):
     assert walk[1] == pytest.approx(0.25)
     assert {"walk along x", "walk along z"} < left
     assert "walk along y" not in left
+
+
+def test_a_pinned_modulus_goes_with_either_formula(recorded):
+    """Errors of forces have in them what the chain's other formula would make of them."""
+    pinned = {"effects": [*KNOWN, "extensible_tether"]}
+    pinned["extensible_tether"] = {"stretch_modulus_pN": 900.0}
+    changed = setup(model=pinned)
+    case = with_listed(prepare(replace(recorded, setup=changed), "b1"), changed)
+    (other,) = other_formulas(case.fit)
+    chains = [fit.model.experiment.chain for fit in (case.fit, other)]
+    assert {chain.formula for chain in chains} == {"extensible-marko-siggia", "extensible"}
+    assert [chain.stretch_modulus_pN for chain in chains] == pytest.approx([900.0, 900.0])
+    preferred = {
+        chain.formula: preference(fit) - fit.log_likelihood
+        for chain, fit in zip(chains, (case.fit, other), strict=True)
+    }
+    assert preferred["extensible-marko-siggia"] == pytest.approx(OTHER_FORMULA_NATS)
+    assert preferred["extensible"] == 0
 
 
 @pytest.mark.parametrize(

@@ -12,6 +12,7 @@ import numpy as np
 from mtpipe.configured.fit import MOST_ROUNDS, ConfiguredFit, first_guess, fit_configured
 from mtpipe.effects.effect import Effect, Evidence, Hypothesis
 from mtpipe.errors import FitError
+from mtpipe.physics.tether import with_formula, without_stretching
 
 # Fits are tried so far at first, and to so many nats in the end.
 FIRST_ROUNDS, TRIED_NATS = 3, 0.05
@@ -96,11 +97,18 @@ def gained_by_motion(one: Tried) -> float:
 def together(fit: ConfiguredFit, chosen: Sequence[Tried], start: ConfiguredFit) -> ConfiguredFit:
     """Fit several effects at once, their parameters beginning where another fit has them.
 
+    Parameters
+    ----------
+    fit : without any of them. start : where forces and parameters begin, as far as it has them,
+        and whose formula of the chain is taken.
+
     Raises
     ------
     FitError : one does not apply beside the others.
     """
-    model = fit.model
+    model, formula = fit.model, without_stretching(start.model.experiment.chain.formula)
+    chain = with_formula(model.experiment.chain, formula)
+    model = replace(model, experiment=replace(model.experiment, chain=chain))
     for one in chosen:
         hypotheses = one.effect.hypotheses(model.experiment, one.evidence)
         if not hypotheses:

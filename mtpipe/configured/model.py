@@ -110,12 +110,15 @@ class ConfiguredModel:
     @functools.cached_property
     def walking(self) -> tuple[int, ...]:
         """Coordinates that the random walk of z follows."""
-        return tuple(
-            k
-            for k, p in enumerate(self.parameters, start=self.plateaus)
-            if _walk_nm2_per_s(p.change(self.experiment, p.start))
-            != _walk_nm2_per_s(p.change(self.experiment, p.start + p.step_from(p.start)))
-        )
+        start = np.concatenate([np.zeros(self.plateaus), [p.start for p in self.parameters]])
+        here = _walk_nm2_per_s(self.described(start))
+        found = []
+        for k, parameter in enumerate(self.parameters, start=self.plateaus):
+            moved = start.copy()
+            moved[k] += parameter.step_from(start[k])
+            if _walk_nm2_per_s(self.described(moved)) != here:
+                found.append(k)
+        return tuple(found)
 
     def height_whitening(self, expected: Sequence[Expectation], theta: FloatArray) -> FloatArray:
         """(plateaus, plateaus) triangular matrix that makes missed heights independent pulls."""

@@ -8,6 +8,7 @@ from mtpipe.configured.data import plateau_data, whitening
 from mtpipe.configured.fit import fit_configured
 from mtpipe.crosschecking.case import FORMULAS, Case, preference
 from mtpipe.physics.camera import FloatArray
+from mtpipe.physics.tether import with_formula
 
 
 def with_positions(case: Case, positions_nm: tuple[FloatArray, ...]) -> Case:
@@ -25,8 +26,8 @@ def with_positions(case: Case, positions_nm: tuple[FloatArray, ...]) -> Case:
     data = tuple(plateau_data(x, case.frame_s, p) for x, p in zip(positions_nm, phi, strict=True))
     fits = []
     for formula in FORMULAS:
-        chain = replace(case.fit.model.experiment.chain, formula=formula)
-        experiment = replace(case.fit.model.experiment, chain=chain)
+        experiment = case.fit.model.experiment
+        experiment = replace(experiment, chain=with_formula(experiment.chain, formula))
         fits.append(fit_configured(replace(case.fit.model, data=data, experiment=experiment)))
     fit = max(fits, key=preference)
     return replace(case, positions_nm=positions_nm, phi=phi, fit=fit)

@@ -26,7 +26,7 @@ from mtpipe.experiment.description import Experiment, Rest, Triple
 from mtpipe.experiment.from_setup import experiment_of, pinned_noise_nm
 from mtpipe.experiment.parameter import noise_parameters
 from mtpipe.physics.camera import FloatArray
-from mtpipe.physics.tether import Formula
+from mtpipe.physics.tether import Formula, with_formula, without_stretching
 from mtpipe.recording import Plateau, Recording
 from mtpipe.traces import traces_of
 
@@ -153,7 +153,7 @@ def prepare(recording: Recording, bead: str) -> Case:
     begins_s = tuple((start - int(recording.frame[0])) * frame_s for start in starts)
     fits = []
     for formula in FORMULAS:
-        experiment = replace(base, rests=rests, chain=replace(base.chain, formula=formula))
+        experiment = replace(base, rests=rests, chain=with_formula(base.chain, formula))
         model = ConfiguredModel(data, experiment, parameters, subtraction, begins_s)
         fits.append(fit_configured(model))
     return Case(
@@ -172,7 +172,7 @@ def prepare(recording: Recording, bead: str) -> Case:
 
 def preference(fit: ConfiguredFit) -> float:
     """ln likelihood of a fit, and what its chain's formula is preferred by."""
-    usual = fit.model.experiment.chain.formula == FORMULAS[0]
+    usual = without_stretching(fit.model.experiment.chain.formula) == FORMULAS[0]
     return fit.log_likelihood + (OTHER_FORMULA_NATS if usual else 0.0)
 
 

@@ -98,7 +98,8 @@ def explain(
             named, check, nearest = again
     found_first = len(named)
     named, check = without_superfluous(case, named, check, random)
-    verdict, kept, check, nearest = _concluded(before, named, check, nearest)
+    named, check, nearest = without_unclear_third(named, check, nearest)
+    verdict, kept, check, nearest = concluded(before, named, check, nearest)
     # the last was compared with all others there, unless one of them has gone since
     compared = kept[-1:] if len(named) == found_first else []
     distinct = tuple(
@@ -107,11 +108,16 @@ def explain(
     return Explanation(before, check, distinct, verdict, nearest)
 
 
-def _concluded(
+def concluded(
     before: BeadCheck, named: list[Named], check: BeadCheck, nearest: Rejected | None
 ) -> tuple[str, list[Named], BeadCheck, Rejected | None]:
     """The verdict, the effects that may be named with it, the check with these, and what came
     nearest where something is left.
+
+    Parameters
+    ----------
+    before : the bead's first check. named : in the order found. check : with all of them.
+    nearest : what the search did not take at its end.
     """
     fitted = [one.found for one in named if isinstance(one.found, Tried)]
     scatter = gained_by_scatter(check.case.fit, fitted) if fitted else 0.0
@@ -119,16 +125,21 @@ def _concluded(
         return "explained", named, check, None
     kept = certain(named)
     if scatter >= ALIKE_NATS:
-        kept = list(itertools.takewhile(lambda one: not wanders(one.after.case.fit), kept))
-    for left_out in named[len(kept) :][:1]:
-        if isinstance(left_out.found, Tried):
-            off = wanders(left_out.after.case.fit) and scatter >= ALIKE_NATS
-            reason = _heights_off(left_out, scatter) if off else _not_enough(left_out)
-            nearest = Rejected(left_out.found, reason)
-    check = kept[-1].after if kept else before
+        kept = list(itertools.takewhile(lambda one: not _frees_heights(one), kept))
+    left_out = next(iter(named[len(kept) :]), None)
+    if left_out is not None and isinstance(left_out.found, Tried):
+        off = scatter >= ALIKE_NATS and _frees_heights(left_out)
+        reason = _heights_off(left_out, scatter) if off else _not_enough(left_out)
+        nearest = Rejected(left_out.found, reason)
+    after = kept[-1].after if kept else before
     if not kept and before.p_value >= ALARM_P:
-        return "consistent", kept, check, None
-    return "unexplained", kept, check, nearest
+        return "consistent", kept, after, None
+    return "unexplained", kept, after, nearest
+
+
+def _frees_heights(one: Named) -> bool:
+    """Whether it is with this effect that heights are free to wander."""
+    return wanders(one.after.case.fit) and not wanders(one.before.case.fit)
 
 
 def _searched(
@@ -150,8 +161,6 @@ def _searched(
         needed = KEPT_NATS if check.p_value < ALARM_P else SEEN_NATS
         if named and check.p_value >= CONTENT_P:
             needed = BESIDE_NATS
-        if len(named) - len(corrections) >= 2:
-            needed = THIRD_NATS
         if not tried or tried[0].net < needed:
             nearest = Rejected(tried[0], _too_little(tried[0], needed)) if tried else None
             break
@@ -262,10 +271,8 @@ def _named(
 def _too_little(one: Tried, needed: float) -> str:
     numbers = one.hypothesis.numbers
     gains = f"gains {one.gain:.1f} nats" if one.gain >= 0.05 else "gains nothing"
-    what = "its parameter" if numbers == 1 else f"its {numbers} parameters"
-    if needed == THIRD_NATS:
-        what = "a third effect, as what no name describes looks like several"
-    return f"{gains}, too little for {what} ({one.penalty + needed:.1f} are needed)"
+    what = "parameter" if numbers == 1 else f"{numbers} parameters"
+    return f"{gains}, too little for its {what} ({one.penalty + needed:.1f} are needed)"
 
 
 def _more_odd(one: Tried, before: BeadCheck, after: BeadCheck) -> str:
@@ -319,13 +326,48 @@ def without_superfluous(
         if check.case.fit.log_likelihood - fit.log_likelihood - one.penalty < KEPT_NATS:
             again = check_bead(replace(case, fit=fit), random)
             if again.p_value >= min(AGREES_P, check.p_value):
-                at = next(i for i, other in enumerate(named) if other.found is one)
-                left = named[:at] + named[at + 1 :]
-                if at < len(left):
-                    left[at] = replace(left[at], before=named[at].before)
-                left[-1] = replace(left[-1], after=again)
+                left = _checked_without(case, named, one, again, random)
                 return without_superfluous(case, left, again, random)
     return named, check
+
+
+def _checked_without(
+    case: Case, named: list[Named], dropped: Tried, after: BeadCheck, random: np.random.Generator
+) -> list[Named]:
+    """The effects but one, those behind it checked anew; `after` : the check with all of them."""
+    at = next(i for i, one in enumerate(named) if one.found is dropped)
+    left = named[:at] + named[at + 1 :]
+    last = len(left) - 1
+    before = named[min(at, last)].before
+    for i in range(min(at, last), last + 1):
+        there = after
+        if i < last:
+            those = [one.found for one in left[: i + 1] if isinstance(one.found, Tried)]
+            fit = together(case.fit, those, after.case.fit)
+            there = check_bead(replace(case, fit=fit), random)
+        left[i] = replace(left[i], before=before, after=there)
+        before = there
+    return left
+
+
+def without_unclear_third(
+    named: list[Named], check: BeadCheck, nearest: Rejected | None
+) -> tuple[list[Named], BeadCheck, Rejected | None]:
+    """Drop a third effect of the spectrum that is not unmistakable.
+
+    Parameters
+    ----------
+    named : in the order found, corrections first. check : with all of them. nearest : as yet.
+    """
+    fitted = [one.found for one in named if isinstance(one.found, Tried)]
+    if len(fitted) < 3 or fitted[-1].net >= THIRD_NATS:
+        return named, check, nearest
+    third = fitted[-1]
+    reason = (
+        f"gains {third.gain:.1f} nats, too little for a third effect, as what no name describes "
+        f"looks like several ({third.penalty + THIRD_NATS:.1f} are needed)"
+    )
+    return named[:-1], named[-1].before, Rejected(third, reason)
 
 
 def certain(named: list[Named]) -> list[Named]:

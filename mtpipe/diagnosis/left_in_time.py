@@ -4,7 +4,7 @@ open about the force.
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import Literal
 
 import numpy as np
@@ -127,9 +127,9 @@ def _halves_pN(case: Case, plateau: int) -> tuple[tuple[float, float], tuple[flo
     if halves is None:
         return None
     found = []
-    for data in halves:
+    for half in halves:
         try:
-            fit = fit_configured(replace(case.fit.model, data=data), case.fit.theta)
+            fit = fit_configured(half.of(case.fit.model), case.fit.theta)
         except (FitError, ValueError):
             return None
         found.append((float(fit.force_pN[plateau]), float(fit.force_stderr_pN[plateau])))

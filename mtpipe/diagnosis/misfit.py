@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 from scipy import special
 
 from mtpipe.configured.data import PlateauData, plateau_data
 from mtpipe.configured.fit import ConfiguredFit, fit_configured
+from mtpipe.configured.model import ConfiguredModel
 from mtpipe.crosschecking.case import Case
 from mtpipe.crosschecking.check import BeadCheck
 from mtpipe.errors import FitError
@@ -49,16 +50,28 @@ def heldout_gain(case: Case, without: ConfiguredFit, with_it: ConfiguredFit) -> 
     for fitted, left in ((0, 1), (1, 0)):
         for fit, sign in ((with_it, 1), (without, -1)):
             try:
-                half = fit_configured(replace(fit.model, data=halves[fitted]), fit.theta)
-                other = replace(fit.model, data=halves[left])
+                half = fit_configured(halves[fitted].of(fit.model), fit.theta)
+                other = halves[left].of(fit.model)
                 gain += sign * other.log_likelihood(other.all_expected(half.theta), half.theta)
             except (FitError, ValueError):
                 return float("nan")
     return gain
 
 
-def halves_of(case: Case) -> tuple[tuple[PlateauData, ...], tuple[PlateauData, ...]] | None:
-    """Data of the first and of the second half of every plateau; None where these are too short."""
+@dataclass(frozen=True, eq=False)
+class Half:
+    """One half of every plateau: its data, and when it begins (`ConfiguredModel.begins_s`)."""
+
+    data: tuple[PlateauData, ...]
+    begins_s: tuple[float, ...]
+
+    def of(self, model: ConfiguredModel) -> ConfiguredModel:
+        """The model of these halves instead of whole plateaus."""
+        return replace(model, data=self.data, begins_s=self.begins_s)
+
+
+def halves_of(case: Case) -> tuple[Half, Half] | None:
+    """First and second half of every plateau; None where these are too short."""
     first: list[PlateauData] = []
     second: list[PlateauData] = []
     for position, phi in zip(case.positions_nm, case.phi, strict=True):
@@ -68,4 +81,6 @@ def halves_of(case: Case) -> tuple[tuple[PlateauData, ...], tuple[PlateauData, .
             second.append(plateau_data(position[middle:], case.frame_s, phi))
         except FitError:
             return None
-    return tuple(first), tuple(second)
+    begins = case.fit.model.begins_s
+    middles = (begin + one.duration_s for begin, one in zip(begins, first, strict=True))
+    return Half(tuple(first), begins), Half(tuple(second), tuple(middles))

@@ -10,6 +10,7 @@ from mtpipe.configured.hypotheses import Tried, together
 from mtpipe.crosschecking.case import FORMULAS, preference
 from mtpipe.crosschecking.check import BeadCheck
 from mtpipe.errors import FitError
+from mtpipe.physics.tether import with_formula, without_stretching
 
 
 def with_forces_found(best: Tried, check: BeadCheck) -> Tried:
@@ -53,8 +54,8 @@ def other_formulas(fit: ConfiguredFit) -> list[ConfiguredFit]:
     chain = fit.model.experiment.chain
     fits = []
     for formula in FORMULAS:
-        if formula != chain.formula:
-            other = replace(fit.model.experiment, chain=replace(chain, formula=formula))
+        if formula != without_stretching(chain.formula):
+            other = replace(fit.model.experiment, chain=with_formula(chain, formula))
             try:
                 there = fit_configured(replace(fit.model, experiment=other), fit.theta)
                 fits.append(begun_again(there))

@@ -5,13 +5,8 @@ from __future__ import annotations
 from mtpipe.effects.effect import Effect, Evidence, Hypothesis, plain
 from mtpipe.experiment.changes import with_chain
 from mtpipe.experiment.description import Experiment
-from mtpipe.physics.tether import Formula
+from mtpipe.physics.tether import STRETCHING
 
-# The formulas of chains that do not stretch, and of those that do.
-STRETCHING: dict[Formula, Formula] = {
-    "marko-siggia": "extensible-marko-siggia",
-    "bouchiat": "extensible",
-}
 START_PN = 1000.0
 BOUNDS_PER_NN = (0.02, 20.0)
 

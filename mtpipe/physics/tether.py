@@ -16,7 +16,7 @@ of the chain without enthalpic stretching, in (-1, 1), and g(y) = F Lp/kT. All c
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Literal
 
 import numpy as np
@@ -58,6 +58,12 @@ VALIDITY: dict[Formula, Validity] = {
         "as Marko and Siggia's below 10 pN; linear stretching holds up to about 40 pN (Wang et al. "
         "1997)",
     ),
+}
+
+# The formulas of chains that do not stretch, and of those that do.
+STRETCHING: dict[Formula, Formula] = {
+    "marko-siggia": "extensible-marko-siggia",
+    "bouchiat": "extensible",
 }
 
 # Bouchiat et al. 1999, a_1 to a_7: what the exact chain adds to Marko and Siggia's interpolation.
@@ -108,6 +114,22 @@ class Chain:
         if self.stretch_modulus_pN is None:
             return 0.0
         return self.thermal_force_pN / self.stretch_modulus_pN
+
+
+def without_stretching(formula: Formula) -> Formula:
+    """What a formula is for a chain that does not stretch."""
+    return next((stiff for stiff, soft in STRETCHING.items() if soft == formula), formula)
+
+
+def with_formula(chain: Chain, formula: Formula) -> Chain:
+    """The chain by another formula; one that stretches does so still.
+
+    Parameters
+    ----------
+    formula : of a chain that does not stretch.
+    """
+    stretches = chain.stretch_modulus_pN is not None
+    return replace(chain, formula=STRETCHING[formula] if stretches else formula)
 
 
 def force_pN(chain: Chain, extension_nm: ArrayLike) -> FloatArray:
