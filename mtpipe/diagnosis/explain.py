@@ -1,9 +1,9 @@
 """Why a recording is not what its configured experiment would have given.
 
 Effects of the catalogue are fitted one at a time to all traces together; the one that gains most is
-kept if it earns its parameters, and the search goes on from there until the battery no longer
-objects or nothing helps. Each effect kept is then asked again whether the others could do without
-it. Effects that the recording cannot tell from the one named are listed beside it.
+kept if it earns its parameters, and the search goes on from there until none does. Each effect kept
+is then asked again whether the others could do without it. Effects that the recording cannot tell
+from the one named are listed beside it.
 """
 
 from __future__ import annotations
@@ -247,7 +247,9 @@ def _named(
     case: Case,
     random: np.random.Generator,
 ) -> Named | Rejected:
-    """The effect, checked; rejected where recording and simulation differ even more with it."""
+    """The effect, checked; rejected where it is not seen to move, tells nothing of time that was
+    not fitted, cannot be simulated, or makes recording and simulation differ even more.
+    """
     without = check.case.fit
     fit = best_formula(begun_again(with_forces_found(chosen, check).fit))
     one = replace(chosen, fit=fit, gain=fit.log_likelihood - without.log_likelihood)

@@ -22,7 +22,7 @@ AGREES_P = 0.01
 # Two effects that fit equally well within so many nats cannot be told apart, whatever their numbers
 # cost, nor can two whose net gains differ by less, or what they gain on time that was not fitted. A
 # wrong one is better by as much once in 150 recordings at most (the mean of a likelihood ratio is
-# 1), and there are several.
+# 1), and there are several. By as much motion has to be seen to be motion, and heights to be off.
 ALIKE_NATS = 5.0
 # An alternative that is worse by so many nats weighs nothing, and one better by so many all.
 CERTAIN_NATS = 50.0
@@ -46,7 +46,7 @@ class Named:
     alternatives : effects that the recording cannot tell from it.
     before, after : the check without and with it.
     heldout_gain : ln likelihood gained on time that was not fitted, in nats; nan where the effect
-        is none of the spectrum's.
+        is none of the spectrum's, or the halves cannot be compared.
     others : a sentence on what the recording's other beads say of it; empty where it is the bead's
         own affair.
     """
