@@ -22,6 +22,7 @@ from mtpipe.configured.hypotheses import (
     best_of,
     gained_by_motion,
     looking_ahead,
+    promised_gains,
     try_effects,
     with_hypothesis,
 )
@@ -495,6 +496,19 @@ def test_one_effect_that_stands_in_for_two_is_not_where_the_search_begins():
     tried = try_effects(fit, effects, EVIDENCE)
     assert tried[0].effect.name == "reference_noise"
     assert looking_ahead(fit, tried)[0].effect.name == "tracking_noise"
+
+
+def test_what_two_effects_promise_is_what_they_gain_where_all_is_linear():
+    random = np.random.default_rng(4)
+    misfit, changes = random.normal(size=40), random.normal(size=(5, 40))
+    changes *= np.sign(changes @ misfit)[:, None]  # each as fitted, towards the data
+    changes[4] = 3.0 * changes[3]  # the same effect under another name
+    alone = (changes @ misfit) ** 2 / np.sum(changes**2, axis=1) / 2
+    promised = promised_gains(alone, changes)
+    for i, j in itertools.combinations(range(5), 2):
+        left = np.linalg.lstsq(changes[[i, j]].T, misfit, rcond=None)[1]
+        gain = alone[3] if i == 3 else (misfit @ misfit - left[0]) / 2
+        assert promised[i, j] == promised[j, i] == pytest.approx(gain)
 
 
 @pytest.mark.parametrize("relaxation_s", [0.5, 50.0])
