@@ -79,6 +79,12 @@ def test_blur_factor_falls_from_one_and_is_smooth_where_the_series_takes_over(al
         assert value == pytest.approx(exact, rel=1e-9)
 
 
+@pytest.mark.parametrize("alpha", [1e45, 1e200, np.inf])
+def test_nothing_is_left_of_what_relaxes_at_once_and_no_warning_says_so(alpha):
+    with np.errstate(all="raise"):
+        assert 0 < float(cam.blur_factor(alpha)) < 1e-20
+
+
 @pytest.mark.parametrize("tau_s", [0.0011, 0.02, 0.5])
 @pytest.mark.parametrize("share", [1.0, 0.4])
 def test_covariances_agree_with_the_simulation(tau_s, share):

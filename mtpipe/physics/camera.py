@@ -15,6 +15,9 @@ from numpy.typing import ArrayLike, NDArray
 
 FloatArray = NDArray[np.float64]
 
+# Exposure over relaxation time beyond which there is no telling.
+LONGEST = 1e30
+
 
 @dataclass(frozen=True)
 class Camera:
@@ -46,13 +49,14 @@ def blur_factor(alpha: ArrayLike) -> FloatArray:
 
     Source: Wong & Halvorsen 2006, Eq 4; Savin & Doyle 2005.
     """
-    a = np.asarray(alpha, dtype=float)
+    # beyond, its powers overflow, and nothing is left of the variance
+    a = np.minimum(np.asarray(alpha, dtype=float), LONGEST)
     small = a < 0.1
     safe = np.where(small, 1.0, a)
     exact = 2 * (safe + np.expm1(-safe)) / safe**2
     # 2 Σ (−α)^j/(j+2)!: the closed form cancels for short exposures
     series = 1 - a / 3 * (1 - a / 4 * (1 - a / 5 * (1 - a / 6 * (1 - a / 7 * (1 - a / 8)))))
-    return np.where(small, series, exact)
+    return np.asarray(np.where(small, series, exact))
 
 
 def edge_factor(alpha: ArrayLike) -> FloatArray:
