@@ -221,6 +221,7 @@ class Window:
         return 2 * self.frame_s * out
 
 
+@functools.lru_cache(maxsize=256)
 def bin_edges(frames: int, first: int) -> NDArray[np.int64]:
     """Ordinates 1 … N/2−1 (0 and Nyquist have another law), in bins of growing width."""
     last = (frames - 1) // 2
@@ -230,7 +231,9 @@ def bin_edges(frames: int, first: int) -> NDArray[np.int64]:
     while edges[-1] <= last:
         edges.append(max(edges[-1] + 1, round(edges[-1] * BIN_GROWTH)))
     edges[-1] = last + 1
-    return np.array(edges)
+    found = np.array(edges)
+    found.flags.writeable = False
+    return found
 
 
 def window_of(

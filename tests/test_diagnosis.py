@@ -340,6 +340,10 @@ def test_what_was_an_alarm_has_to_agree_better_than_to_be_none(before, after, ag
     assert agrees(SimpleNamespace(p_value=after), SimpleNamespace(p_value=before)) == agree
 
 
+def one_tried(name, gain, penalty):
+    return Tried(SimpleNamespace(name=name), None, None, gain, penalty, None, 0)
+
+
 @pytest.mark.parametrize(
     ("gain", "penalty", "foretold", "listed"),
     [
@@ -349,17 +353,21 @@ def test_what_was_an_alarm_has_to_agree_better_than_to_be_none(before, after, ag
         (245.0, 5.4, 50.0, False),  # the data tell it from the one named
         (240.0, 5.4, 3.0, True),  # fits worse, and tells as much of other time
         (230.0, 5.4, 3.0, False),  # fits much worse
-        (240.0, 5.4, math.nan, False),  # what it tells of other time is not known
+        (240.0, 5.4, math.nan, True),  # what it tells of other time is not known
+        (230.0, 5.4, math.nan, False),  # nor there, but it fits much worse
     ],
 )
 def test_effects_that_the_data_cannot_tell_apart_are_listed(gain, penalty, foretold, listed):
-    def tried(name, gain, penalty):
-        return Tried(SimpleNamespace(name=name), None, None, gain, penalty, None, 0)
-
-    named, other = tried("axial_scale", 251.5, 5.4), tried("hopping", gain, penalty)
+    named, other = one_tried("axial_scale", 251.5, 5.4), one_tried("hopping", gain, penalty)
     found = alike(named, [named, other], {"axial_scale"}, lambda one, two: foretold)
     assert [one.found.effect.name for one in found] == ["hopping"] * listed
     assert all(one.nats == pytest.approx(other.net - named.net) for one in found)
+
+
+def test_what_is_not_seen_by_itself_is_no_alternative():
+    """Its gain on time that was not fitted is not known, and it has none on time that was."""
+    named, other = one_tried("axial_scale", 21.0, 5.4), one_tried("hopping", 8.0, 5.4)
+    assert not alike(named, [named, other], {"axial_scale"}, lambda one, two: math.nan)
 
 
 def test_what_alternatives_make_of_a_force_is_in_its_error():

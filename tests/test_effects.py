@@ -31,7 +31,7 @@ from mtpipe.diagnosis.explanation import ALIKE_NATS
 from mtpipe.diagnosis.heights import gained_by_scatter, wanders
 from mtpipe.drift.lowpass import low_pass
 from mtpipe.effects.catalogue import OWN, catalogue
-from mtpipe.effects.effect import Evidence, SeenCourse
+from mtpipe.effects.effect import Evidence
 from mtpipe.errors import SetupError
 from mtpipe.experiment.description import (
     Bead,
@@ -69,9 +69,9 @@ BASE = Experiment(
     tracker=Tracker((2.0, 2.0, 3.0)),
     rests=tuple(Rest(force, FRAMES, 5.0 - i) for i, force in enumerate(FORCES_PN)),
 )
-STEP = SeenCourse(ForceCourse(-0.3, "step", 0.4), 0.2)
-COURSES = (SeenCourse(), SeenCourse(), STEP, SeenCourse())
-COMMON = SeenCourse(ForceCourse(0.3, "settling", 0.2), 0.2)
+STEP = ForceCourse(-0.3, "step", 0.4)
+COURSES = (ForceCourse(), ForceCourse(), STEP, ForceCourse())
+COMMON = ForceCourse(0.3, "settling", 0.2)
 EVIDENCE = Evidence((30.0,), FORCES_PN, courses=COURSES, common_course=COMMON)
 # What passes the subtraction of the reference bead, where there is one.
 CUTOFF_HZ, REFERENCE_NOISE_NM = 8.0, 0.5

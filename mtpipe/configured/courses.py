@@ -17,7 +17,6 @@ from scipy import interpolate, optimize
 
 from mtpipe.configured.fit import ConfiguredFit
 from mtpipe.configured.model import ConfiguredModel
-from mtpipe.effects.effect import SeenCourse
 from mtpipe.errors import FitError
 from mtpipe.experiment.changes import with_magnets
 from mtpipe.experiment.description import Experiment, ForceCourse
@@ -31,15 +30,16 @@ FEWEST_WINDOWS = 8
 # Points of a course within a window.
 FINE = 8
 LARGEST = 0.9
-# Share of a change by which a straight line of ln F may be wrong about it.
-BENT = 0.05
 ROUNDING = 1e-9
+RAMP = ForceCourse(1.0)
 SHAPES = (
-    ForceCourse(1.0),
+    RAMP,
     *(ForceCourse(1.0, "settling", at) for at in (1 / 24, 1 / 12, 1 / 6, 1 / 3)),
     # within every window but the outermost: a step is not found by climbing towards it
     *(ForceCourse(1.0, "step", (k + 0.5) / WINDOWS) for k in range(1, WINDOWS - 1)),
 )
+# What all plateaus have in common is seen so much better that its time matters more.
+COMMON = (RAMP, *(ForceCourse(1.0, "settling", at) for at in np.geomspace(0.02, 0.6, 24).tolist()))
 
 
 @dataclass(frozen=True, eq=False)
@@ -70,7 +70,7 @@ class _Heights:
 
 def force_courses(
     fit: ConfiguredFit, positions_nm: Sequence[FloatArray], frame_s: float
-) -> tuple[tuple[SeenCourse, ...], SeenCourse]:
+) -> tuple[tuple[ForceCourse, ...], ForceCourse]:
     """The force's course in each plateau, and the one that all have in common.
 
     A change of 0 where none is seen.
@@ -84,7 +84,7 @@ def force_courses(
         _heights(fit.model, steady, i, position[:, 2], frame_s)
         for i, position in enumerate(positions_nm)
     ]
-    each = tuple(_course(one, len(heights)) if one else SeenCourse() for one in heights)
+    each = tuple(_course(one, len(heights)) if one else ForceCourse() for one in heights)
     return each, _common([one for one in heights if one])
 
 
@@ -110,7 +110,7 @@ def _heights(
     return _Heights(means, count / count.max() / variance, _extension(model, steady, plateau))
 
 
-def _course(heights: _Heights, plateaus: int) -> SeenCourse:
+def _course(heights: _Heights, plateaus: int) -> ForceCourse:
     # sizes, shapes and plateaus are looked through
     most = 0.5 * math.log(len(heights.means_nm)) + math.log(len(SHAPES)) + math.log(plateaus)
     best = ForceCourse()
@@ -119,25 +119,21 @@ def _course(heights: _Heights, plateaus: int) -> SeenCourse:
         if 0.5 * size**2 * weight > most:
             size, most = min(max(size, -LARGEST), LARGEST), 0.5 * size**2 * weight
             best = ForceCourse(size, shape.kind, shape.at)
-    return _refined(best, heights) if best.relative_change else SeenCourse()
+    return _refined(best, heights) if best.relative_change else best
 
 
-def _common(plateaus: Sequence[_Heights]) -> SeenCourse:
+def _common(plateaus: Sequence[_Heights]) -> ForceCourse:
     """The steady change or settling that all plateaus have, as a share of each one's force."""
-    shapes = [shape for shape in SHAPES if shape.kind != "step"]
     windows = sum(len(one.means_nm) for one in plateaus)
-    most, best = 0.5 * math.log(max(windows, 1)) + math.log(len(shapes)), SeenCourse()
-    for shape in shapes if plateaus else []:
+    most, best = 0.5 * math.log(max(windows, 1)) + math.log(len(COMMON)), ForceCourse()
+    for shape in COMMON if plateaus else []:
         size, weight = np.array([one.projected(shape) for one in plateaus]).T
         if not weight.any():
             continue
         mean, total = float(np.average(size, weights=weight)), float(weight.sum())
         if 0.5 * mean**2 * total > most:
             most = 0.5 * mean**2 * total
-            mean = min(max(mean, -LARGEST), LARGEST)
-            # heights are taken for straight lines of ln F here
-            stderr = math.hypot(total**-0.5, BENT * mean)
-            best = SeenCourse(ForceCourse(mean, shape.kind, shape.at), stderr)
+            best = ForceCourse(min(max(mean, -LARGEST), LARGEST), shape.kind, shape.at)
     return best
 
 
@@ -154,7 +150,7 @@ def _extension(model: ConfiguredModel, steady: Experiment, plateau: int) -> inte
     return interpolate.CubicSpline(ln_force, extension)
 
 
-def _refined(course: ForceCourse, heights: _Heights) -> SeenCourse:
+def _refined(course: ForceCourse, heights: _Heights) -> ForceCourse:
     """Size and time of a course from the heights that the chain has along it."""
     means_nm, weight, extension = heights.means_nm, heights.weight, heights.extension
     windows = len(means_nm)
@@ -175,6 +171,4 @@ def _refined(course: ForceCourse, heights: _Heights) -> SeenCourse:
         residual, start, bounds=([-LARGEST, earliest], [LARGEST, latest]), diff_step=[1e-3, 1e-3]
     )
     at = 0.0 if course.kind == "ramp" else float(found.x[1])
-    slopes = np.asarray(found.jac)
-    stderr = math.sqrt(float(np.linalg.pinv(slopes.T @ slopes)[0, 0]))
-    return SeenCourse(ForceCourse(float(found.x[0]), course.kind, at), stderr)
+    return ForceCourse(float(found.x[0]), course.kind, at)

@@ -12,6 +12,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from mtpipe.configured.data import PlateauData
+from mtpipe.configured.spectra import Transform
 from mtpipe.drift.lowpass import response
 from mtpipe.experiment.description import (
     Clock,
@@ -31,8 +32,8 @@ from mtpipe.spectrum import Window
 LEAST_HEIGHT_STDERR_NM = 0.1
 DIFFERENCE = 1e-3
 LEAST_POWER = 1e-6
-# Forces that stand for a plateau during which the force changes.
-COURSE_POINTS = 5
+# So many forces stand for a plateau during which the force changes, fewer where it is by less.
+COURSE_POINTS, SMALL_CHANGE, SMALL_CHANGE_POINTS = 5, 0.2, 3
 
 
 @dataclass(frozen=True)
@@ -44,14 +45,43 @@ class Subtraction:
 
 
 @dataclass(frozen=True, eq=False)
-class Expectation:
-    """Of one plateau: power matrix per bin (n_bins, 3, 3), mean height and its standard error apart
-    from what a random walk has moved the bead by since the recording began.
+class Course:
+    """The height of a plateau during which the force changes.
+
+    Attributes
+    ----------
+    transform : as of the recorded z. power : (n_bins,) that z has of it.
     """
 
+    transform: Transform
     power: FloatArray
+
+
+@dataclass(frozen=True, eq=False)
+class Expectation:
+    """Of one plateau.
+
+    Attributes
+    ----------
+    random_power : (n_bins, 3, 3) power matrix per bin of what is left to chance.
+    extension_nm, extension_stderr_nm : mean height and its standard error, apart from what a random
+        walk has moved the bead by since the recording began.
+    course : of the height, which is not left to chance; None where the force is steady.
+    """
+
+    random_power: FloatArray
     extension_nm: float
     extension_stderr_nm: float
+    course: Course | None = None
+
+    @functools.cached_property
+    def power(self) -> FloatArray:
+        """(n_bins, 3, 3) power matrix per bin that a recording should have."""
+        if self.course is None:
+            return self.random_power
+        power = self.random_power.copy()
+        power[:, 2, 2] += self.course.power
+        return power
 
 
 def expectation(
@@ -89,22 +119,32 @@ def _expectation(
     if course.relative_change == 0:
         return _at_steady_force(data, subtraction, steady, force_pN)
     relative = force_course(course, round(data.duration_s / steady.camera.frame_s))
-    nodes = np.linspace(relative.min(), relative.max(), COURSE_POINTS)
+    points = SMALL_CHANGE_POINTS if np.ptp(relative) < SMALL_CHANGE else COURSE_POINTS
+    nodes = np.linspace(relative.min(), relative.max(), points)
     # share of the time that counts for each node, linear between them; a step needs its two ends
-    share = np.array([np.interp(relative, nodes, row).mean() for row in np.eye(COURSE_POINTS)])
+    share = np.array([np.interp(relative, nodes, row).mean() for row in np.eye(points)])
     nodes, share = nodes[share > 1e-3], share[share > 1e-3]
     share = share / share.sum()
     each = [
         _at_steady_force(data, subtraction, steady, float(force_pN * (1 + node))) for node in nodes
     ]
-    heights = np.interp(relative, nodes, [one.extension_nm for one in each])
-    power = np.tensordot(share, [one.power for one in each], 1)
-    power[:, 2, 2] += data.spectrum.power_of(heights, 2)
+    # heights bend with ln of the force, far less than they rise with it
+    along = np.polynomial.Polynomial.fit(
+        np.log1p(nodes), [one.extension_nm for one in each], len(nodes) - 1
+    )
+    heights = along(np.log1p(np.clip(relative, nodes[0], nodes[-1])))
+    power = np.tensordot(share, [one.random_power for one in each], 1)
     return Expectation(
         power,
         float(heights.mean()),
         float(share @ [one.extension_stderr_nm for one in each]),
+        course_of(data, data.spectrum.transform_of(heights, 2)),
     )
+
+
+def course_of(data: PlateauData, transform: Transform) -> Course:
+    """A course of the height with its transform."""
+    return Course(transform, data.spectrum.common_power(transform, transform))
 
 
 def _at_steady_force(

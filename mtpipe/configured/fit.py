@@ -15,12 +15,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mtpipe.configured.data import PlateauData
-from mtpipe.configured.expectation import DIFFERENCE, Expectation
+from mtpipe.configured.expectation import DIFFERENCE, Course, Expectation, course_of
 from mtpipe.configured.model import (
     ConfiguredModel,
     heights_missed_nm,
+    power_about_course,
     spectral_log_likelihood,
 )
+from mtpipe.configured.spectra import Transform
 from mtpipe.errors import FitError
 from mtpipe.experiment.description import Experiment
 from mtpipe.physics.camera import FloatArray
@@ -168,7 +170,7 @@ def _best_of_grid(model: ConfiguredModel, experiment: Experiment, plateau: int) 
         except (FitError, ValueError):
             continue
         forces.append(force)
-        spectral.append(float(np.sum(spectral_log_likelihood(data, expected.power))))
+        spectral.append(float(np.sum(spectral_log_likelihood(data, expected))))
         heights.append(expected.extension_nm)
         stderr.append(expected.extension_stderr_nm)
     if len(forces) < 2 or not np.any(np.isfinite(spectral)):
@@ -185,9 +187,10 @@ class Slopes:
 
     Attributes
     ----------
-    rows : (k,) which coordinates move it. power : (k, n_bins, 3, 3) and extension_nm : (k,) per
-        unit of each.
-    inverse : (n_bins, 3, 3) inverse of the expected power. whitened : inverse · power slopes.
+    rows : (k,) which coordinates move it. power : (k, n_bins, 3, 3) of what is left to chance and
+        extension_nm : (k,) per unit of each.
+    inverse : (n_bins, 3, 3) inverse of that power. whitened : inverse · power slopes.
+    course : (k,) transforms of the height's course per unit of each; empty: none has one.
     """
 
     rows: list[int]
@@ -195,6 +198,7 @@ class Slopes:
     extension_nm: FloatArray
     inverse: FloatArray
     whitened: FloatArray
+    course: Sequence[Transform] = ()
 
 
 def slopes(model: ConfiguredModel, theta: FloatArray, expected: list[Expectation]) -> list[Slopes]:
@@ -211,12 +215,27 @@ def slopes(model: ConfiguredModel, theta: FloatArray, expected: list[Expectation
         force = float(np.exp(theta[i]))
         others = [(DIFFERENCE, model.expected(experiment, i, force * float(np.exp(DIFFERENCE))))]
         others += [(step, model.expected(other, i, force)) for step, other in shifted]
-        inverse = np.asarray(np.linalg.inv(here.power))
-        power = np.array([(other.power - here.power) / step for step, other in others])
+        inverse = np.asarray(np.linalg.inv(here.random_power))
+        power = np.array([(o.random_power - here.random_power) / step for step, o in others])
         height = np.array([(o.extension_nm - here.extension_nm) / step for step, o in others])
         whitened = np.asarray(inverse @ power)
-        found.append(Slopes([i, *range(plateaus, n)], power, height, inverse, whitened))
+        course = _course_slopes(here, others)
+        found.append(Slopes([i, *range(plateaus, n)], power, height, inverse, whitened, course))
     return found
+
+
+def _course_slopes(
+    here: Expectation, others: Sequence[tuple[float, Expectation]]
+) -> list[Transform]:
+    known = next((one.course.transform for _, one in others if one.course is not None), None)
+    if known is None:
+        return []
+    steady = np.zeros_like(known)
+    at = steady if here.course is None else here.course.transform
+    return [
+        ((steady if other.course is None else other.course.transform) - at) / step
+        for step, other in others
+    ]
 
 
 def gradient_of(
@@ -228,10 +247,12 @@ def gradient_of(
 ) -> FloatArray:
     """Gradient of ln likelihood × prior at θ, for any data of the same shape."""
     gradient = np.zeros(len(theta))
-    for one, slope in zip(data, derivatives, strict=True):
-        excess = np.einsum("fab,fbc->fac", slope.inverse, one.spectrum.power) - np.eye(3)
+    for one, here, slope in zip(data, expected, derivatives, strict=True):
+        excess = np.einsum("fab,fbc->fac", slope.inverse, power_about_course(one, here)) - np.eye(3)
         weighted = excess * one.spectrum.ordinates[:, None, None]
         gradient[slope.rows] += np.einsum("kfab,fba->k", slope.whitened, weighted)
+        if slope.course:
+            gradient[slope.rows] += _course_gradient(one, here, slope)
     whitening = model.height_whitening(expected, theta)
     whitened = whitening.T @ (whitening @ heights_missed_nm(data, expected))
     gradient += height_slopes(derivatives, len(theta)).T @ whitened
@@ -245,6 +266,25 @@ def gradient_of(
         if parameter.prior is not None:
             gradient[model.plateaus + k] -= pulls[k] / parameter.prior[1]
     return gradient
+
+
+def _course_gradient(data: PlateauData, here: Expectation, slope: Slopes) -> FloatArray:
+    """(k,) how ln likelihood follows the height's course alone."""
+    spectrum = data.spectrum
+    rest = list(spectrum.transforms)
+    if here.course is not None:
+        rest[2] = rest[2] - here.course.transform
+    found = np.zeros(len(slope.course))
+    for axis, transform in enumerate(rest):
+        weight = 2 * spectrum.ordinates * slope.inverse[:, 2, axis]
+        found += spectrum.summed_common(weight, slope.course, [transform])[:, 0]
+    return found
+
+
+def _course_information(data: PlateauData, slope: Slopes) -> FloatArray:
+    """(k, k) what the height's course tells of the coordinates that move it."""
+    weight = 2 * data.spectrum.ordinates * slope.inverse[:, 2, 2]
+    return data.spectrum.summed_common(weight, slope.course, slope.course)
 
 
 def height_slopes(derivatives: Sequence[Slopes], coordinates: int) -> FloatArray:
@@ -280,6 +320,8 @@ def information_of(
         turned = np.swapaxes(slope.whitened, 2, 3)
         weighted = (turned * data.spectrum.ordinates[:, None, None]).reshape(len(slope.rows), -1)
         information[np.ix_(slope.rows, slope.rows)] += flat @ weighted.T
+        if slope.course:
+            information[np.ix_(slope.rows, slope.rows)] += _course_information(data, slope)
     whitening = model.height_whitening(expected, theta)
     heights = whitening @ height_slopes(derivatives, n)
     information += heights.T @ heights
@@ -314,11 +356,20 @@ def nearby_fit(fit: ConfiguredFit, data: Sequence[PlateauData]) -> list[Expectat
     return [
         replace(
             here,
-            power=_moved(here.power, np.tensordot(change[s.rows], s.power, 1)),
+            random_power=_moved(here.random_power, np.tensordot(change[s.rows], s.power, 1)),
             extension_nm=here.extension_nm + float(change[s.rows] @ s.extension_nm),
+            course=_moved_course(one, here.course, s, change[s.rows]),
         )
-        for here, s in zip(fit.expected, fit.slopes, strict=True)
+        for one, here, s in zip(data, fit.expected, fit.slopes, strict=True)
     ]
+
+
+def _moved_course(
+    data: PlateauData, course: Course | None, slope: Slopes, change: FloatArray
+) -> Course | None:
+    if course is None:
+        return None
+    return course_of(data, course.transform + np.tensordot(change, np.array(slope.course), 1))
 
 
 def _moved(power: FloatArray, change: FloatArray) -> FloatArray:

@@ -225,7 +225,7 @@ def try_effects(fit: ConfiguredFit, effects: Sequence[Effect], evidence: Evidenc
     ]
     strongest: dict[str, Tried] = {}
     for one in ended:
-        if one.effect.name not in strongest or one.gain > strongest[one.effect.name].gain:
+        if one.effect.name not in strongest or one.net > strongest[one.effect.name].net:
             strongest[one.effect.name] = one
     return sorted(strongest.values(), key=lambda one: one.net, reverse=True)
 

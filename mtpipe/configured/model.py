@@ -6,7 +6,8 @@ effect brings along. A parameter is a change of the description, so that anythin
 be described with can be fitted.
 
 Per bin the power matrix of n ordinates is complex Wishart about its expectation S (Whittle 1953;
-Brillinger 1981, theorem 7.2.4), −n (ln det S + tr S⁻¹P); the mean height is Gaussian about the
+Brillinger 1981, theorem 7.2.4), −n (ln det S + tr S⁻¹P), the height's course under a force that
+changes being taken off z before; the mean height is Gaussian about the
 chain's with the variance that S has at zero frequency. Where the bead walks off, as effects may
 have it, the heights of later plateaus have wandered with it, and their errors are correlated.
 """
@@ -88,7 +89,7 @@ class ConfiguredModel:
         """ln likelihood × prior, up to a constant."""
         total = -0.5 * float(np.sum(self.pulls(theta) ** 2))
         for data, model in zip(self.data, expected, strict=True):
-            total += float(np.sum(spectral_log_likelihood(data, model.power)))
+            total += float(np.sum(spectral_log_likelihood(data, model)))
         whitening = self.height_whitening(expected, theta)
         pulls = whitening @ heights_missed_nm(self.data, expected)
         return total - 0.5 * float(pulls @ pulls) + float(np.sum(np.log(np.diag(whitening))))
@@ -154,8 +155,15 @@ def heights_missed_nm(data: Sequence[PlateauData], expected: Sequence[Expectatio
     )
 
 
-def spectral_log_likelihood(data: PlateauData, power: FloatArray) -> FloatArray:
-    """(n_bins,) −n (ln det S + tr S⁻¹P) of each bin."""
-    inverse = np.linalg.inv(power)
-    trace = np.einsum("fab,fba->f", inverse, data.spectrum.power)
+def power_about_course(data: PlateauData, expected: Expectation) -> FloatArray:
+    """(n_bins, 3, 3) recorded power apart from the expected course of the height."""
+    if expected.course is None:
+        return data.spectrum.power
+    return data.spectrum.power_about(expected.course.transform, 2)
+
+
+def spectral_log_likelihood(data: PlateauData, expected: Expectation) -> FloatArray:
+    """(n_bins,) −n (ln det S + tr S⁻¹P) of each bin, about the height's course."""
+    power = expected.random_power
+    trace = np.einsum("fab,fba->f", np.linalg.inv(power), power_about_course(data, expected))
     return np.asarray(-data.spectrum.ordinates * (np.linalg.slogdet(power)[1] + trace))

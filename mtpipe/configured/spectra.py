@@ -7,6 +7,7 @@ real.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -16,6 +17,8 @@ from scipy import fft
 from mtpipe.errors import FitError
 from mtpipe.physics.camera import FloatArray
 from mtpipe.spectrum import LONGEST_SEGMENT, Window, bin_edges, frames_present, window_of
+
+Transform = NDArray[np.complex128]
 
 
 @dataclass(frozen=True, eq=False)
@@ -29,6 +32,7 @@ class MatrixSpectrum:
     ordinates : (n_bins,) independent ordinates of each bin.
     windows : one per axis, with its prewhitening.
     used : (segments, length) frames that are there with the one before.
+    transforms : per axis (segments, length//2 + 1), which the powers are of.
     """
 
     frequency_hz: FloatArray
@@ -36,18 +40,48 @@ class MatrixSpectrum:
     ordinates: FloatArray
     windows: tuple[Window, ...]
     used: NDArray[np.bool_]
+    transforms: tuple[Transform, ...]
 
     def gain(self, axis: int) -> FloatArray:
         """(n_bins,) what prewhitening made of an axis's power."""
         return self.windows[axis].gain(self.frequency_hz)
 
-    def power_of(self, series_nm: FloatArray, axis: int) -> FloatArray:
-        """(n_bins,) what a known series, one value a frame from the first, puts into an axis."""
-        window = self.windows[axis]
+    def transform_of(self, series_nm: FloatArray, axis: int) -> Transform:
+        """Of a known motion along an axis, one value a frame from the first."""
+        return _transform(series_nm, self.used, self.windows[axis].phi)
+
+    def common_power(self, first: Transform, second: Transform) -> FloatArray:
+        """(n_bins,) what two transforms have in common, real part; a transform's own power."""
         edges = bin_edges(self.used.shape[1], 1)
-        power = np.sum(np.abs(_transform(series_nm, self.used, window.phi)) ** 2, axis=0)
-        scale = 2 * window.frame_s / self.used.sum() / np.diff(edges)
-        return np.asarray(np.add.reduceat(power[: edges[-1]], edges[:-1]) * scale)
+        return _common_power(first, second, edges, self.windows[0].frame_s, self.used)
+
+    def summed_common(
+        self, weight: FloatArray, first: Sequence[Transform], second: Sequence[Transform]
+    ) -> FloatArray:
+        """(k, m) sums over bins of weight × what each two transforms have in common.
+
+        Parameters
+        ----------
+        weight : (n_bins,). first, second : k and m transforms.
+        """
+        edges = bin_edges(self.used.shape[1], 1)
+        each = np.zeros(self.used.shape[1] // 2 + 1)
+        width = np.diff(edges)
+        scale = 2 * self.windows[0].frame_s / self.used.sum()
+        each[edges[0] : edges[-1]] = np.repeat(weight * scale / width, width)
+        weighted = np.array([(one * each).ravel() for one in first])
+        return np.asarray((weighted @ np.array([one.ravel() for one in second]).conj().T).real)
+
+    def power_about(self, motion: Transform, axis: int) -> FloatArray:
+        """(n_bins, axes, axes) as `power`, with a known motion along an axis taken off."""
+        rest = self.transforms[axis] - motion
+        power = self.power.copy()
+        for other, transform in enumerate(self.transforms):
+            if other != axis:
+                power[:, axis, other] = self.common_power(rest, transform)
+                power[:, other, axis] = power[:, axis, other]
+        power[:, axis, axis] = self.common_power(rest, rest)
+        return power
 
 
 def matrix_periodogram(
@@ -74,31 +108,42 @@ def matrix_periodogram(
     used = used[: segments * length].reshape(segments, length)
     edges = bin_edges(length, 1)
     windows = tuple(window_of(used, edges, frame_s, p) for p in phi)
-    total = np.zeros((len(edges) - 1, len(phi), len(phi)), dtype=complex)
+    total = np.zeros((len(edges) - 1, len(phi), len(phi)))
     transforms = []
     for axis, p in enumerate(phi):
         x = np.where(together, position_nm[:, axis], np.nan)
-        transform = _transform(x - x[frames_present(x)].mean(), used, p)
-        turn = 1 - p * np.exp(-2j * np.pi * np.arange(transform.shape[1]) / length)
-        transforms.append(transform * np.conj(turn) / np.abs(turn))
-    scale = 2 * frame_s / used.sum() / np.diff(edges)
+        transforms.append(_transform(x - x[frames_present(x)].mean(), used, p))
     for a in range(len(phi)):
         for b in range(a, len(phi)):
-            product = np.sum(transforms[a] * np.conj(transforms[b]), axis=0)
-            total[:, a, b] = np.add.reduceat(product[: edges[-1]], edges[:-1]) * scale
-            total[:, b, a] = np.conj(total[:, a, b])
+            common = _common_power(transforms[a], transforms[b], edges, frame_s, used)
+            total[:, a, b] = total[:, b, a] = common
     return MatrixSpectrum(
         frequency_hz=(edges[:-1] + edges[1:] - 1) / 2 / (length * frame_s),
-        power=np.ascontiguousarray(total.real),
+        power=total,
         ordinates=windows[0].ordinates,
         windows=windows,
         used=used,
+        transforms=tuple(transforms),
     )
 
 
-def _transform(x_nm: FloatArray, used: NDArray[np.bool_], phi: float) -> NDArray[np.complex128]:
-    """(segments, length//2 + 1) transform of the used frames, prewhitened, less their mean."""
+def _common_power(
+    first: Transform,
+    second: Transform,
+    edges: NDArray[np.int64],
+    frame_s: float,
+    used: NDArray[np.bool_],
+) -> FloatArray:
+    product = np.sum(first.real * second.real + first.imag * second.imag, axis=0)
+    scale = 2 * frame_s / used.sum() / np.diff(edges)
+    return np.asarray(np.add.reduceat(product[: edges[-1]], edges[:-1]) * scale)
+
+
+def _transform(x_nm: FloatArray, used: NDArray[np.bool_], phi: float) -> Transform:
+    """Of the used frames, prewhitened, less their mean; the phase of prewhitening is taken back."""
     whitened = (x_nm[1:] - phi * x_nm[:-1])[: used.size].reshape(used.shape)
     rows = np.where(used, whitened, 0.0)
     mean = rows.sum(axis=1, keepdims=True) / np.maximum(used.sum(axis=1, keepdims=True), 1)
-    return np.asarray(fft.rfft(np.where(used, rows - mean, 0.0), axis=1))
+    transform = fft.rfft(np.where(used, rows - mean, 0.0), axis=1)
+    turn = 1 - phi * np.exp(-2j * np.pi * np.arange(transform.shape[1]) / used.shape[1])
+    return np.asarray(transform * np.conj(turn) / np.abs(turn))

@@ -9,6 +9,7 @@ from the one named are listed beside it.
 from __future__ import annotations
 
 import itertools
+import math
 from collections.abc import Callable, Collection, Sequence
 from dataclasses import replace
 from functools import partial
@@ -226,17 +227,21 @@ def alike(
     ----------
     tried : all of them, this one too. named : names of those that are named.
     foretold : how much better the first of two tells time that was not fitted; nan where that is
-        not known.
+        not known: then they are alike if each would be seen by itself.
     """
+
+    def as_well(other: Tried) -> bool:
+        if abs(other.net - one.net) < ALIKE_NATS or one.gain - other.gain < ALIKE_NATS:
+            return True
+        if one.net - other.net >= NEAR_NATS:
+            return False
+        nats = foretold(one, other)
+        return other.net >= SEEN_NATS if math.isnan(nats) else nats < ALIKE_NATS
+
     return tuple(
         Alternative(other, other.net - one.net)
         for other in tried
-        if other.effect.name not in named
-        and (
-            abs(other.net - one.net) < ALIKE_NATS
-            or one.gain - other.gain < ALIKE_NATS
-            or (one.net - other.net < NEAR_NATS and foretold(one, other) < ALIKE_NATS)
-        )
+        if other.effect.name not in named and as_well(other)
     )
 
 

@@ -9,7 +9,7 @@ from scipy import special
 
 from mtpipe.configured.data import PlateauData, plateau_data
 from mtpipe.configured.fit import ConfiguredFit, fit_configured
-from mtpipe.configured.model import ConfiguredModel
+from mtpipe.configured.model import ConfiguredModel, power_about_course
 from mtpipe.crosschecking.case import Case
 from mtpipe.crosschecking.check import BeadCheck
 from mtpipe.errors import FitError
@@ -19,14 +19,15 @@ def excess(fit: ConfiguredFit) -> float:
     """ln likelihood that is missing to a spectrum that fits as well as chance allows."""
     total = 0.5 * float(np.sum(fit.height_pulls**2 - 1))
     for data, model in zip(fit.model.data, fit.expected, strict=True):
-        n = data.spectrum.ordinates[:, None]
-        power = np.diagonal(data.spectrum.power, axis1=1, axis2=2)
-        ratio = power / np.diagonal(model.power, axis1=1, axis2=2)
+        n, recorded = data.spectrum.ordinates[:, None], power_about_course(data, model)
+        expected = model.random_power
+        power = np.diagonal(recorded, axis1=1, axis2=2)
+        ratio = power / np.diagonal(expected, axis1=1, axis2=2)
         missing = n * (ratio - 1 - np.log(np.maximum(ratio, 1e-12)))
         total += float(np.sum(missing - n * (np.log(n) - special.digamma(n))))
-        cross = data.spectrum.power - model.power
+        cross = recorded - expected
         for a, b in ((0, 1), (0, 2), (1, 2)):
-            size = model.power[:, a, a] * model.power[:, b, b]
+            size = expected[:, a, a] * expected[:, b, b]
             total += float(np.sum(n[:, 0] * cross[:, a, b] ** 2 / size - 0.5))
     return total
 

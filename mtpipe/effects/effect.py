@@ -17,17 +17,6 @@ from mtpipe.experiment.parameter import Change, Parameter
 
 
 @dataclass(frozen=True)
-class SeenCourse:
-    """A force's course in a plateau as its heights show it; a change of 0 where they do not move.
-
-    `stderr` : of its relative change.
-    """
-
-    course: ForceCourse = field(default_factory=ForceCourse)
-    stderr: float = 0.0
-
-
-@dataclass(frozen=True)
 class Evidence:
     """What a first look at the data suggests, for effects that cannot be found by climbing.
 
@@ -43,8 +32,8 @@ class Evidence:
     lines_hz: tuple[float, ...]
     force_pN: tuple[float, ...]
     reference_moves: bool | None = None
-    courses: tuple[SeenCourse, ...] = ()
-    common_course: SeenCourse = field(default_factory=SeenCourse)
+    courses: tuple[ForceCourse, ...] = ()
+    common_course: ForceCourse = field(default_factory=ForceCourse)
 
 
 @dataclass(frozen=True)

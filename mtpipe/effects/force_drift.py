@@ -1,8 +1,7 @@
 """Force that changes within plateaus (PHYSICS E23): in all of them alike, or in each its own way.
 
-Spectra and mean heights, which are what is fitted, tell little more than that there is a change.
-Its direction and course are read from the height over time beforehand (`Evidence.courses`), and
-its size, far better known from there, enters as prior knowledge.
+The form of its course is read from the height over time beforehand (`Evidence.courses`); its size
+is fitted, from where it is seen there.
 """
 
 from __future__ import annotations
@@ -12,7 +11,7 @@ from collections.abc import Iterable
 from dataclasses import replace
 from functools import partial
 
-from mtpipe.effects.effect import Effect, Evidence, Hypothesis, SeenCourse
+from mtpipe.effects.effect import Effect, Evidence, Hypothesis, plain
 from mtpipe.experiment.changes import with_magnets
 from mtpipe.experiment.description import Experiment, ForceCourse
 from mtpipe.experiment.parameter import Change, Parameter
@@ -39,15 +38,15 @@ def _hypotheses(experiment: Experiment, evidence: Evidence) -> list[Hypothesis]:
         return []
     found = []
     common = evidence.common_course
-    if common.course.relative_change != 0:
-        everywhere = with_magnets(experiment, courses=(common.course,) * len(experiment.rests))
+    if common.relative_change != 0:
+        everywhere = with_magnets(experiment, courses=(common,) * len(experiment.rests))
         parameter = _change_of(NAME, common, _change_all)
-        found.append(Hypothesis(everywhere, (parameter,), _read([common.course]), COMMON_KINDS))
-    changing = [i for i, seen in enumerate(evidence.courses) if seen.course.relative_change != 0]
+        found.append(Hypothesis(everywhere, (parameter,), _read([common]), COMMON_KINDS))
+    courses = evidence.courses
+    changing = [i for i, course in enumerate(courses) if course.relative_change != 0]
     if changing:
-        courses = tuple(seen.course for seen in evidence.courses)
         parameters = tuple(
-            _change_of(f"{NAME}, plateau {i}", evidence.courses[i], partial(_change_one, i))
+            _change_of(f"{NAME}, plateau {i}", courses[i], partial(_change_one, i))
             for i in changing
         )
         there = with_magnets(experiment, courses=courses)
@@ -62,9 +61,8 @@ def _read(courses: Iterable[ForceCourse]) -> int:
     return sum(course.kind != "ramp" for course in courses)
 
 
-def _change_of(name: str, seen: SeenCourse, change: Change) -> Parameter:
-    size = seen.course.relative_change
-    return Parameter(name, "", size, -LARGEST, LARGEST, STEP, (size, seen.stderr), change)
+def _change_of(name: str, course: ForceCourse, change: Change) -> Parameter:
+    return plain(name, "", course.relative_change, (-LARGEST, LARGEST), STEP, change)
 
 
 def _alike(experiment: Experiment) -> bool:

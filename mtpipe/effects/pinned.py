@@ -12,7 +12,7 @@ from functools import partial
 
 from scipy import optimize
 
-from mtpipe.effects.effect import Effect, Evidence, Hypothesis, SeenCourse
+from mtpipe.effects.effect import Effect, Evidence, Hypothesis
 from mtpipe.errors import SetupError
 from mtpipe.experiment.description import Experiment, ForceCourse
 from mtpipe.experiment.from_setup import DESCRIBED
@@ -58,8 +58,7 @@ def read_sizes(
         return left, evidence
     if effect == "vibration":
         return left, replace(evidence, lines_hz=(left.pop(read),))
-    course = SeenCourse(ForceCourse(left[read]))
-    return left, replace(evidence, courses=(), common_course=course)
+    return left, replace(evidence, courses=(), common_course=ForceCourse(left[read]))
 
 
 def with_pinned(effect: Effect, sizes: Mapping[str, float]) -> Effect:

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 from mtpipe.effects.catalogue import catalogue
-from mtpipe.effects.effect import Effect, Evidence, SeenCourse
+from mtpipe.effects.effect import Effect, Evidence
 from mtpipe.effects.pinned import READ, pinned_sizes, read_sizes, with_pinned
 from mtpipe.experiment.description import Experiment, ForceCourse, Triple
 from mtpipe.experiment.from_setup import DESCRIBED, experiment_of
@@ -13,7 +13,7 @@ from mtpipe.notice import Notice
 from mtpipe.setup import Setup
 
 # That there are hypotheses to ask for the names of their sizes, where the setup states none.
-SOME_LINE_HZ, SOME_COURSE = (1.0,), SeenCourse(ForceCourse(0.01))
+SOME_LINE_HZ, SOME_COURSE = (1.0,), ForceCourse(0.01)
 
 
 def stated_experiment(

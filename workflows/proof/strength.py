@@ -159,12 +159,15 @@ def size_for(
 
 @dataclass(frozen=True, eq=False)
 class _Expected:
-    """Power matrices (bins, 3, 3), how many ordinates each stands for, and the mean height."""
+    """Power matrices (bins, 3, 3) of what is left to chance, how many ordinates each stands for,
+    the mean height, and the power of its course where the force changes (bins,).
+    """
 
     power: FloatArray
     ordinates: FloatArray
     height_nm: float
     height_stderr_nm: float
+    course_power: FloatArray | float = 0.0
 
 
 def _plateaus(
@@ -205,12 +208,11 @@ def _plateau(
     share = np.array([np.interp(course, nodes, row).mean() for row in np.eye(COURSE_NODES)])
     heights = np.interp(course, nodes, [one.height_nm for one in each])
     power = np.tensordot(share, [one.power for one in each], 1)
-    # the height's own course is a motion of z
     frame_s = experiment.camera.frame_s
     moving = np.abs(np.fft.rfft(heights - heights.mean())) ** 2 * 2 * frame_s / rest.frames
-    power[:, 2, 2] += _binned(moving, rest, frame_s, lines_hz)
+    course_power = _binned(moving, rest, frame_s, lines_hz)
     error = float(share @ [one.height_stderr_nm for one in each])
-    return _Expected(power, each[0].ordinates, float(heights.mean()), error)
+    return _Expected(power, each[0].ordinates, float(heights.mean()), error, course_power)
 
 
 def _binned(
@@ -270,6 +272,8 @@ def _residuals(true: _Expected, other: _Expected, z_zero_nm: float) -> FloatArra
         for b in range(a):
             apart = correlation[0][:, a, b] - correlation[1][:, a, b]
             found.append(np.sqrt(2 * true.ordinates) * apart)
+    # the course is no matter of chance: what is recorded of it counts in full
+    found.append(np.sqrt(2 * true.ordinates * true.course_power / other.power[:, 2, 2]))
     pull = (true.height_nm - other.height_nm - z_zero_nm) / other.height_stderr_nm
     return np.concatenate([*found, [pull]])
 
