@@ -21,7 +21,7 @@ from mtpipe.experiment.from_setup import experiment_of, magnets_mm
 from mtpipe.experiment.state import bead_state, expected_spectrum
 from mtpipe.physics.camera import Camera, power_spectrum
 from mtpipe.physics.modes import rotating_bead
-from mtpipe.physics.tether import Chain, mean_extension_nm, radial_moments
+from mtpipe.physics.tether import Chain, mean_extension_nm, moments
 from mtpipe.physics.tethered_bead import friction_pN_s_per_nm, turning_modes
 from mtpipe.setup import parse_setup
 from tests.simulated import setup_content
@@ -74,7 +74,7 @@ def test_friction_is_that_of_the_heights_a_bead_visits(force):
     """The inverse of the mean mobility over a normal distribution of heights, by plain sums."""
     described = experiment()
     state = bead_state(described, force)
-    spread = np.sqrt(float(radial_moments(described.chain, force)[0]))
+    spread = np.sqrt(float(moments(described.chain, force).variance_nm2))
     away = np.linspace(-4, 4, 801)
     heights = np.maximum(state.extension_nm + spread * away, 0.05 * state.extension_nm)
     weight = np.exp(-(away**2) / 2)
@@ -108,7 +108,7 @@ def test_the_height_fluctuates_as_the_chain_and_the_swing_say(force, turns):
     """Var z = the chain's radial variance + ½ Σ (what each way of swinging shortens)²."""
     described = experiment(turns=turns)
     state, energy = bead_state(described, force), described.fluid.thermal_energy_pN_nm
-    variance, _ = radial_moments(described.chain, force)
+    variance = moments(described.chain, force).variance_nm2
     camera = Camera(1e-7, 0.0)
     still = dataclasses.replace(described, camera=camera, tracker=Tracker())
     frequency = np.concatenate([[0], np.geomspace(1e-4, camera.nyquist_hz, 20_000)])

@@ -13,6 +13,7 @@ from mtpipe.physics.tether import (
     extension_nm,
     force_pN,
     mean_extension_nm,
+    moments,
     stiffness_pN_per_nm,
 )
 
@@ -179,6 +180,22 @@ def test_mean_extension_lies_below_the_curve_by_seven_quarters_of_the_thermal_le
         below = extension_nm(chain, [1.0, 13.0, 40.0]) - mean_extension_nm(chain, [1.0, 13.0, 40.0])
         thermal_length = KT / np.array([1.0, 13.0, 40.0])
         np.testing.assert_allclose(below / thermal_length, 1.75, atol=0.08)
+
+
+def test_one_pass_over_the_chain_says_what_each_by_itself_does():
+    force = np.array([[0.0, 0.1, 1.0], [6.0, 20.0, 60.0]])
+    for chain in (MARKO_SIGGIA, BOUCHIAT, EXTENSIBLE):
+        found = moments(chain, force)
+        np.testing.assert_allclose(found.extension_nm, extension_nm(chain, force), rtol=1e-9)
+        np.testing.assert_array_equal(found.height_nm, mean_extension_nm(chain, force))
+
+
+def test_the_distance_varies_a_little_more_than_the_slope_of_the_curve_says():
+    for contour, percent in ((2700.0, 1.3), (1200.0, 2.9)):
+        chain = Chain(contour, 50.0, 293.15, "marko-siggia")
+        found = moments(chain, 1.0)
+        by_slope = KT / float(stiffness_pN_per_nm(chain, found.extension_nm))
+        assert 100 * (found.variance_nm2 / by_slope - 1) == pytest.approx(percent, abs=0.05)
 
 
 def test_chain_left_to_itself_stands_off_the_surface():

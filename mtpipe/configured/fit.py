@@ -25,6 +25,7 @@ from mtpipe.configured.model import (
 from mtpipe.configured.spectra import Transform
 from mtpipe.errors import FitError
 from mtpipe.experiment.description import Experiment
+from mtpipe.experiment.parameter import Parameter
 from mtpipe.physics.camera import FloatArray
 
 MOST_ROUNDS = 15
@@ -144,6 +145,35 @@ def fit_configured(
             converged = True
             break
     return ConfiguredFit(model, theta, expected, value, converged)
+
+
+def exchanged(
+    fit: ConfiguredFit,
+    experiment: Experiment,
+    kept: Sequence[int],
+    added: Sequence[Parameter] = (),
+    *,
+    arrived: float = ARRIVED,
+) -> ConfiguredFit:
+    """Fit another experiment with some of a fit's parameters, from where these are, and others.
+
+    Parameters
+    ----------
+    kept : which of the model's parameters. added : behind them, from their starts.
+
+    Raises
+    ------
+    FitError : the experiment at the start makes no sense of the data.
+    """
+    model, first = fit.model, fit.model.plateaus
+    parameters = (*(model.parameters[k] for k in kept), *added)
+    start = [
+        *fit.theta[:first],
+        *(fit.theta[first + k] for k in kept),
+        *(parameter.start for parameter in added),
+    ]
+    model = replace(model, experiment=experiment, parameters=parameters)
+    return fit_configured(model, np.array(start), arrived=arrived)
 
 
 def first_guess(model: ConfiguredModel) -> FloatArray:

@@ -9,11 +9,18 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from mtpipe.configured.fit import MOST_ROUNDS, ConfiguredFit, first_guess, fit_configured
+from mtpipe.configured.fit import (
+    MOST_ROUNDS,
+    ConfiguredFit,
+    exchanged,
+    first_guess,
+    fit_configured,
+)
 from mtpipe.effects.effect import Effect, Evidence, Hypothesis
 from mtpipe.errors import FitError
+from mtpipe.experiment.changes import by_formula
 from mtpipe.physics.camera import FloatArray
-from mtpipe.physics.tether import with_formula, without_stretching
+from mtpipe.physics.tether import without_stretching
 
 # Fits are tried so far at first, and to so many nats in the end.
 FIRST_ROUNDS, TRIED_NATS = 3, 0.05
@@ -87,15 +94,13 @@ def gained_by_motion(one: Tried) -> float:
     if one.effect.still is None:
         return math.inf
     fit = one.fit
-    model, own = fit.model, len(one.hypothesis.parameters)
-    still = one.effect.still(model.described(fit.theta))
-    kept = model.parameters[: len(model.parameters) - own]
-    model = replace(model, experiment=still.experiment, parameters=(*kept, *still.parameters))
-    start = [*fit.theta[: fit.theta.size - own], *(p.start for p in still.parameters)]
+    still = one.effect.still(fit.model.described(fit.theta))
+    others = range(len(fit.model.parameters) - len(one.hypothesis.parameters))
     try:
-        return fit.log_likelihood - fit_configured(model, np.array(start)).log_likelihood
+        without = exchanged(fit, still.experiment, others, still.parameters)
     except (FitError, ValueError):
         return math.inf
+    return fit.log_likelihood - without.log_likelihood
 
 
 def together(fit: ConfiguredFit, chosen: Sequence[Tried], start: ConfiguredFit) -> ConfiguredFit:
@@ -111,8 +116,7 @@ def together(fit: ConfiguredFit, chosen: Sequence[Tried], start: ConfiguredFit) 
     FitError : one does not apply beside the others.
     """
     model, formula = fit.model, without_stretching(start.model.experiment.chain.formula)
-    chain = with_formula(model.experiment.chain, formula)
-    model = replace(model, experiment=replace(model.experiment, chain=chain))
+    model = replace(model, experiment=by_formula(model.experiment, formula))
     for one in chosen:
         hypotheses = one.effect.hypotheses(model.experiment, one.evidence)
         if not hypotheses:
@@ -261,10 +265,8 @@ def _idle_sizes_forgiven(one: Tried, without: ConfiguredFit) -> Tried:
     for k in idle:
         experiment = model.parameters[k].change(experiment, 0.0)
     kept = [k for k in range(len(model.parameters)) if k not in idle]
-    parameters = tuple(model.parameters[k] for k in kept)
-    theta = one.fit.theta[[*range(model.plateaus), *(model.plateaus + k for k in kept)]]
     try:
-        fewer = fit_configured(replace(model, experiment=experiment, parameters=parameters), theta)
+        fewer = exchanged(one.fit, experiment, kept)
     except (FitError, ValueError):
         return one
     lost = one.fit.log_likelihood - fewer.log_likelihood

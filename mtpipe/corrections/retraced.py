@@ -5,10 +5,8 @@ from __future__ import annotations
 from dataclasses import replace
 
 from mtpipe.configured.data import plateau_data, whitening
-from mtpipe.configured.fit import fit_configured
-from mtpipe.crosschecking.case import FORMULAS, Case, preference
+from mtpipe.crosschecking.case import Case, preferred_fit
 from mtpipe.physics.camera import FloatArray
-from mtpipe.physics.tether import with_formula
 
 
 def with_positions(case: Case, positions_nm: tuple[FloatArray, ...]) -> Case:
@@ -24,10 +22,5 @@ def with_positions(case: Case, positions_nm: tuple[FloatArray, ...]) -> Case:
     """
     phi = tuple(whitening(x, case.frame_s) for x in positions_nm)
     data = tuple(plateau_data(x, case.frame_s, p) for x, p in zip(positions_nm, phi, strict=True))
-    fits = []
-    for formula in FORMULAS:
-        experiment = case.fit.model.experiment
-        experiment = replace(experiment, chain=with_formula(experiment.chain, formula))
-        fits.append(fit_configured(replace(case.fit.model, data=data, experiment=experiment)))
-    fit = max(fits, key=preference)
+    fit = preferred_fit(replace(case.fit.model, data=data))
     return replace(case, positions_nm=positions_nm, phi=phi, fit=fit)

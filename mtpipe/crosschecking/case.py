@@ -22,11 +22,12 @@ from mtpipe.crosschecking.starts import with_starts
 from mtpipe.drift.combine import combined
 from mtpipe.drift.lowpass import coefficients
 from mtpipe.errors import FitError, RecordingError
+from mtpipe.experiment.changes import by_formula
 from mtpipe.experiment.description import Experiment, Rest, Triple
 from mtpipe.experiment.from_setup import experiment_of, pinned_noise_nm
 from mtpipe.experiment.parameter import noise_parameters
 from mtpipe.physics.camera import FloatArray
-from mtpipe.physics.tether import Formula, with_formula, without_stretching
+from mtpipe.physics.tether import Formula, without_stretching
 from mtpipe.recording import Plateau, Recording
 from mtpipe.traces import traces_of
 
@@ -151,11 +152,8 @@ def prepare(recording: Recording, bead: str) -> Case:
     pixel = recording.setup.camera.pixel_size_nm
     reference = _reference_mean(recording)
     begins_s = tuple((start - int(recording.frame[0])) * frame_s for start in starts)
-    fits = []
-    for formula in FORMULAS:
-        experiment = replace(base, rests=rests, chain=with_formula(base.chain, formula))
-        model = ConfiguredModel(data, experiment, parameters, subtraction, begins_s)
-        fits.append(fit_configured(model))
+    experiment = replace(base, rests=rests)
+    model = ConfiguredModel(data, experiment, parameters, subtraction, begins_s)
     return Case(
         bead,
         tuple(kept),
@@ -164,10 +162,22 @@ def prepare(recording: Recording, bead: str) -> Case:
         _subtracted(recording, kept),
         tuple(starts),
         phi,
-        max(fits, key=preference),
+        preferred_fit(model),
         (0.0, 0.0, 0.0) if reference is None else _stage(reference, kept, subtraction, 1 / frame_s),
         None if pixel is None else pixel.value,
     )
+
+
+def preferred_fit(model: ConfiguredModel) -> ConfiguredFit:
+    """The fit with the chain's formula that the data ask for.
+
+    Raises
+    ------
+    FitError : nothing fits.
+    """
+    experiments = [by_formula(model.experiment, formula) for formula in FORMULAS]
+    fits = [fit_configured(replace(model, experiment=one)) for one in experiments]
+    return max(fits, key=preference)
 
 
 def preference(fit: ConfiguredFit) -> float:

@@ -16,7 +16,7 @@ from mtpipe.experiment.state import BeadState, bead_state
 from mtpipe.free_fits import NOISE_FACTOR
 from mtpipe.notice import Notice
 from mtpipe.physics.buffer import thermal_energy_pN_nm
-from mtpipe.physics.tether import Chain, mean_extension_nm, radial_moments
+from mtpipe.physics.tether import Chain, moments
 from mtpipe.setup import Setup
 
 # Below the force at which the bead would be under the surface for this share of the time, were
@@ -106,8 +106,8 @@ class Plan:
 def _touches(chain: Chain, tilts: bool, force_pN: float) -> bool:
     energy = float(thermal_energy_pN_nm(chain.temperature_K))
     sinks = energy / (2 * force_pN) if tilts else 0.0
-    height = float(mean_extension_nm(chain, force_pN)) - sinks
-    spread = math.sqrt(float(radial_moments(chain, force_pN)[0]))
+    end = moments(chain, force_pN)
+    height, spread = float(end.height_nm) - sinks, math.sqrt(float(end.variance_nm2))
     return bool(stats.norm.cdf(-height / spread) > CONTACT_SHARE)
 
 

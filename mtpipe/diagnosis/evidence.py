@@ -21,7 +21,7 @@ BLOCK_S = 1.0
 # Frequencies at which a line is looked for, in each of the spectrum's own steps.
 FINER = 20
 # So much likelier one of two has to be to be believed.
-DECIDED_NATS = 4.0
+DECIDED_NATS = 6.0
 # Block means hold next to nothing of frequencies beyond so many per block.
 HIGHEST, POINTS = 20.0, 2001
 

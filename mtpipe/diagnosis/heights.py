@@ -9,9 +9,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import replace
 
-import numpy as np
-
-from mtpipe.configured.fit import ConfiguredFit, fit_configured
+from mtpipe.configured.fit import ConfiguredFit, exchanged, fit_configured
 from mtpipe.configured.hypotheses import TRIED_NATS, Tried
 from mtpipe.diagnosis.explanation import ALIKE_NATS
 from mtpipe.effects import drift
@@ -73,13 +71,8 @@ def _as_a_walk(fit: ConfiguredFit, one: Tried) -> ConfiguredFit | None:
     own = {parameter.name for parameter in one.hypothesis.parameters}
     own |= {parameter.name for walk in walks for parameter in walk.parameters}
     kept = [k for k, parameter in enumerate(model.parameters) if parameter.name not in own]
-    parameters = [model.parameters[k] for k in kept]
-    start = [*fit.theta[: model.plateaus], *(fit.theta[model.plateaus + k] for k in kept)]
-    for walk in walks:
-        parameters += walk.parameters
-        start += [parameter.start for parameter in walk.parameters]
-    model = replace(model, experiment=still, parameters=tuple(parameters))
+    added = [parameter for walk in walks for parameter in walk.parameters]
     try:
-        return fit_configured(model, np.array(start), arrived=TRIED_NATS)
+        return exchanged(fit, still, kept, added, arrived=TRIED_NATS)
     except (FitError, ValueError):
         return None

@@ -10,7 +10,8 @@ from mtpipe.configured.hypotheses import Tried, together
 from mtpipe.crosschecking.case import FORMULAS, preference
 from mtpipe.crosschecking.check import BeadCheck
 from mtpipe.errors import FitError
-from mtpipe.physics.tether import with_formula, without_stretching
+from mtpipe.experiment.changes import by_formula
+from mtpipe.physics.tether import without_stretching
 
 
 def with_forces_found(best: Tried, check: BeadCheck) -> Tried:
@@ -51,11 +52,11 @@ def best_formula(fit: ConfiguredFit) -> ConfiguredFit:
 
 def other_formulas(fit: ConfiguredFit) -> list[ConfiguredFit]:
     """The same effects with the other formulas that the setup may mean."""
-    chain = fit.model.experiment.chain
+    experiment = fit.model.experiment
     fits = []
     for formula in FORMULAS:
-        if formula != without_stretching(chain.formula):
-            other = replace(fit.model.experiment, chain=with_formula(chain, formula))
+        if formula != without_stretching(experiment.chain.formula):
+            other = by_formula(experiment, formula)
             try:
                 there = fit_configured(replace(fit.model, experiment=other), fit.theta)
                 fits.append(begun_again(there))

@@ -7,6 +7,7 @@ from dataclasses import replace
 
 from mtpipe.experiment.description import Experiment
 from mtpipe.physics.camera import Camera
+from mtpipe.physics.tether import Formula, with_formula
 
 
 def with_fluid(experiment: Experiment, **changes: object) -> Experiment:
@@ -22,6 +23,11 @@ def with_bead(experiment: Experiment, **changes: object) -> Experiment:
 def with_chain(experiment: Experiment, **changes: object) -> Experiment:
     """The experiment with another tether."""
     return replace(experiment, chain=replace(experiment.chain, **changes))  # type: ignore[arg-type]
+
+
+def by_formula(experiment: Experiment, formula: Formula) -> Experiment:
+    """The experiment with a tether by another formula, as stretchable as it is."""
+    return replace(experiment, chain=with_formula(experiment.chain, formula))
 
 
 def with_optics(experiment: Experiment, **changes: object) -> Experiment:

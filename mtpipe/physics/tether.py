@@ -162,11 +162,15 @@ def stiffness_pN_per_nm(chain: Chain, extension_nm: ArrayLike) -> FloatArray:
 class Moments:
     """A chain under a constant force, the chain being a potential A(r); any shape.
 
+    The distance of the ends is what fluctuates with the chain's own stiffness; the height is
+    shorter by what the end swings sideways. The distance's variance is above kT over the slope of
+    the formula, by 1.3 % for a contour of 2700 nm at 1 pN and 2.9 % for 1200 nm.
+
     Attributes
     ----------
     extension_nm : of the chain's curve, as `extension_nm` has it.
     height_nm : mean height of the end, as `mean_extension_nm` has it.
-    variance_nm2, skewness : of the end-to-end distance, as `radial_moments` has them.
+    variance_nm2, skewness : of the end-to-end distance, exact averages like that of the height.
     """
 
     extension_nm: FloatArray
@@ -176,7 +180,11 @@ class Moments:
 
 
 def moments(chain: Chain, force_pN: ArrayLike) -> Moments:
-    """What `extension_nm`, `mean_extension_nm` and `radial_moments` say, in one pass.
+    """A chain's extension, height and distance under a constant force, in one pass.
+
+    Parameters
+    ----------
+    force_pN : any shape, at least 0.
 
     Raises
     ------
@@ -231,21 +239,6 @@ def log_distance_density(chain: Chain, force_pN: float, distance_nm: ArrayLike) 
     g = _reduced_force(chain, y)
     work = units * (_reduced_work(chain, y) + chain.compliance * g**2 / 2)
     return np.asarray(2 * np.log(r) + np.log(exprel(-pull)) + pull - work)
-
-
-def radial_moments(chain: Chain, force_pN: ArrayLike) -> tuple[FloatArray, FloatArray]:
-    """Variance in nm² and skewness of the tether's end-to-end distance r under a constant force.
-
-    Exact averages as in `mean_extension_nm`. The distance is what fluctuates with the chain's own
-    stiffness; the height is shorter by what the end swings sideways. The variance is above kT over
-    the slope of the formula, by 1.3 % for a contour of 2700 nm at 1 pN and 2.9 % for 1200 nm.
-
-    Raises
-    ------
-    ValueError : a force is negative.
-    """
-    found = moments(chain, force_pN)
-    return found.variance_nm2, found.skewness
 
 
 def _distances(
