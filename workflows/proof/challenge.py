@@ -78,6 +78,7 @@ def table(challenge: Path, runs: Path, names: list[str]) -> str:
         "| --- | --- | --- | --- | --- | --- | --- |",
     ]
     right = clean = quiet = 0
+    forces: list[tuple[float, float, float]] = []
     for name in sorted(names, key=lambda one: (one not in answers, one)):
         path = runs / name / "mismatch.json"
         if not path.exists():
@@ -96,6 +97,7 @@ def table(challenge: Path, runs: Path, names: list[str]) -> str:
             quiet += bead["verdict"] == "consistent"
         elif truth:
             right += bead["verdict"] == "explained" and sorted(named) == sorted(concealed)
+        forces += _forces(bead, truth)
         rows.append(
             f"| {name} | {', '.join(concealed) or ('nothing' if truth else 'sealed')} | "
             f"{(truth or {}).get('strength') or ''} | {bead['verdict']} | {_named(bead)} | "
@@ -106,7 +108,7 @@ def table(challenge: Path, runs: Path, names: list[str]) -> str:
     command = "python workflows/proof/challenge.py --runs DIR --write docs/diagnosis.md"
     summary = (
         f"{right} of {others} concealed cases explained with exactly the right names; "
-        f"{quiet} of {clean} clean ones consistent."
+        f"{quiet} of {clean} clean ones consistent. {_told(forces)}"
     )
     return "\n".join([f"{printed} `{command}`.", "", summary, "", *rows])
 
@@ -127,6 +129,28 @@ def _p_values(bead: dict[str, Any]) -> str:
     if not bead["effects"]:
         return ""
     return f"{bead['effects'][0]['p_before']:.0e} → {bead['effects'][-1]['p_after']:.2g}"
+
+
+def _forces(bead: dict[str, Any], truth: dict[str, Any] | None) -> list[tuple[float, float, float]]:
+    """Per plateau relative errors before and after, and the latter in standard errors."""
+    plateaus = truth["plateaus"] if truth else []
+    return [
+        (
+            row["force_before_pN"] / true["force_pN"] - 1,
+            row["force_pN"] / true["force_pN"] - 1,
+            (row["force_pN"] - true["force_pN"]) / row["stderr_pN"],
+        )
+        for row, true in zip(bead["forces"] if plateaus else [], plateaus, strict=True)
+    ]
+
+
+def _told(forces: list[tuple[float, float, float]]) -> str:
+    before, after, pulls = np.abs(np.array(forces).reshape(-1, 3)).T
+    return (
+        f"Of their {len(pulls)} forces {np.mean(pulls <= 1):.0%} are within one standard error and "
+        f"{np.mean(pulls <= 2):.0%} within two; in the median they are {np.median(after):.1%} off, "
+        f"{np.median(before):.1%} before."
+    )
 
 
 def _errors(bead: dict[str, Any], truth: dict[str, Any] | None) -> str:
