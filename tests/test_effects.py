@@ -535,8 +535,8 @@ def test_motion_of_the_reference_does_not_make_heights_off(relaxation_s):
 def test_heights_that_are_off_by_more_than_positions_wander_are_told(walk_nm, kink, off, name):
     """A bead that drifts, and one that drifts little while z has another scale above some height.
 
-    Of eight seeds drift gains 0.4 nats at most in the first and 3.6 to 17.5 in the second, motion of
-    the reference 170 to 230 in the second; this one is fixed.
+    Of eight seeds drift gains 0.4 nats at most in the first and 3.6 to 17.5 in the second, the
+    reference's motion 170 to 230 in the second; this one is fixed.
     """
     random = np.random.default_rng(2)
     positions = traces(BASE, random)
