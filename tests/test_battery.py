@@ -14,7 +14,7 @@ from mtpipe.battery import shape, spectral, temporal
 from mtpipe.battery.observed import Observed, bridged, whitened
 from mtpipe.configured.data import plateau_data, whitening
 from mtpipe.configured.expectation import Expectation
-from mtpipe.crosschecking.nulls import Nulls, together
+from mtpipe.crosschecking.nulls import Nulls, alikeness, of_those_looked_at_again, together
 from tests.small_case import generator
 
 FRAME_S = 0.01
@@ -342,6 +342,24 @@ def test_all_looks_together_are_uniform():
     # Kolmogorov–Smirnov p below 0.001: one time in a thousand
     assert stats.kstest(found, "uniform").pvalue > 1e-3
     assert np.mean(np.array(found) < 0.05) < 0.13
+
+
+def test_second_looks_at_those_that_are_open_give_uniform_p_values():
+    """40 000 pairs of correlated scores: its empirical law is within 0.014 but for 1 in 10⁶."""
+    for alike in (0.3, 0.75, 0.95):
+        random = np.random.default_rng(8)
+        first = random.normal(size=40_000)
+        second = alike * first + np.sqrt(1 - alike**2) * random.normal(size=len(first))
+        p_values = stats.norm.cdf([first, second])
+        assert alikeness(*p_values) == pytest.approx(alike, abs=0.02)
+        again = p_values[0] < 0.2
+        final = p_values[0].copy()
+        grid = np.linspace(0, 1, 2001)
+        law = [of_those_looked_at_again(p, 0.2, alike) for p in grid]
+        final[again] = np.interp(p_values[1, again], grid, law)
+        assert stats.kstest(final, "uniform").statistic < 0.014
+    assert of_those_looked_at_again(1e-30, 0.2, 0.75) == pytest.approx(1e-30)
+    assert of_those_looked_at_again(1.0, 0.2, 0.75) == pytest.approx(0.2, rel=1e-3)
 
 
 def test_a_p_value_beyond_the_simulations_says_so():

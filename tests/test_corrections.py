@@ -26,7 +26,7 @@ def unchecked(recording):
     """A cross-check without any look; corrections only read its case."""
     nothing = np.empty(0)
     found = small_case.case(recording)
-    return BeadCheck(found, (), nothing, nothing[None], nothing, Together(0.0, (), False))
+    return BeadCheck(found, (), nothing, nothing[None], nothing, Together(0.0, (), False, nothing))
 
 
 def p_value(case):

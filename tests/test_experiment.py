@@ -9,6 +9,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from mtpipe.errors import FitError, SetupError
+from mtpipe.experiment import state as states
 from mtpipe.experiment.description import (
     Bead,
     Experiment,
@@ -249,3 +250,16 @@ def test_equal_forces_in_a_row_stay_two_plateaus_under_a_tolerance():
     stated = setup(plateaus={"tolerance_mm": 0.02})
     first, second = magnets_mm(stated, [2.0, 2.0])
     assert abs(second - first) > 0.02
+
+
+def test_tethers_worked_out_together_are_those_worked_out_alone():
+    for chain in (experiment().chain, Chain(1200.0, 45.0, 298.0, "extensible", 900.0)):
+        forces = [0.05, 0.3, 2.0, 15.0, 60.0]
+        together = states._tethers(chain, np.array(forces))
+        for force, one in zip(forces, together, strict=True):
+            (alone,) = states._tethers(chain, np.array([force]))
+            assert (one.end_nm, one.variance_nm2) == (alone.end_nm, alone.variance_nm2)
+            np.testing.assert_allclose(one.weight, alone.weight, rtol=1e-9)
+            np.testing.assert_allclose(one.deviation, alone.deviation, rtol=1e-9, atol=1e-12)
+            assert one.weight @ one.deviation == pytest.approx(0.0, abs=1e-12)
+            assert one.weight @ one.deviation**2 == pytest.approx(1.0)

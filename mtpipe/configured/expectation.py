@@ -25,7 +25,7 @@ from mtpipe.experiment.description import (
 )
 from mtpipe.experiment.readout import force_course, readout
 from mtpipe.experiment.state import BeadState, bead_state, recorded_modes
-from mtpipe.physics.camera import FloatArray, power_spectrum
+from mtpipe.physics.camera import Camera, FloatArray, power_spectrum
 from mtpipe.spectrum import Window
 
 # Heights are not believed better than this: rounding, interpolated formulas, time steps.
@@ -150,9 +150,43 @@ def course_of(data: PlateauData, transform: Transform) -> Course:
 def _at_steady_force(
     data: PlateauData, subtraction: Subtraction, experiment: Experiment, force_pN: float
 ) -> Expectation:
+    stage = experiment.stage
+    motion = _motion(data, _moving(experiment), force_pN)
+    power, level = motion.power.copy(), 2 * experiment.camera.frame_s
+    for axis, noise_nm in enumerate(experiment.tracker.noise_nm):
+        added_nm2 = noise_nm**2 + _passed(subtraction, experiment, axis, data)
+        own = power[:, axis, axis] + level * data.spectrum.windows[axis].white * added_nm2
+        # dropped frames take white power away; what is left is never none
+        power[:, axis, axis] = np.maximum(own, LEAST_POWER * own.max())
+    for line in stage.lines:
+        _add_line(power, line, data)
+    # what is slow in the reference passes the subtraction whole
+    slow = stage.reference_nm[2] ** 2 * min(2 * stage.reference_s / data.duration_s, 1)
+    return Expectation(
+        power,
+        motion.extension_nm + experiment.optics.z_zero_nm,
+        float(np.hypot(np.sqrt(motion.height_variance_nm2 + slow), LEAST_HEIGHT_STDERR_NM)),
+    )
+
+
+@dataclass(frozen=True, eq=False)
+class _Motion:
+    """What is expected of the bead's own motion.
+
+    Attributes
+    ----------
+    power : (n_bins, 3, 3). height_variance_nm2 : of the mean height, apart from a random walk's.
+    """
+
+    power: FloatArray
+    extension_nm: float
+    height_variance_nm2: float
+
+
+@functools.lru_cache(maxsize=4096)
+def _motion(data: PlateauData, experiment: Experiment, force_pN: float) -> _Motion:
     camera = experiment.camera
-    state = _state(_core(experiment), force_pN)
-    parts = readout(experiment, state, data.duration_s)
+    parts = readout(experiment, _state(_core(experiment), force_pN), data.duration_s)
     windows = data.spectrum.windows
     kernels: list[FloatArray] = []
     for axis in range(3):
@@ -171,38 +205,31 @@ def _at_steady_force(
             kernel = kernels[a] if a == b else np.sqrt(kernels[a] * kernels[b])
             flat = np.sqrt(windows[a].white * windows[b].white)
             power[:, a, b] = power[:, b, a] = variance @ kernel + level * white * flat
-        power[:, a, a] += level * windows[a].white * _passed(subtraction, experiment, a, data)
-        # dropped frames take white power away; what is left is never none
-        power[:, a, a] = np.maximum(power[:, a, a], LEAST_POWER * power[:, a, a].max())
-    for line in experiment.stage.lines:
-        _add_line(power, line, data)
     # a walk moves the heights of all later plateaus: that is the model's business
     steady = slice(-1) if parts.walks else slice(None)
     variance, tau_s = parts.covariance_nm2[steady, 2, 2], parts.tau_s[steady]
     height_variance = min(2 * float(variance @ tau_s) / data.duration_s, float(variance.sum()))
-    # what is slow in the reference passes the subtraction whole
-    stage = experiment.stage
-    height_variance += stage.reference_nm[2] ** 2 * min(2 * stage.reference_s / data.duration_s, 1)
-    return Expectation(
-        power,
-        parts.extension_nm,
-        float(np.hypot(np.sqrt(height_variance), LEAST_HEIGHT_STDERR_NM)),
-    )
+    return _Motion(power, parts.extension_nm, height_variance)
 
 
 def _passed(
     subtraction: Subtraction, experiment: Experiment, axis: int, data: PlateauData
 ) -> FloatArray:
     """Variance per frame of the reference's noise and motion that subtraction passes on."""
-    frequency = data.spectrum.frequency_hz
-    gain = _subtraction_gain(data, subtraction.cutoff_hz[axis])
-    size = experiment.stage.reference_nm[axis]
-    own = np.zeros_like(frequency)
+    size, variance = experiment.stage.reference_nm[axis], subtraction.noise_nm[axis] ** 2
+    if size == 0 and variance == 0:
+        return np.zeros_like(data.spectrum.frequency_hz)
+    own: FloatArray | float = 0.0
     if size > 0:
-        camera = experiment.camera
-        own = power_spectrum(frequency, size**2, experiment.stage.reference_s, camera)
-        own = own / (2 * camera.frame_s)
-    return np.asarray(gain * (subtraction.noise_nm[axis] ** 2 + own))
+        own = size**2 * _unit_reference(data, experiment.stage.reference_s, experiment.camera)
+    return np.asarray(_subtraction_gain(data, subtraction.cutoff_hz[axis]) * (variance + own))
+
+
+@functools.lru_cache(maxsize=1024)
+def _unit_reference(data: PlateauData, relaxation_s: float, camera: Camera) -> FloatArray:
+    """Variance per frame that motion of 1 nm² has at each frequency."""
+    power = power_spectrum(data.spectrum.frequency_hz, 1.0, relaxation_s, camera)
+    return np.asarray(power / (2 * camera.frame_s))
 
 
 @functools.lru_cache(maxsize=1024)
@@ -265,6 +292,13 @@ def changed_spectra(
 @functools.lru_cache(maxsize=4096)
 def _state(core: Experiment, force_pN: float) -> BeadState:
     return bead_state(core, force_pN)
+
+
+def _moving(experiment: Experiment) -> Experiment:
+    """The part of the description that the recorded motion depends on, noise and lines apart."""
+    left = Stage(unsubtracted_nm_per_root_s=experiment.stage.unsubtracted_nm_per_root_s)
+    optics = replace(experiment.optics, z_zero_nm=0.0)
+    return replace(experiment, tracker=Tracker(), stage=left, optics=optics)
 
 
 def _core(experiment: Experiment) -> Experiment:

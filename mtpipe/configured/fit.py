@@ -26,6 +26,7 @@ from mtpipe.configured.spectra import Transform
 from mtpipe.errors import FitError
 from mtpipe.experiment.description import Experiment
 from mtpipe.experiment.parameter import Parameter
+from mtpipe.experiment.state import know_tethers
 from mtpipe.physics.camera import FloatArray
 
 MOST_ROUNDS = 15
@@ -240,10 +241,15 @@ def slopes(model: ConfiguredModel, theta: FloatArray, expected: list[Expectation
         step, moved = parameter.step_from(theta[plateaus + k]), theta.copy()
         moved[plateaus + k] += step
         shifted.append((step, model.described(moved)))
+    forces = [rest.force_pN for rest in experiment.rests]
+    larger = [force * float(np.exp(DIFFERENCE)) for force in forces]
+    know_tethers(experiment.chain, larger)
+    for _, other in shifted:
+        know_tethers(other.chain, forces)
     found = []
     for i, here in enumerate(expected):
-        force = float(np.exp(theta[i]))
-        others = [(DIFFERENCE, model.expected(experiment, i, force * float(np.exp(DIFFERENCE))))]
+        force = forces[i]
+        others = [(DIFFERENCE, model.expected(experiment, i, larger[i]))]
         others += [(step, model.expected(other, i, force)) for step, other in shifted]
         inverse = np.asarray(np.linalg.inv(here.random_power))
         power = np.array([(o.random_power - here.random_power) / step for step, o in others])

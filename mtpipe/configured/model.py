@@ -25,6 +25,7 @@ from mtpipe.configured.data import PlateauData
 from mtpipe.configured.expectation import Expectation, Subtraction, expectation
 from mtpipe.experiment.description import Experiment, Rest
 from mtpipe.experiment.parameter import Parameter
+from mtpipe.experiment.state import know_tethers
 from mtpipe.physics.camera import FloatArray
 
 
@@ -81,6 +82,7 @@ class ConfiguredModel:
     def all_expected(self, theta: FloatArray) -> list[Expectation]:
         """What all plateaus' data should be at θ."""
         experiment = self.described(theta)
+        know_tethers(experiment.chain, [rest.force_pN for rest in experiment.rests])
         return [
             self.expected(experiment, i, rest.force_pN) for i, rest in enumerate(experiment.rests)
         ]

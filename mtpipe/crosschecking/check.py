@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -16,7 +16,14 @@ from mtpipe.configured.expectation import Expectation, changed_spectra
 from mtpipe.configured.fit import nearby_fit
 from mtpipe.crosschecking.case import Case, described
 from mtpipe.crosschecking.curves import Curve, CurveSet
-from mtpipe.crosschecking.nulls import SMALLEST_P, Nulls, Together, together
+from mtpipe.crosschecking.nulls import (
+    SMALLEST_P,
+    Nulls,
+    Together,
+    alikeness,
+    of_those_looked_at_again,
+    together,
+)
 from mtpipe.crosschecking.twin import Twin, TwinMaker
 from mtpipe.physics.camera import FloatArray
 
@@ -79,6 +86,7 @@ def check_bead(
     maker = TwinMaker(case)
     simulated: list[FloatArray] = []
     curves = CurveSet(recorded) if with_curves else None
+    open_as_yet: Together | None = None
     for goal in rounds:
         while len(simulated) < goal:
             twin = battery.simulated(maker.draw(random))
@@ -92,8 +100,13 @@ def check_bead(
         p_values = np.nan_to_num(nulls.p_values(observed), nan=SMALLEST_P)
         own = np.nan_to_num(nulls.own_p_values(), nan=1.0)
         overall = together(p_values, own, [pooled, ~pooled])
+        if open_as_yet is not None:
+            alike = alikeness(open_as_yet.own, overall.own[: len(open_as_yet.own)])
+            p_value = of_those_looked_at_again(overall.p_value, CLEARLY_CONSISTENT, alike)
+            overall = replace(overall, p_value=p_value)
         if overall.p_value > CLEARLY_CONSISTENT or overall.p_value < CLEARLY_NOT:
             break
+        open_as_yet = overall
     return BeadCheck(
         case,
         looks,

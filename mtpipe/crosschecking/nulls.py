@@ -22,6 +22,10 @@ SYMMETRIC_BEFOREHAND = 30
 LEAST_SKEWNESS = 0.02
 LARGEST_SKEWNESS = 1.9
 SMALLEST_P = 1e-300
+LEAST_OWN, MOST_ALIKE = 1e-6, 0.999
+# Nodes and weights of a mean from 0 to 1.
+_EVENLY, _EVENLY_WEIGHTS = np.polynomial.legendre.leggauss(64)
+_EVENLY, _EVENLY_WEIGHTS = (_EVENLY + 1) / 2, _EVENLY_WEIGHTS / 2
 
 
 @dataclass(frozen=True, eq=False)
@@ -92,7 +96,7 @@ def _normal_score(standardised: FloatArray, skewness: FloatArray) -> FloatArray:
     return np.asarray(np.where(skewed, score, standardised))
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Together:
     """All statistics together.
 
@@ -101,11 +105,13 @@ class Together:
     p_value : of the recording.
     looks : effective number of looks in each family.
     extrapolated : the p-value is smaller than the simulations alone can support.
+    own : (simulations,) p-value of each simulation judged by all the others.
     """
 
     p_value: float
     looks: tuple[float, ...]
     extrapolated: bool
+    own: FloatArray
 
 
 def together(p_values: FloatArray, own: FloatArray, families: list[NDArray[np.bool_]]) -> Together:
@@ -129,7 +135,35 @@ def together(p_values: FloatArray, own: FloatArray, families: list[NDArray[np.bo
     best = np.min(np.array(simulated), axis=0)
     final = _looks(best)
     p = float(_adjusted(np.array([min(observed)]), final)[0])
-    return Together(p, tuple(looks), p < 1 / (len(own) + 1))
+    return Together(p, tuple(looks), p < 1 / (len(own) + 1), _adjusted(best, final))
+
+
+def of_those_looked_at_again(p_value: float, below: float, alike: float) -> float:
+    """p-value of a second look that is taken only where a first one's p-value lies below a limit.
+
+    Without this few recordings would have p-values just below the limit: those that the second
+    look would bring there from above it are never looked at again. The chance is taken that both
+    looks are as odd, p₁ below the limit and p₂ below what it is, their normal scores being jointly
+    normal. Among recordings that are looked at again it is uniform below the limit.
+
+    Parameters
+    ----------
+    p_value : of the second look. below : limit of the first's.
+    alike : correlation of both looks' normal scores.
+    """
+    smaller = p_value * _EVENLY
+    score = stats.norm.ppf(below) - alike * stats.norm.ppf(smaller)
+    first_too = stats.norm.cdf(score / np.sqrt(1 - alike**2))
+    return float(p_value * (_EVENLY_WEIGHTS @ first_too))
+
+
+def alikeness(own: FloatArray, again: FloatArray) -> float:
+    """Correlation of the normal scores of two looks at the same simulations, from 0 to below 1."""
+    scores = stats.norm.ppf(np.clip([own, again], LEAST_OWN, 1 - LEAST_OWN))
+    spread = scores.std(axis=1)
+    if not spread.all():
+        return 0.0
+    return float(np.clip(np.corrcoef(scores)[0, 1], 0.0, MOST_ALIKE))
 
 
 def _looks(smallest: FloatArray) -> float:

@@ -24,7 +24,7 @@ from mtpipe.configured.hypotheses import (
     try_effects,
 )
 from mtpipe.crosschecking.case import Case
-from mtpipe.crosschecking.check import BeadCheck, check_bead
+from mtpipe.crosschecking.check import CLEARLY_CONSISTENT, BeadCheck, check_bead
 from mtpipe.diagnosis.corrected import corrected, late_corrections
 from mtpipe.diagnosis.evidence import evidence_of
 from mtpipe.diagnosis.explanation import (
@@ -48,9 +48,9 @@ from mtpipe.errors import FitError
 # one is kept at all. With a penalty of 5 nats a gain of 8 is needed, which comes by chance once in
 # 16 000 tries of one parameter (χ² above 16); the catalogue tries some 30.
 SEEN_NATS, KEPT_NATS = 4.0, 3.0
-# Where the battery is as content as this with an effect, a second one has to gain so much: the form
-# of the first is known only so well, and what is left of it may look like another.
-CONTENT_P, BESIDE_NATS = 0.3, 10.0
+# Where the battery is clearly content with an effect, a second one has to gain so much: the form of
+# the first is known only so well, and what is left of it may look like another.
+BESIDE_NATS = 10.0
 # What effects gain on time that was not fitted is compared where their net gains differ by no more:
 # ordinates that are less independent than they are taken for make as much of a difference where
 # they were fitted.
@@ -160,7 +160,7 @@ def _searched(
         say("trying effects")
         tried = try_effects(fit, effects, evidence_of(check))
         needed = KEPT_NATS if check.p_value < ALARM_P else SEEN_NATS
-        if named and check.p_value >= CONTENT_P:
+        if named and check.p_value >= CLEARLY_CONSISTENT:
             needed = BESIDE_NATS
         if not tried or tried[0].net < needed:
             nearest = Rejected(tried[0], _too_little(tried[0], needed)) if tried else None

@@ -15,6 +15,7 @@ own length moves in the chain's potential, which stiffens, and with the friction
 from __future__ import annotations
 
 import functools
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -37,6 +38,7 @@ LEAST_SHARE = 0.05
 # Grid of the tether's length: how far it reaches, in standard deviations and in kT of depth.
 GRID_NODES, GRID_SPREADS, GRID_DEPTH = 96, 10.0, 30.0
 LEAST_HEIGHT_NM = 1.0
+MOST_KNOWN = 8192
 MOST_GIVING, LEAST_STRAIGHT = 0.1, 0.3
 
 
@@ -161,24 +163,54 @@ class _Tether:
     deviation: FloatArray
 
 
-@functools.lru_cache(maxsize=4096)
+# Tethers that are known, by chain and force.
+_KNOWN: dict[tuple[Chain, float], _Tether] = {}
+
+
+def know_tethers(chain: Chain, forces_pN: Sequence[float]) -> None:
+    """Work out a tether at several forces, to be known when states are asked for.
+
+    All at once costs hardly more than one.
+    """
+    missing = [force for force in forces_pN if (chain, force) not in _KNOWN]
+    if missing:
+        if len(_KNOWN) > MOST_KNOWN:
+            _KNOWN.clear()
+        found = _tethers(chain, np.array(missing))
+        _KNOWN.update(((chain, force), one) for force, one in zip(missing, found, strict=True))
+
+
 def _tether(chain: Chain, force_pN: float) -> _Tether:
-    found = moments(chain, force_pN)
-    end, variance = float(found.height_nm), float(found.variance_nm2)
-    middle, spread = float(found.extension_nm), np.sqrt(variance)
-    low = max(middle - GRID_SPREADS * spread, 0.002 * chain.contour_length_nm)
+    known = _KNOWN.get((chain, force_pN))
+    if known is None:
+        know_tethers(chain, [force_pN])
+        known = _KNOWN[chain, force_pN]
+    return known
+
+
+def _tethers(chain: Chain, force_pN: FloatArray) -> list[_Tether]:
+    found, force = moments(chain, force_pN), force_pN[:, None]
+    middle, spread = found.extension_nm, np.sqrt(found.variance_nm2)
+    low = np.maximum(middle - GRID_SPREADS * spread, 0.002 * chain.contour_length_nm)
     high = middle + GRID_SPREADS * spread
     if chain.compliance == 0:
-        high = min(high, (1 - 1e-5) * chain.contour_length_nm)
-    length = np.linspace(low, high, 4 * GRID_NODES)
-    log_density = log_distance_density(chain, force_pN, length)
-    there = length[log_density > log_density.max() - GRID_DEPTH]
-    length = np.linspace(there[0], there[-1], GRID_NODES)
-    log_density = log_distance_density(chain, force_pN, length)
-    weight = np.exp(log_density - log_density.max())
-    weight /= weight.sum()
-    deviation = length - float(weight @ length)
-    return _Tether(end, variance, weight, deviation / np.sqrt(float(weight @ deviation**2)))
+        high = np.minimum(high, (1 - 1e-5) * chain.contour_length_nm)
+    length = np.linspace(low, high, 4 * GRID_NODES, axis=-1)
+    log_density = log_distance_density(chain, force, length)
+    there = log_density > log_density.max(axis=-1, keepdims=True) - GRID_DEPTH
+    first, last = there.argmax(axis=-1), there.shape[1] - 1 - there[:, ::-1].argmax(axis=-1)
+    rows = np.arange(len(length))
+    length = np.linspace(length[rows, first], length[rows, last], GRID_NODES, axis=-1)
+    log_density = log_distance_density(chain, force, length)
+    weight = np.exp(log_density - log_density.max(axis=-1, keepdims=True))
+    weight /= weight.sum(axis=-1, keepdims=True)
+    deviation = length - np.sum(weight * length, axis=-1, keepdims=True)
+    deviation /= np.sqrt(np.sum(weight * deviation**2, axis=-1, keepdims=True))
+    ends = zip(found.height_nm.tolist(), found.variance_nm2.tolist(), strict=True)
+    return [
+        _Tether(end, variance, *distribution)
+        for (end, variance), *distribution in zip(ends, weight, deviation, strict=True)
+    ]
 
 
 def _axial(

@@ -222,7 +222,7 @@ def mean_extension_nm(chain: Chain, force_pN: ArrayLike) -> FloatArray:
     return moments(chain, force_pN).height_nm
 
 
-def log_distance_density(chain: Chain, force_pN: float, distance_nm: ArrayLike) -> FloatArray:
+def log_distance_density(chain: Chain, force_pN: ArrayLike, distance_nm: ArrayLike) -> FloatArray:
     """ln of the density of the end-to-end distance r under a constant force, up to a constant.
 
     r² e^−A(r)/kT sinh(F r/kT)/(F r/kT), the directions of the half space above the anchor
@@ -230,12 +230,13 @@ def log_distance_density(chain: Chain, force_pN: float, distance_nm: ArrayLike) 
 
     Parameters
     ----------
-    distance_nm : above 0 and, for an inextensible chain, below the contour length.
+    distance_nm : above 0 and, for an inextensible chain, below the contour length; any shape that
+        goes with that of the force.
     """
     y = _backbone(chain, distance_nm)
     r = np.asarray(distance_nm, dtype=np.float64) / chain.contour_length_nm
     units = chain.contour_length_nm / chain.persistence_length_nm
-    pull = units * force_pN / chain.thermal_force_pN * r
+    pull = units * np.asarray(force_pN, dtype=np.float64) / chain.thermal_force_pN * r
     g = _reduced_force(chain, y)
     work = units * (_reduced_work(chain, y) + chain.compliance * g**2 / 2)
     return np.asarray(2 * np.log(r) + np.log(exprel(-pull)) + pull - work)
