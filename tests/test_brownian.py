@@ -499,9 +499,14 @@ def test_the_bead_stays_above_the_surface_and_on_its_tether(
     )
     assume(radius_nm * (1 - np.cos(angle)) < 0.3 * contour_nm)
     camera = Camera(1e-3, share * 1e-3)
-    first, again = (
-        simulate_bead(odd, camera, 20, np.random.default_rng(13)).position_nm for _ in range(2)
-    )
+    try:
+        first, again = (
+            simulate_bead(odd, camera, 20, np.random.default_rng(13)).position_nm for _ in range(2)
+        )
+    except ValueError as error:
+        # magnets that hold a tilted bead sideways by many kT are refused, as documented
+        assume("nothing of the tether's swing to start from" not in str(error))
+        raise
     assert np.array_equal(first, again)
     assert np.all(first[:, 2] >= 0)
     # the centre is within the taut tether and the radius of the anchor

@@ -6,10 +6,10 @@ effect brings along. A parameter is a change of the description, so that anythin
 be described with can be fitted.
 
 Per bin the power matrix of n ordinates is complex Wishart about its expectation S (Whittle 1953;
-Brillinger 1981, theorem 7.2.4), −n (ln det S + tr S⁻¹P), the height's course under a force that
-changes being taken off z before; the mean height is Gaussian about the
-chain's with the variance that S has at zero frequency. Where the bead walks off, as effects may
-have it, the heights of later plateaus have wandered with it, and their errors are correlated.
+Brillinger 1981, theorem 7.2.4), −n (ln det S + tr S⁻¹P), and what a force that changes does to the
+height is taken off z before; the mean height is Gaussian about the chain's with the variance that S
+has at zero frequency. Where the bead walks off, as effects may have it, the heights of later
+plateaus have wandered with it, and their errors are correlated.
 """
 
 from __future__ import annotations
