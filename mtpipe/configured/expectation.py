@@ -23,8 +23,8 @@ from mtpipe.experiment.description import (
     Stage,
     Tracker,
 )
-from mtpipe.experiment.readout import force_course, readout
-from mtpipe.experiment.state import BeadState, bead_state, recorded_modes
+from mtpipe.experiment.readout import force_course, readout, recorded_height_nm
+from mtpipe.experiment.state import BeadState, bead_state, know_tethers, recorded_modes
 from mtpipe.physics.camera import Camera, FloatArray, power_spectrum
 from mtpipe.spectrum import Window
 
@@ -32,8 +32,9 @@ from mtpipe.spectrum import Window
 LEAST_HEIGHT_STDERR_NM = 0.1
 DIFFERENCE = 1e-3
 LEAST_POWER = 1e-6
-# So many forces stand for a plateau during which the force changes, fewer where it is by less.
-COURSE_POINTS, SMALL_CHANGE, SMALL_CHANGE_POINTS = 5, 0.2, 3
+# So many forces stand for a plateau during which the force changes; of spectra their mean alone
+# where it changes by less than so much.
+COURSE_POINTS, SMALL_CHANGE = 5, 0.1
 
 
 @dataclass(frozen=True)
@@ -119,27 +120,32 @@ def _expectation(
     if course.relative_change == 0:
         return _at_steady_force(data, subtraction, steady, force_pN)
     relative = force_course(course, round(data.duration_s / steady.camera.frame_s))
-    points = SMALL_CHANGE_POINTS if np.ptp(relative) < SMALL_CHANGE else COURSE_POINTS
-    nodes = np.linspace(relative.min(), relative.max(), points)
-    # share of the time that counts for each node, linear between them; a step needs its two ends
-    share = np.array([np.interp(relative, nodes, row).mean() for row in np.eye(points)])
-    nodes, share = nodes[share > 1e-3], share[share > 1e-3]
-    share = share / share.sum()
-    each = [
-        _at_steady_force(data, subtraction, steady, float(force_pN * (1 + node))) for node in nodes
-    ]
+    nodes = np.linspace(relative.min(), relative.max(), COURSE_POINTS)
+    forces = [float(force_pN * (1 + node)) for node in nodes]
+    know_tethers(steady.chain, forces)
     # heights bend with ln of the force, far less than they rise with it
-    along = np.polynomial.Polynomial.fit(
-        np.log1p(nodes), [one.extension_nm for one in each], len(nodes) - 1
+    rising = np.polynomial.Polynomial.fit(
+        np.log1p(nodes), [_height_nm(steady, force) for force in forces], COURSE_POINTS - 1
     )
-    heights = along(np.log1p(np.clip(relative, nodes[0], nodes[-1])))
-    power = np.tensordot(share, [one.random_power for one in each], 1)
+    heights = rising(np.log1p(np.clip(relative, nodes[0], nodes[-1])))
+    if np.ptp(relative) < SMALL_CHANGE:
+        forces, share = [force_pN], np.ones(1)
+    else:
+        # of the time that counts for each node, linear between them; a step needs its two ends
+        share = np.array([np.interp(relative, nodes, row).mean() for row in np.eye(COURSE_POINTS)])
+        counts = share > 1e-3
+        forces, share = np.array(forces)[counts].tolist(), share[counts] / share[counts].sum()
+    each = [_at_steady_force(data, subtraction, steady, force) for force in forces]
     return Expectation(
-        power,
+        np.tensordot(share, [one.random_power for one in each], 1),
         float(heights.mean()),
         float(share @ [one.extension_stderr_nm for one in each]),
         course_of(data, data.spectrum.transform_of(heights, 2)),
     )
+
+
+def _height_nm(experiment: Experiment, force_pN: float) -> float:
+    return recorded_height_nm(experiment, _state(_core(experiment), force_pN))
 
 
 def course_of(data: PlateauData, transform: Transform) -> Course:

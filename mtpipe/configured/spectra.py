@@ -7,6 +7,7 @@ real.
 
 from __future__ import annotations
 
+import functools
 from collections.abc import Sequence
 from dataclasses import dataclass
 
@@ -145,5 +146,11 @@ def _transform(x_nm: FloatArray, used: NDArray[np.bool_], phi: float) -> Transfo
     rows = np.where(used, whitened, 0.0)
     mean = rows.sum(axis=1, keepdims=True) / np.maximum(used.sum(axis=1, keepdims=True), 1)
     transform = fft.rfft(np.where(used, rows - mean, 0.0), axis=1)
-    turn = 1 - phi * np.exp(-2j * np.pi * np.arange(transform.shape[1]) / used.shape[1])
-    return np.asarray(transform * np.conj(turn) / np.abs(turn))
+    return np.asarray(transform * _turned_back(phi, used.shape[1]))
+
+
+@functools.lru_cache(maxsize=256)
+def _turned_back(phi: float, frames: int) -> Transform:
+    """(frames//2 + 1,) of size 1, against the phase that prewhitening gives."""
+    turn = 1 - phi * np.exp(-2j * np.pi * np.arange(frames // 2 + 1) / frames)
+    return np.asarray(np.conj(turn) / np.abs(turn))

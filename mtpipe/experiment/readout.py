@@ -45,14 +45,12 @@ def readout(experiment: Experiment, state: BeadState, duration_s: float) -> Read
     """What is recorded of a bead at one force, without vibration lines."""
     motion = recorded_modes(state)
     tau_s, covariance = motion.tau_s, motion.covariance_nm2
-    extension = state.extension_nm
     if experiment.hopping is not None:
         energy = experiment.fluid.thermal_energy_pN_nm
-        variance, hop_s, shift = hopping_moments(experiment.hopping, state.force_pN, energy)
+        variance, hop_s, _ = hopping_moments(experiment.hopping, state.force_pN, energy)
         extra = np.zeros((1, 3, 3))
         extra[0, 2, 2] = variance
         tau_s, covariance = np.append(tau_s, hop_s), np.concatenate([covariance, extra])
-        extension += shift
     optics = experiment.optics.matrix
     covariance = optics @ covariance @ optics.T
     walk = np.square(experiment.stage.unsubtracted_nm_per_root_s)
@@ -67,8 +65,17 @@ def readout(experiment: Experiment, state: BeadState, duration_s: float) -> Read
             tau_s, covariance, experiment.camera, experiment.clock.dropped_share
         )
         white = white + lost
-    recorded_extension = experiment.optics.axial_scale * extension + experiment.optics.z_zero_nm
-    return Readout(tau_s, covariance, white, recorded_extension, bool(walk.any()))
+    height = recorded_height_nm(experiment, state)
+    return Readout(tau_s, covariance, white, height, bool(walk.any()))
+
+
+def recorded_height_nm(experiment: Experiment, state: BeadState) -> float:
+    """Mean of the recorded z of a bead at one force."""
+    extension = state.extension_nm
+    if experiment.hopping is not None:
+        energy = experiment.fluid.thermal_energy_pN_nm
+        extension += hopping_moments(experiment.hopping, state.force_pN, energy)[2]
+    return experiment.optics.axial_scale * extension + experiment.optics.z_zero_nm
 
 
 def force_course(course: ForceCourse, points: int) -> FloatArray:
