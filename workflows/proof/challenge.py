@@ -154,14 +154,9 @@ def _told(forces: list[tuple[float, float, float]]) -> str:
 
 
 def _errors(bead: dict[str, Any], truth: dict[str, Any] | None) -> str:
-    if truth is None:
-        return ""
-    true = np.array([plateau["force_pN"] for plateau in truth["plateaus"]])
-    shown = []
-    for key in ("force_before_pN", "force_pN"):
-        error = np.array([row[key] for row in bead["forces"]]) / true - 1
-        shown.append(f"{100 * error[int(np.argmax(np.abs(error)))]:+.1f}")
-    return ", ".join(shown)
+    """The largest relative error before and after, in percent."""
+    each = np.array(_forces(bead, truth)).reshape(-1, 3)[:, :2].T
+    return ", ".join(f"{100 * one[np.argmax(np.abs(one))]:+.1f}" for one in each if one.size)
 
 
 if __name__ == "__main__":
