@@ -5,12 +5,11 @@ from __future__ import annotations
 import functools
 from dataclasses import dataclass
 
-import numpy as np
-
 from mtpipe.configured.fit import ConfiguredFit
 from mtpipe.configured.hypotheses import Tried
 from mtpipe.corrections.correction import Correction
 from mtpipe.crosschecking.check import BeadCheck
+from mtpipe.diagnosis.mixture import Mixture
 from mtpipe.diagnosis.refit import other_formulas
 from mtpipe.diagnosis.unexplained import Rejected, Unexplained, unexplained
 from mtpipe.physics.camera import FloatArray
@@ -94,20 +93,25 @@ class Explanation:
 
     @property
     def force_stderr_pN(self) -> FloatArray:
-        """(plateaus,) standard errors of the fit's forces, what alternatives and the chain's other
-        formula would make of them included, each with the weight that its ln likelihood after BIC
-        has beside the one that was taken; formulas by likelihood alone, as no setup says which it
-        means.
+        """(plateaus,) half the width of the intervals about the fit's forces that hold 68 %.
+
+        Alternatives and the chain's other formula stand in them with the weight that their ln
+        likelihood after BIC has beside the one that was taken; formulas by likelihood alone, as no
+        setup says which it means.
         """
-        variance = self.fit.force_stderr_pN**2
+        mine = self.fit
+        parts = Mixture.of_one(mine.force_stderr_pN)
         choices = [
             [(other.found.fit, other.nats) for other in one.alternatives] for one in self.named
         ]
         for choice in [*choices, self._other_formulas]:
-            weights = np.exp(np.minimum([nats for _, nats in choice], CERTAIN_NATS))
-            for weight, (fit, _) in zip(weights / (1 + weights.sum()), choice, strict=True):
-                variance = variance + weight * (fit.force_pN - self.fit.force_pN) ** 2
-        return np.asarray(np.sqrt(variance))
+            parts = parts.or_else(
+                [
+                    (min(nats, CERTAIN_NATS), fit.force_pN - mine.force_pN, fit.force_stderr_pN)
+                    for fit, nats in choice
+                ]
+            )
+        return parts.half_width()
 
     @functools.cached_property
     def _other_formulas(self) -> list[tuple[ConfiguredFit, float]]:
