@@ -28,6 +28,7 @@ from mtpipe.diagnosis.mismatch import content, examine
 from mtpipe.drift import subtract_drift
 from mtpipe.effects.catalogue import catalogue
 from mtpipe.errors import MtpipeError
+from mtpipe.experiment.known_force import known_force_notices
 from mtpipe.extension_curve import ForceExtension
 from mtpipe.files import write_atomically
 from mtpipe.ingest import load
@@ -76,7 +77,13 @@ class Run:
             Notice("not_crosschecked", "info", f"It was not cross-checked: {reason}", bead)
             for bead, reason in refused.items()
         ]
-        beyond = [] if self.checked is None else not_simulated(self.recording.setup.model.effects)
+        setup, positions = self.recording.setup, [p.magnet_mm for p in self.recording.plateaus]
+        beyond = []
+        if self.checked is not None:
+            beyond = [
+                *not_simulated(setup.model.effects),
+                *known_force_notices(setup, positions),
+            ]
         return (
             *self.recording.notices,
             *self.calibration.notices,

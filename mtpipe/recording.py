@@ -63,6 +63,8 @@ class Drift:
     drift_rms_nm : root mean square, per axis, of what was subtracted.
     noise_added_nm : root mean square, per axis, of the references' tracking noise that the
         subtraction carried into every trace.
+    start_stderr_nm : standard error, per axis, of where what was subtracted starts: positions keep
+        their origin no better.
     """
 
     method: Literal["reference", "highpass", "none"]
@@ -71,6 +73,7 @@ class Drift:
     subtracted_nm: FloatArray
     drift_rms_nm: tuple[float, float, float]
     noise_added_nm: tuple[float, float, float]
+    start_stderr_nm: tuple[float, float, float]
 
 
 @dataclass(frozen=True)

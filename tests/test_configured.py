@@ -166,7 +166,7 @@ def test_nearby_fit_of_a_simulation_is_its_full_fit(fitted):
         data = tuple(
             plateau_data(x, FRAME_S, phi) for x, phi in zip(twin.positions_nm, one.phi, strict=True)
         )
-        near = nearby_fit(one.fit, data)
+        near = nearby_fit(one.fit, data).expected
         full = fit_configured(replace(one.fit.model, data=data), one.fit.theta)
         for i, (quick, exact) in enumerate(zip(near, full.expected, strict=True)):
             for axis in range(3):

@@ -107,7 +107,7 @@ def test_a_touching_stretch_puts_zero_at_the_surface_after_drift(tmp_path, stret
     subtracted = dataclasses.replace(
         recording,
         positions_nm={**recording.positions_nm, "b1": b1},
-        drift=Drift("reference", (None, None, None), (), drift, zero, zero),
+        drift=Drift("reference", (None, None, None), (), drift, zero, zero, zero),
     )
     again = put_surface_at_zero(subtracted)
     assert np.median(again.positions_nm["b1"][4000:, 2]) == pytest.approx(800, abs=8)

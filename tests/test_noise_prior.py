@@ -26,7 +26,7 @@ def recording():
 def drift(noise_nm, used=True):
     use = ReferenceUse("ref1", used, (1.0, 1.0, 1.0), noise_nm)
     none = (None, None, None)
-    return Drift("reference", none, (use,), np.zeros((1, 3)), (0.0,) * 3, (0.0,) * 3)
+    return Drift("reference", none, (use,), np.zeros((1, 3)), (0.0,) * 3, (0.0,) * 3, (0.0,) * 3)
 
 
 def of(recording, precision, reference=(2.0, 2.0, 6.0), used=True, shown=(2.0, 2.0, 6.0)):

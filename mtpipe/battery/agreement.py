@@ -79,3 +79,19 @@ def extensions(seen: Sequence[Observed]) -> Values:
         look = Look("extension", "z", tuple(range(len(seen))), pooled=True)
         values.append((look, float(np.log1p(np.sum(np.square(pulls))))))
     return values
+
+
+def known_forces(seen: Sequence[Observed], weight: FloatArray) -> Values:
+    """Fitted forces against those known beforehand, ln; and the mean of all.
+
+    Parameters
+    ----------
+    weight : (plateaus,) in that mean.
+    """
+    known = [(i, one.ln_force_off) for i, one in enumerate(seen) if one.ln_force_off is not None]
+    values: Values = [(Look("known_force", "", (i,)), off) for i, off in known]
+    if len(known) > 1:
+        there = [i for i, _ in known]
+        mean = float(np.average([off for _, off in known], weights=weight[there]))
+        values.append((Look("known_force", "", tuple(there), pooled=True), mean))
+    return values

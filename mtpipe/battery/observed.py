@@ -24,6 +24,7 @@ class Observed:
     camera_offset_nm : (n, 3) to be added for the camera's own coordinates.
     data, expected : spectra and mean height, and what they should be.
     frame_s : frame interval.
+    ln_force_off : ln of the fitted force over the one known beforehand, or None.
     """
 
     position_nm: FloatArray
@@ -32,6 +33,7 @@ class Observed:
     data: PlateauData
     expected: Expectation
     frame_s: float
+    ln_force_off: float | None = None
 
     @functools.cached_property
     def bridged_nm(self) -> FloatArray:

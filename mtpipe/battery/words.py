@@ -29,5 +29,6 @@ STATISTICS: Mapping[str, tuple[str, str]] = {
     "friction": ("friction", "friction by itself (ln, against the fit of all)"),
     "stiffness_along_series": ("stiffness", "trend of the stiffness along the series"),
     "friction_along_series": ("friction", "trend of the friction along the series"),
+    "known_force": ("known forces", "force over the one that [[magnet]] states (ln)"),
     "extension": ("extension", "mean extension against the chain (standard errors)"),
 }

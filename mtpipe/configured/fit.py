@@ -213,6 +213,14 @@ def _best_of_grid(model: ConfiguredModel, experiment: Experiment, plateau: int) 
 
 
 @dataclass(frozen=True, eq=False)
+class NearbyFit:
+    """What data are expected to be, plateau by plateau, and (plateaus,) forces."""
+
+    expected: list[Expectation]
+    force_pN: FloatArray
+
+
+@dataclass(frozen=True, eq=False)
 class Slopes:
     """How one plateau's expectation follows θ.
 
@@ -371,8 +379,8 @@ def information_of(
     return information
 
 
-def nearby_fit(fit: ConfiguredFit, data: Sequence[PlateauData]) -> list[Expectation]:
-    """What data drawn from a fitted experiment are expected to be once θ is fitted to them again.
+def nearby_fit(fit: ConfiguredFit, data: Sequence[PlateauData]) -> NearbyFit:
+    """A fitted experiment's θ fitted to data drawn from it.
 
     One step of Fisher scoring from the θ the data were drawn at, which is what a fit changes to
     first order; bounds are kept.
@@ -389,7 +397,7 @@ def nearby_fit(fit: ConfiguredFit, data: Sequence[PlateauData]) -> list[Expectat
             break
         held[outside] = within[outside]
         free &= ~outside
-    return [
+    expected = [
         replace(
             here,
             random_power=_moved(here.random_power, np.tensordot(change[s.rows], s.power, 1)),
@@ -398,6 +406,7 @@ def nearby_fit(fit: ConfiguredFit, data: Sequence[PlateauData]) -> list[Expectat
         )
         for one, here, s in zip(data, fit.expected, fit.slopes, strict=True)
     ]
+    return NearbyFit(expected, np.exp((theta + change)[: model.plateaus]))
 
 
 def _moved_course(

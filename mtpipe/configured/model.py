@@ -24,6 +24,7 @@ from scipy import linalg
 from mtpipe.configured.data import PlateauData
 from mtpipe.configured.expectation import Expectation, Subtraction, expectation
 from mtpipe.experiment.description import Experiment, Rest
+from mtpipe.experiment.known_force import KnownForce
 from mtpipe.experiment.parameter import Parameter
 from mtpipe.experiment.state import know_tethers
 from mtpipe.physics.camera import FloatArray
@@ -40,6 +41,8 @@ class ConfiguredModel:
     begins_s : when each plateau begins after the moment from which positions are counted; empty:
         one follows the other from there on.
     height_scatter_nm : standard deviation of what else mean heights are off by, each by itself.
+    known_forces : per plateau, what the setup knows beforehand; empty where it knows none. Not
+        fitted with: forces are compared with them.
     """
 
     data: tuple[PlateauData, ...]
@@ -48,6 +51,7 @@ class ConfiguredModel:
     subtraction: Subtraction
     begins_s: tuple[float, ...] = ()
     height_scatter_nm: float = 0.0
+    known_forces: tuple[KnownForce | None, ...] = ()
 
     @property
     def plateaus(self) -> int:

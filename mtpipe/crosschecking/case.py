@@ -11,6 +11,7 @@ import numpy as np
 from mtpipe.configured.data import plateau_data, whitening
 from mtpipe.configured.expectation import Subtraction
 from mtpipe.configured.fit import ConfiguredFit, fit_configured
+from mtpipe.configured.known_forces import known_force_nats
 from mtpipe.configured.model import ConfiguredModel
 from mtpipe.configured.parameters import (
     allowance_parameters,
@@ -25,6 +26,7 @@ from mtpipe.errors import FitError, RecordingError
 from mtpipe.experiment.changes import by_formula
 from mtpipe.experiment.description import Experiment, Rest, Triple
 from mtpipe.experiment.from_setup import experiment_of, pinned_noise_nm
+from mtpipe.experiment.known_force import known_force
 from mtpipe.experiment.parameter import noise_parameters
 from mtpipe.physics.camera import FloatArray
 from mtpipe.physics.tether import Formula, without_stretching
@@ -32,7 +34,7 @@ from mtpipe.recording import Plateau, Recording
 from mtpipe.traces import traces_of
 
 # No reference bead tells where the surface is better than this: its bottom is not the tether's
-# anchor, and the drift at the recording's first frames is itself known only so well.
+# anchor.
 Z_ZERO_STDERR_NM = 0.3
 # Formulas of the chain that a setup may mean; it does not say, and the data choose.
 FORMULAS: tuple[Formula, ...] = ("marko-siggia", "bouchiat")
@@ -136,11 +138,7 @@ def prepare(recording: Recording, bead: str) -> Case:
         for x, p in zip(positions, kept, strict=True)
     )
     noise = "tracking_noise" in recording.setup.model.effects and pinned is None
-    drift = recording.drift
-    added: Triple = (0.0, 0.0, 0.0) if drift is None else drift.noise_added_nm
-    zero = math.hypot(
-        Z_ZERO_STDERR_NM, recording.z_zero_stderr_nm.get(bead, 0.0), _finite(added[2])
-    )
+    zero = math.hypot(Z_ZERO_STDERR_NM, _origin_stderr_nm(recording, bead))
     parameters = (
         *stated_parameters(recording.setup),
         *exposure_parameters(recording.setup, base.camera),
@@ -153,7 +151,15 @@ def prepare(recording: Recording, bead: str) -> Case:
     reference = _reference_mean(recording)
     begins_s = tuple((start - int(recording.frame[0])) * frame_s for start in starts)
     experiment = replace(base, rests=rests)
-    model = ConfiguredModel(data, experiment, parameters, subtraction, begins_s)
+    known = tuple(known_force(recording.setup, plateau.magnet_mm) for plateau in kept)
+    model = ConfiguredModel(
+        data,
+        experiment,
+        parameters,
+        subtraction,
+        begins_s,
+        known_forces=known if any(known) else (),
+    )
     return Case(
         bead,
         tuple(kept),
@@ -166,6 +172,14 @@ def prepare(recording: Recording, bead: str) -> Case:
         (0.0, 0.0, 0.0) if reference is None else _stage(reference, kept, subtraction, 1 / frame_s),
         None if pixel is None else pixel.value,
     )
+
+
+def _origin_stderr_nm(recording: Recording, bead: str) -> float:
+    """Of z = 0: of the touch that tells it, or of where the drift that was subtracted starts."""
+    touched = recording.z_zero_stderr_nm.get(bead)
+    if touched is not None:
+        return touched
+    return 0.0 if recording.drift is None else _finite(recording.drift.start_stderr_nm[2])
 
 
 def preferred_fit(model: ConfiguredModel) -> ConfiguredFit:
@@ -181,9 +195,14 @@ def preferred_fit(model: ConfiguredModel) -> ConfiguredFit:
 
 
 def preference(fit: ConfiguredFit) -> float:
-    """ln likelihood of a fit, and what its chain's formula is preferred by."""
+    """What speaks for a fit, and what its chain's formula is preferred by, in nats."""
     usual = without_stretching(fit.model.experiment.chain.formula) == FORMULAS[0]
-    return fit.log_likelihood + (OTHER_FORMULA_NATS if usual else 0.0)
+    return support(fit) + (OTHER_FORMULA_NATS if usual else 0.0)
+
+
+def support(fit: ConfiguredFit) -> float:
+    """ln likelihood of a fit, and what forces known beforehand say of its chain's formula."""
+    return fit.log_likelihood + known_force_nats(fit)
 
 
 def subtraction_of(recording: Recording) -> Subtraction:

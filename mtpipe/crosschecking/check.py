@@ -14,6 +14,7 @@ from mtpipe.battery.observed import Observed, whitened
 from mtpipe.configured.data import PlateauData, plateau_data
 from mtpipe.configured.expectation import Expectation, changed_spectra
 from mtpipe.configured.fit import nearby_fit
+from mtpipe.configured.known_forces import ln_off, relative_stderr
 from mtpipe.crosschecking.case import Case, described
 from mtpipe.crosschecking.curves import Curve, CurveSet
 from mtpipe.crosschecking.nulls import (
@@ -128,6 +129,7 @@ class _Battery:
     def __init__(self, case: Case) -> None:
         self.case = case
         self.projection = _projections(case)
+        self.force_weight = _force_weight(case)
         # of the recording, which is looked at first
         self.edges_hz: FloatArray | None = None
         self.periods_nm: FloatArray | None = None
@@ -142,8 +144,9 @@ class _Battery:
             plateau_data(x, case.frame_s, phi)
             for x, phi in zip(twin.positions_nm, case.phi, strict=True)
         )
-        expected = nearby_fit(case.fit, data)
-        return _observed(case, twin.positions_nm, twin.references_nm, data, expected)
+        again = nearby_fit(case.fit, data)
+        off = np.log(again.force_pN / case.fit.force_pN) - twin.ln_force_misstated
+        return _observed(case, twin.positions_nm, twin.references_nm, data, again.expected, off)
 
     def looks(self, seen: list[Observed]) -> tuple[tuple[Look, ...], FloatArray]:
         """All looks, and their values."""
@@ -164,15 +167,16 @@ class _Battery:
             *shape.lost_frames(seen),
             *agreement.per_trace(seen, self.projection),
             *agreement.extensions(seen),
+            *agreement.known_forces(seen, self.force_weight),
         ]
         return tuple(look for look, _ in values), np.array([value for _, value in values])
 
 
 def recorded_of(case: Case) -> list[Observed]:
     """The recording, plateau by plateau, as the battery looks at it."""
-    return _observed(
-        case, case.positions_nm, case.references_nm, case.fit.model.data, case.fit.expected
-    )
+    fit, known = case.fit, case.fit.model.known_forces
+    off = ln_off(fit.force_pN, known) if known else np.full(fit.model.plateaus, np.nan)
+    return _observed(case, case.positions_nm, case.references_nm, fit.model.data, fit.expected, off)
 
 
 def _observed(
@@ -181,6 +185,7 @@ def _observed(
     references: tuple[FloatArray, ...] | None,
     data: tuple[PlateauData, ...],
     expected: list[Expectation],
+    ln_force_off: FloatArray,
 ) -> list[Observed]:
     return [
         Observed(
@@ -190,9 +195,19 @@ def _observed(
             data[i],
             expected[i],
             case.frame_s,
+            float(ln_force_off[i]) if math.isfinite(ln_force_off[i]) else None,
         )
         for i, position in enumerate(positions)
     ]
+
+
+def _force_weight(case: Case) -> FloatArray:
+    """(plateaus,) one over the variance of ln of each force and of the known one's error."""
+    fit, known = case.fit, case.fit.model.known_forces
+    variance = (fit.force_stderr_pN / fit.force_pN) ** 2
+    if known:
+        variance = variance + np.nan_to_num(relative_stderr(known)) ** 2
+    return np.asarray(1 / variance)
 
 
 def _projections(case: Case) -> list[list[FloatArray]]:

@@ -13,6 +13,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from mtpipe.configured.expectation import LEAST_HEIGHT_STDERR_NM
+from mtpipe.configured.known_forces import prior_scatter, relative_stderr
 from mtpipe.configured.parameters import UPWARD_FRICTION_STDERR, UPWARD_VARIANCE_STDERR
 from mtpipe.crosschecking.case import Case, described
 from mtpipe.drift.lowpass import low_pass
@@ -37,10 +38,15 @@ VARIANTS = ((1.4, 0.0), (-1.4, 0.0), (0.0, 1.4), (0.0, -1.4))
 
 @dataclass(frozen=True, eq=False)
 class Twin:
-    """Simulated traces of all plateaus, as `Case` holds the recorded ones."""
+    """Simulated traces of all plateaus, as `Case` holds the recorded ones.
+
+    `ln_force_misstated` (plateaus,) : ln of what its setup would state of the forces, over the
+    forces simulated; errors of what else the setup states go into it. nan where it states none.
+    """
 
     positions_nm: tuple[FloatArray, ...]
     references_nm: tuple[FloatArray, ...] | None
+    ln_force_misstated: FloatArray
 
 
 class TwinMaker:
@@ -96,7 +102,18 @@ class TwinMaker:
             seen[:, 2] += LEAST_HEIGHT_STDERR_NM * random.normal()
             positions.append(seen)
             references.append(rest[piece][rows])
-        return Twin(tuple(positions), None if case.references_nm is None else tuple(references))
+        return Twin(
+            tuple(positions),
+            None if case.references_nm is None else tuple(references),
+            self._ln_force_misstated(random),
+        )
+
+    def _ln_force_misstated(self, random: np.random.Generator) -> FloatArray:
+        fit = self.case.fit
+        if not fit.model.known_forces:
+            return np.full(fit.model.plateaus, np.nan)
+        stated = relative_stderr(fit.model.known_forces) * random.normal()
+        return np.asarray(stated + prior_scatter(fit, random))
 
 
 def _varied(experiment: Experiment) -> list[Experiment]:

@@ -8,6 +8,7 @@ from dataclasses import dataclass
 from mtpipe.configured.fit import ConfiguredFit
 from mtpipe.configured.hypotheses import Tried
 from mtpipe.corrections.correction import Correction
+from mtpipe.crosschecking.case import support
 from mtpipe.crosschecking.check import BeadCheck
 from mtpipe.diagnosis.mixture import Mixture
 from mtpipe.diagnosis.refit import other_formulas
@@ -116,8 +117,8 @@ class Explanation:
     @functools.cached_property
     def _other_formulas(self) -> list[tuple[ConfiguredFit, float]]:
         """Fits with the chain's other formulas, and by how many nats they are the likelier."""
-        mine = self.fit.log_likelihood
-        return [(fit, fit.log_likelihood - mine) for fit in other_formulas(self.fit)]
+        mine = support(self.fit)
+        return [(fit, support(fit) - mine) for fit in other_formulas(self.fit)]
 
     @functools.cached_property
     def unexplained(self) -> Unexplained | None:

@@ -21,7 +21,7 @@ from mtpipe.diagnosis.explanation import Explanation, Named
 from mtpipe.diagnosis.unexplained import Unexplained
 from mtpipe.diagnosis.unexplained_content import content_of
 from mtpipe.physics.camera import FloatArray
-from mtpipe.recording import Recording
+from mtpipe.recording import AXES, Recording
 
 SCHEMA = "mtpipe.mismatch/1"
 MOST_PLACES = 8
@@ -155,7 +155,7 @@ def bead_content(found: Explanation) -> dict[str, Any]:
 def located(check: BeadCheck) -> list[dict[str, Any]]:
     """The most significant looks, one per statistic and axis, best first.
 
-    What concerns two axes together is listed for each of them.
+    What concerns two axes together, or all, is listed for each of them.
     """
     places: list[dict[str, Any]] = []
     seen: set[tuple[str, str]] = set()
@@ -175,7 +175,7 @@ def located(check: BeadCheck) -> list[dict[str, Any]]:
                 "statistic": look.statistic,
                 "p_value": p,
             }
-            for axis in look.axis or [look.axis]
+            for axis in look.axis or AXES
         ]
     return places[:MOST_PLACES]
 

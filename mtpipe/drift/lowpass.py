@@ -23,6 +23,9 @@ from mtpipe.recording import FloatArray
 
 BINS_PER_OCTAVE = 24
 GAP_PASSES = 4
+# Up to so many cutoffs the drift is seen, and all that a walk leaves over what it leaves there:
+# the integrals of u⁶/(1 + u⁴)² to infinity and to 3.
+DRIFT_SEEN, LEFT_OF_WALK = 3.0, 1.66
 
 
 @dataclass(frozen=True)
@@ -44,10 +47,15 @@ class PowerBins:
 
 @dataclass(frozen=True)
 class Cutoff:
-    """The low-pass chosen: `cutoff_hz` None is no filter at all (frame by frame)."""
+    """The low-pass chosen: `cutoff_hz` None is no filter at all (frame by frame).
+
+    `noise_added_nm` : root mean square of the reference's noise that passes. `start_stderr_nm` : of
+    the drift at the series' first frame.
+    """
 
     cutoff_hz: float | None
     noise_added_nm: float
+    start_stderr_nm: float
 
 
 def response(frequency_hz: FloatArray, cutoff_hz: float | None) -> FloatArray:
@@ -104,7 +112,28 @@ def best_cutoff(bins: PowerBins, noise_nm2: FloatArray, white_nm: float) -> Cuto
     noise = bins.count * noise_nm2
     cost = (1 - gain) ** 2 @ (bins.power_nm2 - noise) + gain**2 @ noise
     best = candidates[int(np.argmin(cost))]
-    return Cutoff(best, passed_noise_nm(bins, white_nm, best))
+    return at_cutoff(bins, noise_nm2, white_nm, best)
+
+
+def at_cutoff(
+    bins: PowerBins, noise_nm2: FloatArray, white_nm: float, cutoff_hz: float | None
+) -> Cutoff:
+    """What a low-pass lets through of the noise, and how well it knows where the series starts.
+
+    Parameters as of `best_cutoff`. At an end all cosines are 1 and not 1/√2 as in the mean, so
+    that the variance of what is left of the drift, and of the noise let through, is twice theirs.
+    Without a filter a start is one frame, and as good as the noise of that.
+    """
+    passed_nm = passed_noise_nm(bins, white_nm, cutoff_hz)
+    if cutoff_hz is None:
+        return Cutoff(None, passed_nm, white_nm)
+    gain = response(bins.frequency_hz, cutoff_hz)
+    noise = bins.count * noise_nm2
+    # farther up the drift drowns in the noise; what a random walk leaves there is added
+    seen = bins.frequency_hz < DRIFT_SEEN * cutoff_hz
+    left = max(0.0, float(((1 - gain) ** 2 * (bins.power_nm2 - noise))[seen].sum()))
+    wrong = LEFT_OF_WALK * left + float(gain**2 @ noise)
+    return Cutoff(cutoff_hz, passed_nm, math.sqrt(2 * wrong / float(bins.count.sum())))
 
 
 def passed_noise_nm(bins: PowerBins, white_nm: float, cutoff_hz: float | None) -> float:

@@ -14,10 +14,10 @@ from mtpipe.drift.highpass import slow_motion_nm
 from mtpipe.drift.lowpass import (
     Cutoff,
     PowerBins,
+    at_cutoff,
     best_cutoff,
     low_pass,
     octave_edges_hz,
-    passed_noise_nm,
     power_bins,
 )
 from mtpipe.drift.noise import OWN_MOTION_HZ
@@ -75,7 +75,7 @@ def _referenced(recording: Recording, choice: DriftChoice) -> Recording:
     subtracted = np.zeros((len(grid.row), 3))
     notices = list(found.notices)
     cutoffs: list[float | None] = [None, None, None]
-    added = [0.0, 0.0, 0.0]
+    added, start = [0.0, 0.0, 0.0], [0.0, 0.0, 0.0]
     for axis, name in enumerate(AXES):
         used = [u for u in found.uses if u.weight[axis] > 0]
         if not used:
@@ -92,11 +92,13 @@ def _referenced(recording: Recording, choice: DriftChoice) -> Recording:
         chosen = _cutoff(series, grid, white_nm, share, choice)
         cutoffs[axis], added[axis] = chosen.cutoff_hz, chosen.noise_added_nm
         drift = low_pass(series, grid.rate_hz, chosen.cutoff_hz)
-        subtracted[:, axis] = (drift - _start(drift, grid, chosen.cutoff_hz))[grid.row]
+        frames = _start_frames(grid, chosen.cutoff_hz)
+        start[axis] = chosen.start_stderr_nm / math.sqrt(frames)
+        subtracted[:, axis] = (drift - _start(drift, frames))[grid.row]
     lost = int(np.sum(np.isnan(subtracted).any(axis=1)))
     if lost:
         notices.append(_lost_notice(lost, len(grid.row)))
-    return _with_drift(recording, found, choice, cutoffs, subtracted, added, notices)
+    return _with_drift(recording, found, choice, cutoffs, subtracted, added, start, notices)
 
 
 def _cutoff(
@@ -107,13 +109,14 @@ def _cutoff(
     pieces = grid.known_pieces(known)
     asked = None if choice.cutoff_hz in ("auto", "none") else float(choice.cutoff_hz)
     if not pieces or math.isnan(white_nm):
-        return Cutoff(asked, math.nan)
+        return Cutoff(asked, math.nan, math.nan)
     found = piece_coefficients(series, pieces, known)
     edges = octave_edges_hz([len(c) for c in found], grid.rate_hz)
     bins = power_bins([(c, c) for c in found], grid.rate_hz, edges)
+    noise_nm2 = _noise_nm2(bins, white_nm, own_share)
     if choice.cutoff_hz != "auto":
-        return Cutoff(asked, passed_noise_nm(bins, white_nm, asked))
-    return best_cutoff(bins, _noise_nm2(bins, white_nm, own_share), white_nm)
+        return at_cutoff(bins, noise_nm2, white_nm, asked)
+    return best_cutoff(bins, noise_nm2, white_nm)
 
 
 def _noise_nm2(bins: PowerBins, white_nm: float, own_share: float) -> FloatArray:
@@ -130,9 +133,12 @@ def _noise_nm2(bins: PowerBins, white_nm: float, own_share: float) -> FloatArray
     return np.asarray(white_nm2 + np.where(bins.frequency_hz < OWN_MOTION_HZ, level, moving))
 
 
-def _start(drift: FloatArray, grid: Grid, cutoff_hz: float | None) -> float:
+def _start_frames(grid: Grid, cutoff_hz: float | None) -> int:
+    return max(1, round(START_S * grid.rate_hz)) if cutoff_hz is None else 1
+
+
+def _start(drift: FloatArray, frames: int) -> float:
     known = drift[np.isfinite(drift)]
-    frames = max(1, round(START_S * grid.rate_hz)) if cutoff_hz is None else 1
     return float(np.mean(known[:frames])) if len(known) else math.nan
 
 
@@ -143,6 +149,7 @@ def _with_drift(
     cutoffs: list[float | None],
     subtracted: FloatArray,
     added: list[float],
+    start: list[float],
     notices: list[Notice],
 ) -> Recording:
     positions = {
@@ -156,6 +163,7 @@ def _with_drift(
         subtracted,
         _rms(subtracted),
         (added[0], added[1], added[2]),
+        (start[0], start[1], start[2]),
     )
     return replace(
         recording,
@@ -175,7 +183,7 @@ def _high_passed(recording: Recording, cutoff_hz: float) -> Recording:
         positions[bead] = positions[bead] - slow
         mean += slow / len(recording.tethered)
     cutoffs = (cutoff_hz, cutoff_hz, cutoff_hz)
-    drift = Drift("highpass", cutoffs, (), mean, _rms(mean), (0.0, 0.0, 0.0))
+    drift = Drift("highpass", cutoffs, (), mean, _rms(mean), (0.0,) * 3, (0.0,) * 3)
     text = (
         f"all motion slower than {cutoff_hz:g} Hz was removed, the beads' own included; "
         "frequencies below are no part of a fit, and z keeps its drift from plateau to plateau"
@@ -191,7 +199,7 @@ def _untouched(
 ) -> Recording:
     nothing = np.zeros((len(recording.time_s), 3))
     zero = (0.0, 0.0, 0.0)
-    drift = Drift(method, (None, None, None), (), nothing, zero, zero)
+    drift = Drift(method, (None, None, None), (), nothing, zero, zero, zero)
     return replace(recording, notices=(*recording.notices, notice), drift=drift)
 
 

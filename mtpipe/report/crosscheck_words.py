@@ -44,7 +44,7 @@ def look(row: Mapping[str, Any]) -> str:
     """One row of the table in a sentence."""
     statistic = str(row["statistic"])
     what = STATISTICS.get(statistic, ("", words.label(statistic)))[1]
-    parts = [str(row["axis"])]
+    parts = [str(row["axis"])] if row["axis"] else []
     parts.append("all plateaus together" if row["plateau"] is None else f"plateau {row['plateau']}")
     if statistic in ("line", "second_line"):
         parts.append(f"{words.number((row['band_low_hz'] + row['band_high_hz']) / 2, 4)} Hz")
