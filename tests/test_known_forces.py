@@ -114,8 +114,10 @@ def test_what_is_exact_and_what_is_not_used_is_said():
     )
     exact, unused = known_force_notices(known, [3.0, 3.5, None])
     assert (exact.code, unused.code) == ("known_force_exact", "known_force_unused")
-    assert "3.5 mm" in exact.message and "force_pN_stderr" in exact.message
-    assert "9 mm" in unused.message and "tolerance_mm" in unused.message
+    assert "3.5 mm" in exact.message
+    assert "force_pN_stderr" in exact.message
+    assert "9 mm" in unused.message
+    assert "tolerance_mm" in unused.message
     assert not known_force_notices(setup(), [3.0])
 
 
