@@ -70,8 +70,8 @@ def known_force_notices(setup: Setup, plateaus_mm: Sequence[float | None]) -> li
             Notice(
                 "known_force_unused",
                 "caution",
-                f"No plateau has the position of [[magnet]] at {_listed(unused)}: its force is "
-                "compared with none. [plateaus] tolerance_mm says how near is near enough.",
+                f"No plateau has the position of [[magnet]] at {_listed(unused)}: what is stated "
+                "there is not used. [plateaus] tolerance_mm says how near is near enough.",
             )
         )
     return notices
