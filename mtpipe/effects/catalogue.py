@@ -5,6 +5,7 @@ from __future__ import annotations
 from importlib.metadata import entry_points
 
 from mtpipe.effects import (
+    anharmonic_tether,
     axial_scale,
     bead_radius,
     contour_length,
@@ -54,6 +55,7 @@ OWN: tuple[Effect, ...] = tuple(
         multiple_tethers,
         hopping,
         force_drift,
+        anharmonic_tether,
     )
 )
 

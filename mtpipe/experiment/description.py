@@ -195,6 +195,8 @@ class Experiment:
     along : axis of the camera along the field, 0 (x) or 1 (y).
     rests : plateaus in time order; between two the magnets move for `move_s`.
     tethered, references : how many beads; all tethered beads are alike.
+    anharmonic : at low force a bead is followed through the whole of the tether's potential, down
+        to the surface, and not by expansions about its mean.
     """
 
     chain: Chain
@@ -213,3 +215,4 @@ class Experiment:
     hopping: Hopping | None = None
     clock: Clock = Clock()
     allowance: Allowance = Allowance()
+    anharmonic: bool = False

@@ -10,6 +10,8 @@ The tether's end swings on a sphere, so lateral motion shortens z by a quadratic
 coordinates (PHYSICS E20), and a little more because a tilted tether is pulled less. The tether's
 own length moves in the chain's potential, which stiffens, and with the friction of each height
 (`mtpipe.physics.axial`): the harmonic z among the coordinates is only its first approximation.
+Where the force is so low that this does not hold, an experiment can ask for the whole motion
+(`mtpipe.experiment.whole_motion`).
 """
 
 from __future__ import annotations
@@ -23,6 +25,7 @@ from numpy.typing import ArrayLike
 
 from mtpipe.errors import FitError
 from mtpipe.experiment.description import Experiment
+from mtpipe.experiment.whole_motion import whole_motion
 from mtpipe.physics.axial import AxialMotion
 from mtpipe.physics.camera import FloatArray, power_spectrum
 from mtpipe.physics.friction import rotation_wall_factor, rotational_stokes_pN_nm_s
@@ -40,6 +43,27 @@ GRID_NODES, GRID_SPREADS, GRID_DEPTH = 96, 10.0, 30.0
 LEAST_HEIGHT_NM = 1.0
 MOST_KNOWN = 8192
 MOST_GIVING, LEAST_STRAIGHT = 0.1, 0.3
+# Mean square tilt of the tether, kT/FL, from which on motion is followed through the whole potential
+# where that is asked for; at this one the slow power of z by expansion is 5 % too small.
+WHOLE_TILT = 0.005
+
+
+@dataclass(frozen=True, eq=False)
+class RecordedModes:
+    """Exponential covariances that sum up to the motion: τ (m,), covariance (m, 3, 3)."""
+
+    tau_s: FloatArray
+    covariance_nm2: FloatArray
+
+
+@dataclass(frozen=True, eq=False)
+class WholeMotion:
+    """Motion through the whole potential: its modes, and the experiment, for those who follow it
+    step by step.
+    """
+
+    experiment: Experiment
+    modes: RecordedModes
 
 
 @dataclass(frozen=True, eq=False)
@@ -53,6 +77,8 @@ class BeadState:
     modes : its normal modes.
     bending : (d, d); z is ½ Xᵀ bending X above the linear motion, apart from its mean.
     axial : motion away from the surface, but for the swinging of the tether.
+    whole : motion through the whole potential, which stands for all of these but the extension;
+        None where they describe it.
     """
 
     force_pN: float
@@ -61,6 +87,7 @@ class BeadState:
     modes: NormalModes
     bending: FloatArray
     axial: AxialMotion
+    whole: WholeMotion | None = None
 
     @property
     def upward(self) -> int:
@@ -89,6 +116,9 @@ def bead_state(experiment: Experiment, force_pN: float) -> BeadState:
     # and tilting lowers it by stands in its place. A tether that is attached beside the bead's
     # lowest point ends above it
     extension = end - (bead.radius_nm - bead.lever_nm) + energy / force_pN - sinks
+    whole = None
+    if experiment.anharmonic and energy / (force_pN * end) > WHOLE_TILT:
+        extension, whole = _whole(experiment, tether, force_pN)
     if not extension > 0:
         raise FitError(
             f"at {force_pN:g} pN the tether does not hold the bead off the surface "
@@ -108,20 +138,26 @@ def bead_state(experiment: Experiment, force_pN: float) -> BeadState:
     allowed = straight * experiment.allowance.upward_variance
     axial = _axial(experiment, tether, extension, allowed)
     bending = -(1 + gives) * swing - turn
-    return BeadState(force_pN, extension, motion, normal_modes(motion, energy), bending, axial)
+    modes = normal_modes(motion, energy)
+    return BeadState(force_pN, extension, motion, modes, bending, axial, whole)
 
 
-@dataclass(frozen=True, eq=False)
-class RecordedModes:
-    """Exponential covariances that sum up to the motion: τ (m,), covariance (m, 3, 3)."""
-
-    tau_s: FloatArray
-    covariance_nm2: FloatArray
+def _whole(
+    experiment: Experiment, tether: _Tether, force_pN: float
+) -> tuple[float, WholeMotion]:
+    """Mean height and motion through the whole potential."""
+    mean, tau_s, covariance = whole_motion(
+        experiment, force_pN, tether.distance_nm, tether.weight
+    )
+    covariance[:, 2, 2] *= experiment.allowance.upward_variance
+    return mean, WholeMotion(experiment, RecordedModes(tau_s, covariance))
 
 
 @functools.lru_cache(maxsize=4096)
 def recorded_modes(state: BeadState) -> RecordedModes:
     """Modes of the lateral motion, the pairs of them that bend z, and z's own modes."""
+    if state.whole is not None:
+        return state.whole.modes
     amplitude = state.modes.amplitude_nm.copy()
     amplitude[2] = 0.0
     linear = np.einsum("am,bm->mab", amplitude, amplitude)
@@ -154,11 +190,13 @@ def expected_spectrum(
 @dataclass(frozen=True, eq=False)
 class _Tether:
     """A chain at one force: mean height of its end, variance of its length, and the density of the
-    length, on a uniform grid: weights (sum 1) and deviations from the mean in standard deviations.
+    length, on a uniform grid of distances: weights (sum 1) and deviations from the mean in standard
+    deviations.
     """
 
     end_nm: float
     variance_nm2: float
+    distance_nm: FloatArray
     weight: FloatArray
     deviation: FloatArray
 
@@ -209,7 +247,7 @@ def _tethers(chain: Chain, force_pN: FloatArray) -> list[_Tether]:
     ends = zip(found.height_nm.tolist(), found.variance_nm2.tolist(), strict=True)
     return [
         _Tether(end, variance, *distribution)
-        for (end, variance), *distribution in zip(ends, weight, deviation, strict=True)
+        for (end, variance), *distribution in zip(ends, length, weight, deviation, strict=True)
     ]
 
 

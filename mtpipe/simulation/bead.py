@@ -7,10 +7,12 @@ bead in its rest. Inside, the field always lies along x.
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 
 import numpy as np
 
+from mtpipe.experiment.description import Experiment
 from mtpipe.physics import tether
 from mtpipe.physics.buffer import thermal_energy_pN_nm
 from mtpipe.physics.camera import FloatArray
@@ -32,6 +34,7 @@ class BrownianBead:
         y, about where it is with the tether upright and the bead as the field holds it.
     attachment_angle_rad : polar angle of the attachment from the lowest point, towards the
         positive axis of the field, where the field holds the bead; less than pi/2.
+    upward_friction : factor on the friction away from the surface.
     """
 
     chain: tether.Chain
@@ -44,9 +47,10 @@ class BrownianBead:
     alignment_pN_nm: float | None = None
     sideways_per_nm: float = 0.0
     attachment_angle_rad: float = 0.0
+    upward_friction: float = 1.0
 
     def __post_init__(self) -> None:
-        for name in ("radius_nm", "viscosity_mPa_s"):
+        for name in ("radius_nm", "viscosity_mPa_s", "upward_friction"):
             if not getattr(self, name) > 0:
                 raise ValueError(f"{name} = {getattr(self, name)}: must be positive")
         if np.size(self.force_pN) == 0 or not np.all(np.asarray(self.force_pN) >= 0):
@@ -64,3 +68,20 @@ class BrownianBead:
     def thermal_energy_pN_nm(self) -> float:
         """The thermal energy kT."""
         return float(thermal_energy_pN_nm(self.chain.temperature_K))
+
+
+def brownian_bead(experiment: Experiment, force_pN: float | FloatArray) -> BrownianBead:
+    """The bead of a described experiment, at a force or a force for each frame."""
+    return BrownianBead(
+        experiment.chain,
+        force_pN,
+        experiment.bead.radius_nm,
+        experiment.fluid.viscosity_mPa_s,
+        along=experiment.along,
+        wall=experiment.fluid.wall,
+        turns=experiment.bead.turns,
+        alignment_pN_nm=experiment.magnets.alignment_pN_nm,
+        sideways_per_nm=experiment.magnets.sideways_per_nm,
+        attachment_angle_rad=math.asin(experiment.bead.offset_nm / experiment.bead.radius_nm),
+        upward_friction=experiment.allowance.upward_friction,
+    )

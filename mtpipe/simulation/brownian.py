@@ -45,10 +45,12 @@ class BrownianTrace:
     position_nm : (frames, 3) averages over each exposure: x and y of the bead's centre from the
         anchor, and z, the height of the bead's lowest point above the surface.
     steps : how the frames were divided.
+    end : the state after the last frame, as `equilibrium.draw_state` has it.
     """
 
     position_nm: FloatArray
     steps: FrameSteps
+    end: FloatArray
 
 
 def simulate_bead(
@@ -58,11 +60,13 @@ def simulate_bead(
     random: np.random.Generator,
     *,
     time_step_s: float | None = None,
+    start: FloatArray | None = None,
 ) -> BrownianTrace:
-    """A tethered bead as the camera records it, starting in equilibrium (at the first force).
+    """A tethered bead as the camera records it.
 
     Parameters
     ----------
+    start : the state at the first frame; None: drawn from equilibrium at the first force.
     time_step_s : the longest step; None: `longest_time_step_s`. A frame is a whole number of equal
         ones (`divide_frame`).
 
@@ -80,8 +84,10 @@ def simulate_bead(
         time_step_s = longest_time_step_s(bead, camera)
     steps = divide_frame(camera, time_step_s)
     table = tabulate(bead.chain, float(np.max(bead.force_pN)))
-    recorded = advance(
-        draw_state(bead, table, float(forces[0]), random),
+    if start is None:
+        start = draw_state(bead, table, float(forces[0]), random)
+    recorded, end = advance(
+        start,
         forces,
         steps.per_frame,
         steps.exposed,
@@ -100,7 +106,7 @@ def simulate_bead(
         random,
     )
     order = [0, 1, 2] if bead.along == 0 else [1, 0, 2]
-    return BrownianTrace(recorded[:, order], steps)
+    return BrownianTrace(recorded[:, order], steps, end)
 
 
 def longest_time_step_s(bead: BrownianBead, camera: Camera) -> float:

@@ -42,6 +42,7 @@ def friction_table(bead: BrownianBead, time_step_s: float) -> FloatArray:
         away = 1 / friction.perpendicular_wall_factor(height, radius)
         away[-1] = 0.0  # at contact
         turning = 1 / friction.rotation_wall_factor(height, radius)
+    away = away / bead.upward_friction
     slope = -np.gradient(away, u, edge_order=2) * u**2 / radius
     spread = kT * time_step_s / 2
     return np.stack(
@@ -95,8 +96,8 @@ def advance(
     hold: float,
     sideways: float,
     random: np.random.Generator,
-) -> FloatArray:
-    """Recorded positions, (frames, 3), from a start (`equilibrium.draw_state`).
+) -> tuple[FloatArray, FloatArray]:
+    """Recorded positions, (frames, 3), from a start (`equilibrium.draw_state`), and the end.
 
     Parameters
     ----------
@@ -175,4 +176,4 @@ def advance(
                 torque = radius * (arm_x * pull_z - arm_z * pull_x) - hold * half_sin_psi
                 cos_psi, sin_psi = _turned(cos_psi, sin_psi, 2 * kick_psi + response * torque)
         recorded[frame] /= exposed
-    return recorded
+    return recorded, np.array([x, y, z, cos_phi, sin_phi, cos_psi, sin_psi])

@@ -4,7 +4,7 @@ What is linear costs the same whatever the stiffness: second-order statistics (s
 correlations between axes) are those of the closed forms exactly. z is shorter by what the tether
 swings, and moves itself in the chain's potential (`mtpipe.simulation.axial`). What is not in it
 (lateral friction that follows the momentary height, the surface as a wall, kurtosis across) is in
-`mtpipe.simulation.brownian`.
+`mtpipe.simulation.brownian`, to which stretches go whose state asks for it.
 """
 
 from __future__ import annotations
@@ -57,6 +57,13 @@ def simulate_motion(
     pieces = []
     position: FloatArray | None = None
     for state, frames in stretches:
+        if state.whole is not None:
+            # numba is loaded where there are steps only
+            from mtpipe.simulation.stepped import stepped
+
+            motion, position = stepped(state, state.whole, camera, frames, random, position)
+            pieces.append(motion)
+            continue
         start: FloatArray | None = None
         if position is not None:
             start = np.asarray(np.linalg.solve(state.modes.shape, position - _mean(state)))

@@ -16,6 +16,7 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
+from mtpipe.experiment.changes import with_bead
 from mtpipe.experiment.description import Experiment
 from mtpipe.experiment.state import bead_state
 from mtpipe.notice import Notice
@@ -173,20 +174,11 @@ def _brownian(
     experiment: Experiment, table: Timetable
 ) -> Callable[[np.random.Generator], FloatArray]:
     """The same step by step."""
-    from mtpipe.simulation.bead import BrownianBead
+    from mtpipe.simulation.bead import brownian_bead
     from mtpipe.simulation.brownian import simulate_bead
 
-    bead = BrownianBead(
-        experiment.chain,
-        np.repeat(table.force_pN, np.diff(table.edges)),
-        experiment.bead.radius_nm,
-        experiment.fluid.viscosity_mPa_s,
-        along=experiment.along,
-        wall=experiment.fluid.wall,
-        alignment_pN_nm=experiment.magnets.alignment_pN_nm,
-        sideways_per_nm=experiment.magnets.sideways_per_nm,
-        attachment_angle_rad=math.asin(experiment.bead.offset_nm / experiment.bead.radius_nm),
-    )
+    forces = np.repeat(table.force_pN, np.diff(table.edges))
+    bead = brownian_bead(with_bead(experiment, turns=True), forces)
     frames = table.edges[-1]
     return lambda random: simulate_bead(bead, experiment.camera, frames, random).position_nm
 

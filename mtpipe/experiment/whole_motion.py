@@ -1,0 +1,189 @@
+"""A bead at low force: its motion in the whole of the tether's potential, down to the surface.
+
+At a force of few kT/Lp the bead wanders so far that expansions about its mean (`state`) no longer
+hold: how stiff the tether is, which way it pulls and how much the surface slows the bead change on
+the way, z and the lateral motion are one, and the surface is a wall (PHYSICS E20). Here the
+equilibrium is sampled as it is, and the relaxation of x, y and z is that of polynomials of all
+coordinates in it (`mtpipe.physics.relaxation`).
+
+Coordinates: X and Y of the bead's centre along and across the field, the height z of its lowest
+point, the angle φ about the field's axis if the bead turns, the tilt ψ of its axis if the field
+holds that with a finite torque. The tether's end is at X − a cos φ sin ψ, Y − a sin φ and
+z + R − a cos φ cos ψ with the lever a. In terms of the end the energy is a sum, A(r) − F z of the
+chain's end and a part of the angles alone, so each is drawn by itself.
+"""
+
+from __future__ import annotations
+
+import functools
+import itertools
+
+import numpy as np
+from scipy.stats import qmc
+
+from mtpipe.experiment.description import Experiment
+from mtpipe.physics.camera import FloatArray
+from mtpipe.physics.friction import rotation_wall_factor, rotational_stokes_pN_nm_s
+from mtpipe.physics.relaxation import relaxation_modes
+from mtpipe.physics.tethered_bead import friction_pN_s_per_nm
+
+# ln 2 of how many points sample the equilibrium; degree of the polynomials.
+LN2_POINTS, DEGREE = 12, 3
+# The surface cuts the density off within this many standard deviations of z, so that expectations
+# follow the force smoothly.
+EDGE = 0.02
+LEAST_HEIGHT_NM = 1.0
+X, Y, Z = range(3)
+# Whether a function changes its sign with x, and whether with y.
+PARITY = {X: (1, 0), Y: (0, 1), Z: (0, 0)}
+
+
+def whole_motion(
+    experiment: Experiment, force_pN: float, distance_nm: FloatArray, share: FloatArray
+) -> tuple[float, FloatArray, FloatArray]:
+    """Mean height and relaxation of a bead's motion, along and across the field and upwards.
+
+    Parameters
+    ----------
+    distance_nm, share : uniform grid of the chain's end-to-end distance, and the share of the
+        equilibrium without a surface at each.
+
+    Returns
+    -------
+    Mean height in nm; relaxation times (m,) in s and covariances (m, 3, 3) of the modes, which are
+    of one axis each.
+    """
+    energy = experiment.fluid.thermal_energy_pN_nm
+    place, weight = _equilibrium(experiment, force_pN, distance_nm, share)
+    height = place[Z]
+    mean = float(weight @ height)
+    # angles count by their sine
+    angles = place[Z + 1 :]
+    values = np.vstack([place[X], place[Y], height - mean, np.sin(angles)])
+    slopes = np.vstack([np.ones_like(place[:3]), np.cos(angles)])
+    size = np.sqrt(values**2 @ weight)
+    unit, slope = values / size[:, None], slopes / size[:, None]
+    diffusivity = energy * _mobility(experiment, height, len(place))
+    tau_s, covariance = [], []
+    for axis, parity in PARITY.items():
+        powers = _powers(len(place), experiment.bead.turns, axis, parity)
+        functions, derivatives = _polynomials(unit, slope, powers)
+        functions -= (functions @ weight)[:, None]
+        times, variance = relaxation_modes(weight, functions, derivatives, diffusivity)
+        of_axis = np.zeros((len(times), 3, 3))
+        of_axis[:, axis, axis] = variance * size[axis] ** 2
+        tau_s.append(times)
+        covariance.append(of_axis)
+    return mean, np.concatenate(tau_s), np.concatenate(covariance)
+
+
+@functools.cache
+def _uniform(dimensions: int) -> FloatArray:
+    """(dimensions, points) that fill a unit cube evenly; none on its faces."""
+    points = qmc.Sobol(dimensions, scramble=False).random_base2(LN2_POINTS)
+    return np.asarray(points.T + 0.5 / 2**LN2_POINTS)
+
+
+def _equilibrium(
+    experiment: Experiment, force_pN: float, distance_nm: FloatArray, share: FloatArray
+) -> tuple[FloatArray, FloatArray]:
+    """Coordinates (3 to 5, points) of the equilibrium, and the weight (points,) of each point."""
+    energy, bead = experiment.fluid.thermal_energy_pN_nm, experiment.bead
+    magnets, lever = experiment.magnets, bead.lever_nm
+    tilts = magnets.alignment_pN_nm is not None
+    even = _uniform(3 + bead.turns + tilts)
+    distance = _inverse(distance_nm, share, even[0])
+    # directions of the half space above the anchor, by e^(pull cos)
+    pull = force_pN * distance / energy
+    cosine = 1 + np.log1p(even[1] * np.expm1(-pull)) / pull
+    across, azimuth = distance * np.sqrt(1 - cosine**2), 2 * np.pi * even[2]
+    swing = force_pN * lever / energy
+    phi = _angle(swing, even[3]) if bead.turns else np.zeros_like(distance)
+    psi, log_weight = np.zeros_like(distance), np.zeros_like(distance)
+    if magnets.alignment_pN_nm is not None:
+        psi = _angle(swing + magnets.alignment_pN_nm / energy, even[-1])
+        # each angle was drawn as if the other were 0
+        log_weight += swing * (1 - np.cos(phi)) * (1 - np.cos(psi))
+    x = across * np.cos(azimuth) + lever * np.cos(phi) * np.sin(psi)
+    y = across * np.sin(azimuth) + lever * np.sin(phi)
+    z = distance * cosine - bead.radius_nm + lever * np.cos(phi) * np.cos(psi)
+    log_weight -= force_pN * magnets.sideways_per_nm * (x**2 + y**2) / (2 * energy)
+    weight = np.exp(log_weight - log_weight.max())
+    weight *= np.clip(z / (EDGE * z.std()) + 0.5, 0, 1)
+    angles = [phi] * bead.turns + [psi] * tilts
+    return np.vstack([x, y, z, *angles]), weight / weight.sum()
+
+
+def _inverse(grid: FloatArray, share: FloatArray, uniform: FloatArray) -> FloatArray:
+    """Quantiles of a density on a uniform grid, each node's share lying half a step to each
+    side."""
+    step = grid[1] - grid[0]
+    edges = np.append(grid - step / 2, grid[-1] + step / 2)
+    return np.interp(uniform, np.append(0.0, np.cumsum(share)), edges)
+
+
+def _angle(swing: float, uniform: FloatArray) -> FloatArray:
+    """Quantiles of an angle's density e^(swing cos)."""
+    widest = min(np.pi, 9 / np.sqrt(swing))
+    grid = np.linspace(-widest, widest, 2001)
+    share = np.exp(swing * (np.cos(grid) - 1))
+    return _inverse(grid, share / share.sum(), uniform)
+
+
+def _mobility(experiment: Experiment, height_nm: FloatArray, coordinates: int) -> FloatArray:
+    """(coordinates, points) inverse friction at each height."""
+    fluid, radius = experiment.fluid, experiment.bead.radius_nm
+    above = np.maximum(height_nm, LEAST_HEIGHT_NM)
+    along, up = (
+        friction_pN_s_per_nm(
+            above, radius, fluid.viscosity_mPa_s, wall=fluid.wall, upright=upright
+        )
+        for upright in (False, True)
+    )
+    up = up * experiment.allowance.upward_friction
+    turning = np.asarray(rotational_stokes_pN_nm_s(radius, fluid.viscosity_mPa_s))
+    if fluid.wall:
+        turning = turning * rotation_wall_factor(above + radius, radius)
+    frictions = [along, along, up] + [turning] * (coordinates - 3)
+    return np.array([1 / np.broadcast_to(friction, height_nm.shape) for friction in frictions])
+
+
+@functools.cache
+def _powers(
+    coordinates: int, turns: bool, axis: int, parity: tuple[int, int]
+) -> tuple[tuple[int, ...], ...]:
+    """Exponents of the monomials that change their sign as an axis does, the axis itself first."""
+    found = [
+        powers
+        for powers in itertools.product(range(DEGREE + 1), repeat=coordinates)
+        if 0 < sum(powers) <= DEGREE and _parity(powers, turns) == parity
+    ]
+    itself = tuple(int(i == axis) for i in range(coordinates))
+    return itself, *(powers for powers in found if powers != itself)
+
+
+def _parity(powers: tuple[int, ...], turns: bool) -> tuple[int, int]:
+    angles = powers[Z + 1 :]
+    with_y = angles[0] if turns else 0
+    with_x = sum(angles) - with_y
+    return (powers[X] + with_x) % 2, (powers[Y] + with_y) % 2
+
+
+def _polynomials(
+    values: FloatArray, slopes: FloatArray, powers: tuple[tuple[int, ...], ...]
+) -> tuple[FloatArray, FloatArray]:
+    """Monomials (m, points) of the values and their derivatives (coordinates, m, points)."""
+    to_the = [np.ones_like(values)]
+    for _ in range(DEGREE):
+        to_the.append(to_the[-1] * values)
+    functions = np.empty((len(powers), values.shape[1]))
+    derivatives = np.zeros((len(values), *functions.shape))
+    for m, exponents in enumerate(powers):
+        factors = [to_the[exponent][i] for i, exponent in enumerate(exponents)]
+        functions[m] = np.prod(factors, axis=0)
+        for i, exponent in enumerate(exponents):
+            if exponent:
+                others = [one for k, one in enumerate(factors) if k != i]
+                lower = exponent * to_the[exponent - 1][i] * slopes[i]
+                derivatives[i, m] = np.prod([lower, *others], axis=0)
+    return functions, derivatives

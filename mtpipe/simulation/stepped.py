@@ -1,0 +1,74 @@
+"""Stretches at low force, step by step between stretches that are simulated mode by mode.
+
+A stretch begins where the one before left the bead. Coordinates there and here are the same but for
+the sign of angles and the place of x = 0, which is that of a bead attached at its lowest point here.
+"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+from mtpipe.experiment.state import ACROSS, ALONG, ANGLE, UP, BeadState, WholeMotion
+from mtpipe.physics.camera import Camera, FloatArray
+from mtpipe.simulation.bead import BrownianBead, brownian_bead
+from mtpipe.simulation.brownian import simulate_bead
+
+# The lowest height at which a bead starts.
+LEAST_START_NM = 0.1
+
+
+def stepped(
+    state: BeadState,
+    whole: WholeMotion,
+    camera: Camera,
+    frames: int,
+    random: np.random.Generator,
+    position: FloatArray | None,
+) -> tuple[FloatArray, FloatArray]:
+    """(frames, 3) recorded x, y, z in nm, and the coordinates of the bead at their end.
+
+    Parameters
+    ----------
+    position : coordinates at the start, as `state` counts them; None: equilibrium.
+    """
+    bead = brownian_bead(whole.experiment, state.force_pN)
+    start = None if position is None else _to_steps(position, bead)
+    trace = simulate_bead(bead, camera, frames, random, start=start)
+    recorded = trace.position_nm.copy()
+    recorded[:, bead.along] += _aside_nm(bead)
+    return recorded, _from_steps(trace.end, bead, len(state.modes.tau_s))
+
+
+def _aside_nm(bead: BrownianBead) -> float:
+    """How far beside its anchor a bead stands that is attached beside its lowest point."""
+    return bead.radius_nm * math.sin(bead.attachment_angle_rad)
+
+
+def _to_steps(position: FloatArray, bead: BrownianBead) -> FloatArray:
+    angles = -position[ANGLE:]
+    phi = float(angles[0]) if bead.turns else 0.0
+    psi = float(angles[-1]) if bead.alignment_pN_nm is not None else 0.0
+    return np.array(
+        [
+            position[ALONG] - _aside_nm(bead),
+            position[ACROSS],
+            max(float(position[UP]), LEAST_START_NM),
+            math.cos(phi),
+            math.sin(phi),
+            math.cos(psi),
+            math.sin(psi),
+        ]
+    )
+
+
+def _from_steps(end: FloatArray, bead: BrownianBead, coordinates: int) -> FloatArray:
+    x, y, z, cos_phi, sin_phi, cos_psi, sin_psi = end
+    position = np.zeros(coordinates)
+    position[[ALONG, ACROSS, UP]] = x + _aside_nm(bead), y, z
+    if bead.turns:
+        position[ANGLE] = -math.atan2(sin_phi, cos_phi)
+    if bead.alignment_pN_nm is not None:
+        position[-1] = -math.atan2(sin_psi, cos_psi)
+    return position
