@@ -32,7 +32,7 @@ TYPICAL_STAGE = Stage(random_nm_per_root_s=(1.0, 1.0, 1.5))
 # Magnets of Lipfert et al. 2009 (Biophys J 96:5040): force falls off by e within 1.6 mm or so.
 STRONGEST_PN, NEAREST_MM, DECAY_MM = 60.0, 0.1, 1.6
 # Effects that the description contains.
-DESCRIBED = ("wall_drag", "rotation_coupling", "tracking_noise")
+DESCRIBED = ("wall_drag", "rotation_coupling", "tracking_noise", "anharmonic_tether")
 
 
 def experiment_of(
@@ -129,6 +129,7 @@ def experiment_of(
         ),
         tethered=beads,
         references=len(setup.beads.reference),
+        anharmonic="anharmonic_tether" in setup.model.effects,
     )
     return experiment, tuple(assumed)
 

@@ -43,8 +43,8 @@ GRID_NODES, GRID_SPREADS, GRID_DEPTH = 96, 10.0, 30.0
 LEAST_HEIGHT_NM = 1.0
 MOST_KNOWN = 8192
 MOST_GIVING, LEAST_STRAIGHT = 0.1, 0.3
-# Mean square tilt of the tether, kT/FL, from which on motion is followed through the whole potential
-# where that is asked for; at this one the slow power of z by expansion is 5 % too small.
+# Mean square tilt of the tether, kT/FL, from which on motion is followed through the whole
+# potential where that is asked for; at this one the slow power of z by expansion is 5 % too small.
 WHOLE_TILT = 0.005
 
 
@@ -142,13 +142,9 @@ def bead_state(experiment: Experiment, force_pN: float) -> BeadState:
     return BeadState(force_pN, extension, motion, modes, bending, axial, whole)
 
 
-def _whole(
-    experiment: Experiment, tether: _Tether, force_pN: float
-) -> tuple[float, WholeMotion]:
+def _whole(experiment: Experiment, tether: _Tether, force_pN: float) -> tuple[float, WholeMotion]:
     """Mean height and motion through the whole potential."""
-    mean, tau_s, covariance = whole_motion(
-        experiment, force_pN, tether.distance_nm, tether.weight
-    )
+    mean, tau_s, covariance = whole_motion(experiment, force_pN, tether.distance_nm, tether.weight)
     covariance[:, 2, 2] *= experiment.allowance.upward_variance
     return mean, WholeMotion(experiment, RecordedModes(tau_s, covariance))
 

@@ -119,7 +119,7 @@ def _inverse(grid: FloatArray, share: FloatArray, uniform: FloatArray) -> FloatA
     side."""
     step = grid[1] - grid[0]
     edges = np.append(grid - step / 2, grid[-1] + step / 2)
-    return np.interp(uniform, np.append(0.0, np.cumsum(share)), edges)
+    return np.asarray(np.interp(uniform, np.append(0.0, np.cumsum(share)), edges))
 
 
 def _angle(swing: float, uniform: FloatArray) -> FloatArray:
@@ -135,9 +135,7 @@ def _mobility(experiment: Experiment, height_nm: FloatArray, coordinates: int) -
     fluid, radius = experiment.fluid, experiment.bead.radius_nm
     above = np.maximum(height_nm, LEAST_HEIGHT_NM)
     along, up = (
-        friction_pN_s_per_nm(
-            above, radius, fluid.viscosity_mPa_s, wall=fluid.wall, upright=upright
-        )
+        friction_pN_s_per_nm(above, radius, fluid.viscosity_mPa_s, wall=fluid.wall, upright=upright)
         for upright in (False, True)
     )
     up = up * experiment.allowance.upward_friction

@@ -76,7 +76,6 @@ def simulate_to_folder(
         noise_nm=noise_nm,
         beads=beads,
         lost_share=lost_share,
-        whole_tether=engine == "brownian",
     )
     recording = simulate_experiment(
         experiment, setup, seed, engine=engine, notices=notices, progress=progress

@@ -96,7 +96,6 @@ def simulate(
         noise_nm=noise_nm,
         beads=beads,
         lost_share=lost_share,
-        whole_tether=engine == "brownian",
     )
     return simulate_experiment(
         experiment, setup, seed, engine=engine, notices=notices, progress=progress

@@ -24,7 +24,6 @@ def stated_experiment(
     noise_nm: Triple | None = None,
     beads: int = 1,
     lost_share: float = 0.0,
-    whole_tether: bool = False,
 ) -> tuple[Experiment, tuple[Notice, ...]]:
     """The experiment that a setup states, at these forces.
 
@@ -32,7 +31,7 @@ def stated_experiment(
 
     Parameters
     ----------
-    Those of `experiment_of`. whole_tether : the simulation has `anharmonic_tether` by itself.
+    Those of `experiment_of`.
 
     Returns
     -------
@@ -48,9 +47,6 @@ def stated_experiment(
     sizes = pinned_sizes(setup)
     listed = (set(setup.model.effects) | set(sizes)) - set(DESCRIBED)
     reasons = dict.fromkeys(listed, "which no simulation has")
-    if "anharmonic_tether" in listed:
-        said = "" if whole_tether else "which only the step-by-step one has"
-        reasons["anharmonic_tether"] = said
     for effect in catalogue():
         if effect.name in listed:
             experiment, reasons[effect.name] = _with_effect(

@@ -1,22 +1,27 @@
 """Stretches at low force, step by step between stretches that are simulated mode by mode.
 
-A stretch begins where the one before left the bead. Coordinates there and here are the same but for
-the sign of angles and the place of x = 0, which is that of a bead attached at its lowest point here.
+A stretch begins where the one before left the bead. Coordinates of both are the same but for the
+sign of angles and the place of x = 0, which mode by mode is the bead's mean.
 """
 
 from __future__ import annotations
 
+import functools
 import math
 
 import numpy as np
 
+from mtpipe.experiment.description import Experiment
 from mtpipe.experiment.state import ACROSS, ALONG, ANGLE, UP, BeadState, WholeMotion
 from mtpipe.physics.camera import Camera, FloatArray
 from mtpipe.simulation.bead import BrownianBead, brownian_bead
-from mtpipe.simulation.brownian import simulate_bead
+from mtpipe.simulation.brownian import longest_time_step_s, simulate_bead
 
 # The lowest height at which a bead starts.
 LEAST_START_NM = 0.1
+# Steps over the longest that the simulator takes by itself; at this no error of means and variances
+# was found (`longest_time_step_s`), and recordings are simulated a hundred times.
+STRIDE = 2.0
 
 
 def stepped(
@@ -33,12 +38,20 @@ def stepped(
     ----------
     position : coordinates at the start, as `state` counts them; None: equilibrium.
     """
-    bead = brownian_bead(whole.experiment, state.force_pN)
+    bead, step_s = _prepared(whole.experiment, state.force_pN, camera)
     start = None if position is None else _to_steps(position, bead)
-    trace = simulate_bead(bead, camera, frames, random, start=start)
+    trace = simulate_bead(bead, camera, frames, random, time_step_s=step_s, start=start)
     recorded = trace.position_nm.copy()
     recorded[:, bead.along] += _aside_nm(bead)
     return recorded, _from_steps(trace.end, bead, len(state.modes.tau_s))
+
+
+@functools.lru_cache(maxsize=1024)
+def _prepared(
+    experiment: Experiment, force_pN: float, camera: Camera
+) -> tuple[BrownianBead, float]:
+    bead = brownian_bead(experiment, force_pN)
+    return bead, STRIDE * longest_time_step_s(bead, camera)
 
 
 def _aside_nm(bead: BrownianBead) -> float:
