@@ -73,6 +73,9 @@ STEP = ForceCourse(-0.3, "step", 0.4)
 COURSES = (ForceCourse(), ForceCourse(), STEP, ForceCourse())
 COMMON = ForceCourse(0.3, "settling", 0.2)
 EVIDENCE = Evidence((30.0,), FORCES_PN, courses=COURSES, common_course=COMMON)
+LOW = replace(
+    BASE, rests=tuple(Rest(f, FRAMES, 5.0 - i) for i, f in enumerate((0.1, 0.4, 2.0, 10.0)))
+)
 # What passes the subtraction of the reference bead, where there is one.
 CUTOFF_HZ, REFERENCE_NOISE_NM = 8.0, 0.5
 PACKAGE = Path(__file__).parent / "data" / "effect_package"
@@ -101,12 +104,24 @@ class Known:
         return next(effect for effect in OWN if effect.name == self.name)
 
     @property
+    def evidence(self):
+        return replace(EVIDENCE, force_pN=forces_of(self.base))
+
+    @property
+    def hypotheses(self):
+        return list(self.effect.hypotheses(self.base, self.evidence))
+
+    @property
     def hypothesis(self):
-        return list(self.effect.hypotheses(self.base, EVIDENCE))[self.which]
+        return self.hypotheses[self.which]
 
     @property
     def changed(self):
         return changed(self.hypothesis, self.strength)
+
+
+def forces_of(experiment):
+    return tuple(rest.force_pN for rest in experiment.rests)
 
 
 def changed(hypothesis, coordinates):
@@ -143,6 +158,7 @@ KNOWN = [
     Known("hopping", (15.0, LN(6.0), LN(5.0)), (0.0, LN(6.0), LN(5.0))),
     Known("force_drift", (0.2,), (0.0,), which=0),
     Known("force_drift", (-0.4,), (0.0,), which=1),
+    Known("anharmonic_tether", (), (), base=LOW),
 ]  # fmt: skip
 each_effect = pytest.mark.parametrize(
     "known", KNOWN, ids=[f"{k.name}-{k.which}" if k.which else k.name for k in KNOWN]
@@ -161,7 +177,7 @@ def traces(experiment, random):
     frames = FRAMES if not share else math.ceil(1.1 * FRAMES / (1 - share))
     subtraction = subtraction_of(experiment)
     found = []
-    for i, force in enumerate(FORCES_PN):
+    for i, force in enumerate(forces_of(experiment)):
         changes, lengths = zip(*force_pieces(experiment, i, frames), strict=True)
         forces = force * (1 + np.array(changes))
         stretches = [(_state(experiment, f), n) for f, n in zip(forces, lengths, strict=True)]
@@ -223,9 +239,8 @@ def test_names_are_those_of_the_data_contract():
 
 @each_effect
 def test_parameters_start_within_their_bounds_and_have_units(known):
-    hypotheses = known.effect.hypotheses(known.base, EVIDENCE)
-    assert hypotheses
-    for hypothesis in hypotheses:
+    assert known.hypotheses
+    for hypothesis in known.hypotheses:
         names = [parameter.name for parameter in hypothesis.parameters]
         assert len(set(names)) == len(names)
         for parameter in hypothesis.parameters:
@@ -252,13 +267,15 @@ def test_an_effect_is_named_in_words_and_numbers(known):
         assert name == name.lower() or unit
     assert not re.search(r"\b(nan|inf|none)\b", said, re.IGNORECASE)
     # what the experiment already has is not tried again
-    if known.name in ("wall_drag", "rotation_coupling", "tracking_noise", "hopping"):
-        assert not known.effect.hypotheses(strong, EVIDENCE)
+    if known.name in ("tracking_noise", "hopping") or not known.strength:
+        assert not known.effect.hypotheses(strong, known.evidence)
 
 
-@each_effect
+@pytest.mark.parametrize("known", [k for k in KNOWN if k.base is not LOW], ids=lambda k: k.name)
 def test_without_strength_an_effect_is_the_baseline(known):
-    """Those that are there or not vanish with the bead's size instead."""
+    """Those that are there or not vanish with the bead's size instead; for what vanishes with the
+    force see test_whole_motion.
+    """
     bead = known.base.bead if known.strength else replace(known.base.bead, radius_nm=2.0)
     base = replace(known.base, bead=bead)
     model, _ = model_of(base, np.random.default_rng(1))
@@ -300,7 +317,7 @@ def worst_disagreement(model, phi, experiments, random):
     worst = []
     for experiment in experiments:
         largest = 0.0
-        for i, force in enumerate(FORCES_PN):
+        for i, force in enumerate(forces_of(experiment)):
             expected = model.expected(experiment, i, force)
             size = np.sqrt(np.einsum("faa,fbb->fab", expected.power, expected.power))
             spectrum = model.data[i].spectrum
@@ -340,11 +357,11 @@ def recovered(known):
     # whether a force rises steadily or settles is hardly seen in spectra: only the true course
     same = [
         hypothesis
-        for hypothesis in known.effect.hypotheses(known.base, EVIDENCE)
+        for hypothesis in known.hypotheses
         if hypothesis.experiment.magnets == known.hypothesis.experiment.magnets
     ]
     effect = replace(known.effect, hypotheses=lambda experiment, evidence: same)
-    (found,) = try_effects(silent, [effect], EVIDENCE)
+    (found,) = try_effects(silent, [effect], known.evidence)
     here = slice(
         len(FORCES_PN), None
     )  # without listed uncertainties the effect is all that is free

@@ -1,0 +1,219 @@
+"""Beads at low force: equilibrium, spectra and simulation through the whole potential."""
+
+import math
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from scipy import special
+
+from mtpipe.experiment.description import (
+    Bead,
+    Experiment,
+    Fluid,
+    Magnets,
+    Stage,
+    Tracker,
+)
+from mtpipe.experiment.state import (
+    WHOLE_TILT,
+    bead_state,
+    expected_spectrum,
+    recorded_modes,
+)
+from mtpipe.physics.camera import Camera
+from mtpipe.physics.relaxation import relaxation_modes
+from mtpipe.physics.tether import Chain, force_pN, log_distance_density
+from mtpipe.simulation.bead import brownian_bead
+from mtpipe.simulation.brownian import simulate_bead
+from mtpipe.simulation.linear import simulate_motion
+from mtpipe.simulation.stepped import _from_steps, _to_steps
+
+CAMERA = Camera(1 / 60, 1 / 120)
+
+
+def experiment(contour_nm, radius_nm, **changes):
+    plain = Experiment(
+        chain=Chain(contour_nm, 50.0, 298.15, "marko-siggia"),
+        bead=Bead(radius_nm),
+        fluid=Fluid(298.15, 0.9),
+        along=0,
+        camera=CAMERA,
+        stage=Stage(),
+        tracker=Tracker(),
+        rests=(),
+        anharmonic=True,
+    )
+    return replace(plain, **changes)
+
+
+def variances(state):
+    return recorded_modes(state).covariance_nm2.sum(axis=0).diagonal()
+
+
+def slow_power(state):
+    modes = recorded_modes(state)
+    return np.einsum("maa,m->a", modes.covariance_nm2, modes.tau_s)
+
+
+def test_a_harmonic_motion_relaxes_at_its_own_rate():
+    x = special.ndtri((np.arange(4000) + 0.5) / 4000)
+    weight = np.full(len(x), 1 / len(x))
+    tau_s, variance = relaxation_modes(
+        weight, x[None], np.ones((1, 1, len(x))), np.full((1, len(x)), 5.0)
+    )
+    assert tau_s == pytest.approx(float(weight @ x**2) / 5.0)
+    assert variance == pytest.approx(float(weight @ x**2))
+
+
+def test_diffusion_between_two_walls_relaxes_no_slower_than_it_does():
+    """D π² for a box of width 1 (e.g. Risken 1989, section 5.4); the rest of x in faster modes."""
+    x = (np.arange(4000) + 0.5) / 4000 - 0.5
+    powers = (1, 3, 5)
+    functions = np.array([x**n for n in powers])
+    slopes = np.array([[n * x ** (n - 1) for n in powers]])
+    weight = np.full(len(x), 1 / len(x))
+    tau_s, variance = relaxation_modes(weight, functions, slopes, np.full((1, len(x)), 2.0))
+    assert 1 / tau_s[0] == pytest.approx(2 * math.pi**2, rel=1e-4)
+    assert 1 / tau_s[0] > 2 * math.pi**2 * (1 - 1e-6)
+    assert variance[0] == pytest.approx(8 / math.pi**4, rel=1e-3)
+    assert variance.sum() == pytest.approx(1 / 12, rel=1e-6)
+
+
+@pytest.mark.parametrize(
+    ("contour_nm", "radius_nm", "force"),
+    [(300.0, 500.0, 0.1), (1200.0, 500.0, 0.05), (2700.0, 1400.0, 0.02), (2700.0, 1400.0, 0.3)],
+)
+def test_equilibrium_is_that_of_a_direct_integral(contour_nm, radius_nm, force):
+    """Over distance, direction and angle, the surface as a wall (PHYSICS E20)."""
+    here = experiment(contour_nm, radius_nm)
+    energy = here.fluid.thermal_energy_pN_nm
+    r = np.linspace(0.001, 0.999, 400)[:, None, None] * contour_nm
+    nodes, shares = np.polynomial.legendre.leggauss(300)
+    cosine = (nodes[None, :, None] + 1) / 2
+    angle = np.linspace(0.0, math.pi, 401)[None, None, :]
+    log_density = log_distance_density(here.chain, 0.0, r)
+    swing = force * radius_nm / energy
+    log_weight = log_density + force * r * cosine / energy + swing * (np.cos(angle) - 1)
+    height = r * cosine + radius_nm * (np.cos(angle) - 1)
+    weight = np.where(height > 0, np.exp(log_weight - log_weight.max()), 0.0)
+    weight *= shares[None, :, None]
+    weight[..., [0, -1]] /= 2
+    weight /= weight.sum()
+    sideways = (weight * r**2 * (1 - cosine**2)).sum() / 2
+    across = sideways + radius_nm**2 * float((weight * np.sin(angle) ** 2).sum())
+    mean = (weight * height).sum()
+    upward = (weight * (height - mean) ** 2).sum()
+    state = bead_state(here, force)
+    spread = math.sqrt(upward)
+    assert state.extension_nm == pytest.approx(mean, abs=0.02 * spread)
+    np.testing.assert_allclose(variances(state), [sideways, across, upward], rtol=0.01)
+
+
+def bands(series, edges_hz):
+    """Mean power in bands, one-sided, and the share it is uncertain by."""
+    n = len(series)
+    power = 2 * np.abs(np.fft.rfft(series - series.mean())) ** 2 * CAMERA.frame_s / n
+    frequency = np.fft.rfftfreq(n, CAMERA.frame_s)
+    inside = [(frequency >= low) & (frequency < high) for low, high in edges_hz]
+    means = np.array([power[one].mean() for one in inside])
+    return means, 1 / np.sqrt([one.sum() for one in inside]), [frequency[one] for one in inside]
+
+
+TILTED = Magnets(alignment_pN_nm=400.0, sideways_per_nm=3e-4)
+
+
+@pytest.mark.parametrize(
+    ("here", "force"),
+    [
+        (experiment(600.0, 500.0), 0.08),
+        (experiment(2700.0, 1400.0), 0.1),
+        (experiment(1200.0, 500.0, bead=Bead(500.0, turns=False)), 0.2),
+        (experiment(1200.0, 500.0, fluid=Fluid(298.15, 0.9, wall=False)), 0.15),
+        (experiment(1200.0, 500.0, bead=Bead(500.0, offset_nm=250.0)), 0.1),
+        (experiment(1200.0, 500.0, magnets=TILTED), 0.15),
+    ],
+    ids=["short", "long", "held", "far", "beside", "tilted"],
+)
+def test_spectra_are_those_of_small_steps(here, force):
+    """Bands from a tenth of Hz on within 2 % beyond chance, of 36 looks 4 standard errors."""
+    frames, edges = 60_000, [(0.02, 0.2), (0.2, 1.0), (1.0, 5.0), (5.0, 29.0)]
+    trace = simulate_bead(brownian_bead(here, force), CAMERA, frames, np.random.default_rng(3))
+    state = bead_state(here, force)
+    assert state.whole is not None
+    for axis in range(3):
+        seen, share, frequencies = bands(trace.position_nm[:, axis], edges)
+        expected = [float(expected_spectrum(f, state, here, axis).mean()) for f in frequencies]
+        off = np.log(seen / np.array(expected))
+        assert np.all(np.abs(off) < 4 * share + 0.02), (axis, off, share)
+    modes = recorded_modes(state)
+    slow_s = float(modes.tau_s[modes.covariance_nm2[:, 2, 2] > 0].max())
+    stderr = math.sqrt(2 * slow_s / (frames * CAMERA.frame_s) * variances(state)[2])
+    assert abs(trace.position_nm[:, 2].mean() - state.extension_nm) < 4 * stderr + 1
+
+
+def test_expansions_would_not_do():
+    """What the whole motion is for: at 0.1 pN z is slower and smaller than by expansion."""
+    here = experiment(1200.0, 500.0)
+    whole, expanded = (bead_state(e, 0.1) for e in (here, replace(here, anharmonic=False)))
+    assert slow_power(whole)[2] > 1.3 * slow_power(expanded)[2]
+
+
+@pytest.mark.parametrize(("contour_nm", "radius_nm"), [(300.0, 500.0), (2700.0, 1400.0)])
+def test_where_the_tether_is_hardly_tilted_expansions_take_over(contour_nm, radius_nm):
+    here = experiment(contour_nm, radius_nm)
+    energy = here.fluid.thermal_energy_pN_nm
+    forces = np.geomspace(0.1, 20.0, 400)
+    tilts = np.array([energy / (f * bead_state(here, float(f)).extension_nm) for f in forces])
+    last = float(forces[np.flatnonzero(tilts > 1.02 * WHOLE_TILT)[-1]])
+    whole, expanded = (bead_state(e, last) for e in (here, replace(here, anharmonic=False)))
+    assert whole.whole is not None
+    assert bead_state(here, 1.1 * last).whole is None
+    assert whole.extension_nm == pytest.approx(expanded.extension_nm, abs=0.3)
+    np.testing.assert_allclose(variances(whole), variances(expanded), rtol=0.01)
+    ratio = slow_power(whole) / slow_power(expanded)
+    np.testing.assert_allclose(ratio, 1, atol=0.15)
+    assert np.all(np.abs(ratio[:2] - 1) < 0.02)
+
+
+@pytest.mark.parametrize("magnets", [Magnets(), TILTED])
+def test_coordinates_are_the_same_in_steps_and_in_modes(magnets):
+    here = experiment(1200.0, 500.0, magnets=magnets, bead=Bead(500.0, offset_nm=100.0))
+    bead = brownian_bead(here, 0.1)
+    position = np.array([30.0, -40.0, 500.0, 0.2, -0.1])[: 4 + (magnets is TILTED)]
+    steps = _to_steps(position, bead)
+    np.testing.assert_allclose(_from_steps(steps, bead, len(position)), position)
+    # the tether's end is at y − aφ
+    assert steps[1] + bead.radius_nm * steps[4] == pytest.approx(-40.0 - 500.0 * math.sin(0.2))
+
+
+def test_a_bead_goes_on_where_it_was_when_steps_begin_and_end():
+    """Positions without exposure, 0.2 ms apart, over two changes of the force."""
+    here = experiment(1200.0, 500.0, camera=Camera(2e-4, 0.0))
+    low, high = bead_state(here, 0.6), bead_state(here, 0.95)
+    assert (low.whole is None, high.whole is None) == (False, True)
+    random = np.random.default_rng(1)
+    stretches = [(high, 50), (low, 50), (high, 50)]
+    jumps, steps = [], []
+    for _ in range(40):
+        moved = np.diff(simulate_motion(stretches, here.camera, random), axis=0)
+        jumps.append(moved[[49, 99]])
+        steps.append(np.delete(moved, [49, 99], axis=0))
+    allowed = 1.6 * np.concatenate(steps).std(axis=0)
+    # by its swinging, which is not handed over, a bead is lower by some kT/F
+    allowed[2] += here.fluid.thermal_energy_pN_nm / low.force_pN
+    assert np.all(np.concatenate(jumps).std(axis=0) < allowed)
+
+
+def test_the_same_seed_gives_the_same_motion():
+    here = experiment(1200.0, 500.0)
+    stretches = [(bead_state(here, 0.1), 200), (bead_state(here, 5.0), 200)]
+    one, other = (simulate_motion(stretches, CAMERA, np.random.default_rng(5)) for _ in range(2))
+    np.testing.assert_array_equal(one, other)
+
+
+def test_a_force_that_does_not_hold_a_harmonic_bead_up_leaves_it_on_the_surface():
+    here = experiment(300.0, 500.0)
+    state = bead_state(here, 0.02)
+    assert 0 < state.extension_nm < 100
+    assert force_pN(here.chain, state.extension_nm) > 0.02
