@@ -76,6 +76,13 @@ EVIDENCE = Evidence((30.0,), FORCES_PN, courses=COURSES, common_course=COMMON)
 LOW = replace(
     BASE, rests=tuple(Rest(f, FRAMES, 5.0 - i) for i, f in enumerate((0.1, 0.4, 2.0, 10.0)))
 )
+FAST = replace(
+    BASE,
+    bead=Bead(1400.0),
+    camera=Camera(1 / 4000, 1 / 5000),
+    tracker=Tracker((0.5, 0.5, 0.5)),
+    rests=tuple(Rest(f, FRAMES, 5.0 - i) for i, f in enumerate((5.0, 10.0, 20.0, 40.0))),
+)
 # What passes the subtraction of the reference bead, where there is one.
 CUTOFF_HZ, REFERENCE_NOISE_NM = 8.0, 0.5
 PACKAGE = Path(__file__).parent / "data" / "effect_package"
@@ -159,6 +166,7 @@ KNOWN = [
     Known("force_drift", (0.2,), (0.0,), which=0),
     Known("force_drift", (-0.4,), (0.0,), which=1),
     Known("anharmonic_tether", (), (), base=LOW),
+    Known("hydrodynamic_memory", (0.8,), (0.0,), base=FAST),
 ]  # fmt: skip
 each_effect = pytest.mark.parametrize(
     "known", KNOWN, ids=[f"{k.name}-{k.which}" if k.which else k.name for k in KNOWN]
@@ -173,6 +181,7 @@ def subtraction_of(experiment):
 
 def traces(experiment, random):
     """Per plateau (FRAMES, 3) nm, simulated with all steps that the experiment describes."""
+    rate_hz = 1 / experiment.camera.frame_s
     share = experiment.clock.dropped_share
     frames = FRAMES if not share else math.ceil(1.1 * FRAMES / (1 - share))
     subtraction = subtraction_of(experiment)
@@ -188,7 +197,7 @@ def traces(experiment, random):
         for axis, cutoff_hz in enumerate(subtraction.cutoff_hz):
             if cutoff_hz is not None:
                 noise = subtraction.noise_nm[axis] * random.normal(size=frames)
-                seen[:, axis] -= low_pass(own[:, axis] + noise, RATE_HZ, cutoff_hz)
+                seen[:, axis] -= low_pass(own[:, axis] + noise, rate_hz, cutoff_hz)
         found.append(seen[kept_frames(FRAMES, share, random)])
     return found
 
@@ -198,15 +207,15 @@ def _state(experiment, force):
     return bead_state(experiment, force)
 
 
-def reduced(positions, phi):
-    return tuple(plateau_data(x, 1 / RATE_HZ, p) for x, p in zip(positions, phi, strict=True))
+def reduced(positions, phi, frame_s=1 / RATE_HZ):
+    return tuple(plateau_data(x, frame_s, p) for x, p in zip(positions, phi, strict=True))
 
 
 def model_of(experiment, random, *, parameters=()):
     """The base experiment beside data simulated from the changed one."""
-    positions = traces(experiment, random)
-    phi = tuple(whitening(x, 1 / RATE_HZ) for x in positions)
-    data = reduced(positions, phi)
+    positions, frame_s = traces(experiment, random), experiment.camera.frame_s
+    phi = tuple(whitening(x, frame_s) for x in positions)
+    data = reduced(positions, phi, frame_s)
     return ConfiguredModel(data, experiment, parameters, subtraction_of(experiment)), phi
 
 
@@ -279,9 +288,9 @@ def test_without_strength_an_effect_is_the_baseline(known):
     bead = known.base.bead if known.strength else replace(known.base.bead, radius_nm=2.0)
     base = replace(known.base, bead=bead)
     model, _ = model_of(base, np.random.default_rng(1))
-    for hypothesis in known.effect.hypotheses(base, EVIDENCE):
+    for hypothesis in known.effect.hypotheses(base, known.evidence):
         none = changed(hypothesis, known.nothing)
-        for i, force in enumerate(FORCES_PN):
+        for i, force in enumerate(forces_of(base)):
             without, with_it = (model.expected(e, i, force) for e in (base, none))
             if known.strength:
                 size = np.sqrt(np.einsum("faa,fbb->fab", without.power, without.power))
@@ -298,9 +307,10 @@ def test_without_strength_an_effect_is_the_baseline(known):
                 assert with_it.extension_nm == pytest.approx(without.extension_nm - sinks)
 
 
-REPEATS, BANDS_HZ = 16, (0.0, 1.5, 4.0, 10.0, 25.0, 61.0)
+# Bands of the spectra, over the frame rate.
+REPEATS, BANDS = 16, (0.0, 0.0125, 0.033, 0.083, 0.21, 0.51)
 # The largest of all looks of this file is beyond this with a probability of 1 %.
-LOOKS = len(KNOWN) * len(FORCES_PN) * ((len(BANDS_HZ) - 1) * 6 + 1)
+LOOKS = len(KNOWN) * len(FORCES_PN) * ((len(BANDS) - 1) * 6 + 1)
 FARTHEST = float(stats.t.isf(0.005 / LOOKS, REPEATS - 1))
 # Beyond chance: spectra of z and mean heights are closed forms of nearly, not quite, linear motion.
 LATERAL_SHARE, UPWARD_SHARE, HEIGHT_NM = 0.01, 0.03, 0.5
@@ -312,8 +322,9 @@ def worst_disagreement(model, phi, experiments, random):
     In units of what chance and the approximations of z allow; bands of all spectra and
     cross-spectra over the root of the two powers, and mean heights.
     """
-    repeats = [model.data]
-    repeats += [reduced(traces(model.experiment, random), phi) for _ in range(REPEATS - 1)]
+    frame_s = model.experiment.camera.frame_s
+    again = (traces(model.experiment, random) for _ in range(REPEATS - 1))
+    repeats = [model.data, *(reduced(positions, phi, frame_s) for positions in again)]
     worst = []
     for experiment in experiments:
         largest = 0.0
@@ -322,8 +333,9 @@ def worst_disagreement(model, phi, experiments, random):
             size = np.sqrt(np.einsum("faa,fbb->fab", expected.power, expected.power))
             spectrum = model.data[i].spectrum
             off = [(each[i].spectrum.power - expected.power) / size for each in repeats]
-            for low, high in itertools.pairwise(BANDS_HZ):
-                inside = (spectrum.frequency_hz >= low) & (spectrum.frequency_hz < high)
+            for low, high in itertools.pairwise(BANDS):
+                part = spectrum.frequency_hz * frame_s
+                inside = (part >= low) & (part < high)
                 weight = spectrum.ordinates[inside] / spectrum.ordinates[inside].sum()
                 means = np.array([np.tensordot(weight, one[inside], 1) for one in off])
                 allowed = np.full((3, 3), LATERAL_SHARE)

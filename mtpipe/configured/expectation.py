@@ -278,7 +278,7 @@ def changed_spectra(
     for axis in range(3):
         window = data.spectrum.windows[axis]
         variance = parts.covariance_nm2[:, axis, axis]
-        moved = variance > 0
+        moved = variance != 0
         for kind, (size, slowness) in enumerate(((-DIFFERENCE, -DIFFERENCE), (0.0, DIFFERENCE))):
             spectra = [
                 np.sum(

@@ -16,6 +16,7 @@ from mtpipe.effects import (
     field_rotation,
     force_drift,
     hopping,
+    hydrodynamic_memory,
     lateral_magnet_stiffness,
     lateral_scale,
     magnetic_alignment,
@@ -56,6 +57,7 @@ OWN: tuple[Effect, ...] = tuple(
         hopping,
         force_drift,
         anharmonic_tether,
+        hydrodynamic_memory,
     )
 )
 

@@ -25,11 +25,16 @@ Triple = tuple[float, float, float]
 
 @dataclass(frozen=True)
 class Fluid:
-    """The buffer; `wall` says whether the surface raises its friction (Faxén, Brenner)."""
+    """The buffer; `wall` says whether the surface raises its friction (Faxén, Brenner).
+
+    `memory`: hydrodynamic memory over that of a bead far from any surface; 0: friction is the same
+    at every frequency.
+    """
 
     temperature_K: float
     viscosity_mPa_s: float
     wall: bool = True
+    memory: float = 0.0
 
     @property
     def thermal_energy_pN_nm(self) -> float:

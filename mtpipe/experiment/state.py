@@ -30,6 +30,7 @@ from mtpipe.physics.axial import AxialMotion
 from mtpipe.physics.camera import FloatArray, power_spectrum
 from mtpipe.physics.friction import rotation_wall_factor, rotational_stokes_pN_nm_s
 from mtpipe.physics.linear import LinearMotion, NormalModes, normal_modes, pair_modes
+from mtpipe.physics.memory import decays, memory_time_s
 from mtpipe.physics.tether import Chain, log_distance_density, moments
 from mtpipe.physics.tethered_bead import friction_pN_s_per_nm
 
@@ -80,6 +81,7 @@ class BeadState:
     axial : motion away from the surface, but for the swinging of the tether.
     whole : motion through the whole potential, which stands for all of these but the extension;
         None where they describe it.
+    memory_s : time of hydrodynamic memory, which is in none of them; 0: none.
     """
 
     force_pN: float
@@ -89,6 +91,7 @@ class BeadState:
     bending: FloatArray
     axial: AxialMotion
     whole: WholeMotion | None = None
+    memory_s: float = 0.0
 
     @property
     def upward(self) -> int:
@@ -140,7 +143,10 @@ def bead_state(experiment: Experiment, force_pN: float) -> BeadState:
     axial = _axial(experiment, tether, extension, allowed)
     bending = -(1 + gives) * swing - turn
     modes = normal_modes(motion, energy)
-    return BeadState(force_pN, extension, motion, modes, bending, axial, whole)
+    # a share of memory is all of it with a shorter time; through the whole potential there is none
+    fluid, share = experiment.fluid, experiment.fluid.memory if whole is None else 0.0
+    memory_s = share**2 * memory_time_s(bead.radius_nm, fluid.viscosity_mPa_s)
+    return BeadState(force_pN, extension, motion, modes, bending, axial, whole, memory_s)
 
 
 def _whole(experiment: Experiment, tether: _Tether, force_pN: float) -> tuple[float, WholeMotion]:
@@ -152,22 +158,59 @@ def _whole(experiment: Experiment, tether: _Tether, force_pN: float) -> tuple[fl
 
 @functools.lru_cache(maxsize=4096)
 def recorded_modes(state: BeadState) -> RecordedModes:
-    """Modes of the lateral motion, the pairs of them that bend z, and z's own modes."""
+    """Modes of the lateral motion, the pairs of them that bend z, and z's own modes.
+
+    Hydrodynamic memory makes many decays of each, some of them with negative variance; what the
+    tether's swinging does to z has no memory here.
+    """
     if state.whole is not None:
         return state.whole.modes
     amplitude = state.modes.amplitude_nm.copy()
     amplitude[2] = 0.0
     linear = np.einsum("am,bm->mab", amplitude, amplitude)
+    lateral_s = state.modes.tau_s
     tau_s, variance = pair_modes(state.bending, state.modes)
     bent = np.zeros((len(tau_s), 3, 3))
     bent[:, 2, 2] = variance
     upward_s, of_z = state.axial.modes
     upward = np.zeros((len(upward_s), 3, 3))
     upward[:, 2, 2] = of_z
+    if state.memory_s > 0:
+        moving = _translation(state)
+        lateral_s, linear = _remembering(state.memory_s, lateral_s, linear, moving)
+        one = np.ones_like(upward_s)
+        upward_s, upward = _remembering(state.memory_s, upward_s, upward, one)
     return RecordedModes(
-        np.concatenate([state.modes.tau_s, tau_s, upward_s]),
+        np.concatenate([lateral_s, tau_s, upward_s]),
         np.concatenate([linear, bent, upward]),
     )
+
+
+def _translation(state: BeadState) -> FloatArray:
+    """(modes,) how much of each mode's friction is that of translation.
+
+    A turning sphere leaves no memory of order √s (Landau & Lifshitz, Fluid Mechanics, section 24).
+    """
+    dissipates = np.diag(state.motion.friction)[:, None] * state.modes.shape**2
+    return np.asarray(dissipates[:ANGLE].sum(axis=0) / dissipates.sum(axis=0))
+
+
+def _remembering(
+    memory_s: float, tau_s: FloatArray, covariance: FloatArray, share: FloatArray
+) -> tuple[FloatArray, FloatArray]:
+    """Relaxation times and covariances of the decays that modes are with memory.
+
+    Parameters
+    ----------
+    share : (modes,) of each mode's friction that has memory; exact to first order where it is not
+        all.
+    """
+    times, parts = [], []
+    for tau, one, of_it in zip(tau_s, covariance, share, strict=True):
+        rates, shares = decays(float(of_it * np.sqrt(memory_s / tau)))
+        times.append(tau / rates)
+        parts.append(shares[:, None, None] * one)
+    return np.concatenate(times), np.concatenate(parts)
 
 
 def expected_spectrum(

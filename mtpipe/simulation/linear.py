@@ -4,7 +4,8 @@ What is linear costs the same whatever the stiffness: second-order statistics (s
 correlations between axes) are those of the closed forms exactly. z is shorter by what the tether
 swings, and moves itself in the chain's potential (`mtpipe.simulation.axial`). What is not in it
 (lateral friction that follows the momentary height, the surface as a wall, kurtosis across) is in
-`mtpipe.simulation.brownian`, to which stretches go whose state asks for it.
+`mtpipe.simulation.brownian`, to which stretches go whose state asks for it. Hydrodynamic memory
+comes last, as what it makes of the power at each frequency.
 """
 
 from __future__ import annotations
@@ -13,12 +14,13 @@ import functools
 import itertools
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
+from scipy import fft
 from scipy.sparse.csgraph import connected_components
 
-from mtpipe.experiment.state import UP, BeadState
+from mtpipe.experiment.state import UP, BeadState, recorded_modes
 from mtpipe.physics.camera import (
     Camera,
     FloatArray,
@@ -26,6 +28,7 @@ from mtpipe.physics.camera import (
     edge_factor,
     frame_variance,
     lag_one_covariance,
+    power_spectrum,
 )
 from mtpipe.physics.langevin import mode_path
 from mtpipe.simulation.axial import simulate_heights
@@ -68,9 +71,31 @@ def simulate_motion(
         if position is not None:
             start = np.asarray(np.linalg.solve(state.modes.shape, position - _mean(state)))
         motion, end = _stretch(state, camera, frames, random, start)
-        pieces.append(motion)
+        pieces.append(_remembered(motion, state, camera) if state.memory_s > 0 else motion)
         position = state.modes.shape @ end + _mean(state)
     return np.vstack(pieces)
+
+
+def _remembered(motion: FloatArray, state: BeadState, camera: Camera) -> FloatArray:
+    """(frames, 3) recorded motion with the power at each frequency that memory makes of it."""
+    mean = motion.mean(axis=0)
+    content = fft.rfft(motion - mean, axis=0) * _memory_gain(state, camera, len(motion))
+    return np.asarray(mean + fft.irfft(content, len(motion), axis=0))
+
+
+@functools.lru_cache(maxsize=256)
+def _memory_gain(state: BeadState, camera: Camera, frames: int) -> FloatArray:
+    """(frequencies, 3) what memory does to recorded amplitudes of x, y, z."""
+    frequency = fft.rfftfreq(frames, camera.frame_s)[:, None]
+    of_both = []
+    for one in (state, replace(state, memory_s=0.0)):
+        modes = recorded_modes(one)
+        of_axes = [
+            power_spectrum(frequency, modes.covariance_nm2[:, a, a], modes.tau_s, camera).sum(-1)
+            for a in range(3)
+        ]
+        of_both.append(np.column_stack(of_axes))
+    return np.asarray(np.sqrt(of_both[0] / of_both[1]))
 
 
 def _mean(state: BeadState) -> FloatArray:

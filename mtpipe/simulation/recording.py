@@ -192,13 +192,17 @@ def rows_in_file(
 
 def _departures(experiment: Experiment, engine: Engine) -> tuple[Notice, ...]:
     """What an engine does otherwise than the experiment says."""
+    found = []
+    if engine == "brownian" and experiment.fluid.memory > 0:
+        said = "Step by step the fluid has no memory, although the setup lists it."
+        found.append(Notice("no_memory", "caution", said))
     if engine == "brownian" and not experiment.bead.turns:
         said = (
             "Step by step a bead turns about the field's axis as tether and field let it, although "
             "the setup does not list rotation_coupling."
         )
-        return (Notice("turns_anyway", "info", said),)
-    return ()
+        found.append(Notice("turns_anyway", "info", said))
+    return tuple(found)
 
 
 def free_names(count: int, taken: Sequence[str]) -> list[str]:
