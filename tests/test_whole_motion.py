@@ -7,6 +7,8 @@ import numpy as np
 import pytest
 from scipy import special
 
+from mtpipe.effects.anharmonic_tether import EFFECT
+from mtpipe.effects.effect import Evidence
 from mtpipe.experiment.description import (
     Bead,
     Experiment,
@@ -128,15 +130,14 @@ TILTED = Magnets(alignment_pN_nm=400.0, sideways_per_nm=3e-4)
     [
         (experiment(600.0, 500.0), 0.08),
         (experiment(2700.0, 1400.0), 0.1),
-        (experiment(1200.0, 500.0, bead=Bead(500.0, turns=False)), 0.2),
         (experiment(1200.0, 500.0, fluid=Fluid(298.15, 0.9, wall=False)), 0.15),
         (experiment(1200.0, 500.0, bead=Bead(500.0, offset_nm=250.0)), 0.1),
         (experiment(1200.0, 500.0, magnets=TILTED), 0.15),
     ],
-    ids=["short", "long", "held", "far", "beside", "tilted"],
+    ids=["short", "long", "far", "beside", "tilted"],
 )
 def test_spectra_are_those_of_small_steps(here, force):
-    """Bands from a tenth of Hz on within 2 % beyond chance, of 36 looks 4 standard errors."""
+    """Bands from a tenth of Hz on within 2 % beyond chance, of 60 looks 4 standard errors."""
     frames, edges = 60_000, [(0.02, 0.2), (0.2, 1.0), (1.0, 5.0), (5.0, 29.0)]
     trace = simulate_bead(brownian_bead(here, force), CAMERA, frames, np.random.default_rng(3))
     state = bead_state(here, force)
@@ -217,3 +218,21 @@ def test_a_force_that_does_not_hold_a_harmonic_bead_up_leaves_it_on_the_surface(
     state = bead_state(here, 0.02)
     assert 0 < state.extension_nm < 100
     assert force_pN(here.chain, state.extension_nm) > 0.02
+
+
+def test_a_bead_that_does_not_turn_stays_what_it_is():
+    """Across the field it hangs stiffly on its tether, as one that turns does at most forces."""
+    stiff = experiment(1200.0, 500.0, bead=Bead(500.0, turns=False))
+    assert bead_state(stiff, 0.1).whole is None
+    assert not EFFECT.hypotheses(replace(stiff, anharmonic=False), Evidence((), (0.1, 5.0)))
+
+
+@pytest.mark.parametrize(
+    ("contour_nm", "lowest_pN", "tried"),
+    [(300.0, 0.5, True), (1200.0, 0.15, True), (1200.0, 0.3, False), (7000.0, 0.3, False)],
+)
+def test_it_is_tried_where_the_tether_tilts_enough(contour_nm, lowest_pN, tried):
+    here = experiment(contour_nm, 500.0)
+    evidence = Evidence((), (8.0, lowest_pN))
+    assert bool(EFFECT.hypotheses(replace(here, anharmonic=False), evidence)) == tried
+    assert not EFFECT.hypotheses(here, evidence)

@@ -200,8 +200,8 @@ class Experiment:
     along : axis of the camera along the field, 0 (x) or 1 (y).
     rests : plateaus in time order; between two the magnets move for `move_s`.
     tethered, references : how many beads; all tethered beads are alike.
-    anharmonic : at low force a bead is followed through the whole of the tether's potential, down
-        to the surface, and not by expansions about its mean.
+    anharmonic : at low force a bead that turns is followed through the whole of the tether's
+        potential, down to the surface, and not by expansions about its mean.
     """
 
     chain: Chain

@@ -121,7 +121,9 @@ def bead_state(experiment: Experiment, force_pN: float) -> BeadState:
     # lowest point ends above it
     extension = end - (bead.radius_nm - bead.lever_nm) + energy / force_pN - sinks
     whole = None
-    if experiment.anharmonic and energy / (force_pN * end) > WHOLE_TILT:
+    # a bead that hangs stiffly on its tether is an approximation of one that turns, and has no
+    # potential of its own
+    if experiment.anharmonic and bead.turns and energy / (force_pN * end) > WHOLE_TILT:
         extension, whole = _whole(experiment, tether, force_pN)
     if not extension > 0:
         raise FitError(

@@ -7,8 +7,8 @@ equilibrium is sampled as it is, and the relaxation of x, y and z is that of pol
 coordinates in it (`mtpipe.physics.relaxation`).
 
 Coordinates: X and Y of the bead's centre along and across the field, the height z of its lowest
-point, the angle φ about the field's axis if the bead turns, the tilt ψ of its axis if the field
-holds that with a finite torque. The tether's end is at X − a cos φ sin ψ, Y − a sin φ and
+point, the angle φ about the field's axis, the tilt ψ of its axis if the field holds that with a
+finite torque. The tether's end is at X − a cos φ sin ψ, Y − a sin φ and
 z + R − a cos φ cos ψ with the lever a. In terms of the end the energy is a sum, A(r) − F z of the
 chain's end and a part of the angles alone, so each is drawn by itself.
 """
@@ -33,7 +33,7 @@ LN2_POINTS, DEGREE = 12, 3
 # follow the force smoothly.
 EDGE = 0.02
 LEAST_HEIGHT_NM = 1.0
-X, Y, Z = range(3)
+X, Y, Z, PHI, PSI = range(5)
 # Whether a function changes its sign with x, and whether with y.
 PARITY = {X: (1, 0), Y: (0, 1), Z: (0, 0)}
 
@@ -41,7 +41,7 @@ PARITY = {X: (1, 0), Y: (0, 1), Z: (0, 0)}
 def whole_motion(
     experiment: Experiment, force_pN: float, distance_nm: FloatArray, share: FloatArray
 ) -> tuple[float, FloatArray, FloatArray]:
-    """Mean height and relaxation of a bead's motion, along and across the field and upwards.
+    """Mean height and relaxation of the motion of a bead that turns about the field's axis.
 
     Parameters
     ----------
@@ -58,7 +58,7 @@ def whole_motion(
     height = place[Z]
     mean = float(weight @ height)
     # angles count by their sine
-    angles = place[Z + 1 :]
+    angles = place[PHI:]
     values = np.vstack([place[X], place[Y], height - mean, np.sin(angles)])
     slopes = np.vstack([np.ones_like(place[:3]), np.cos(angles)])
     size = np.sqrt(values**2 @ weight)
@@ -66,7 +66,7 @@ def whole_motion(
     diffusivity = energy * _mobility(experiment, height, len(place))
     tau_s, covariance = [], []
     for axis, parity in PARITY.items():
-        powers = _powers(len(place), experiment.bead.turns, axis, parity)
+        powers = _powers(len(place), axis, parity)
         functions, derivatives = _polynomials(unit, slope, powers)
         functions -= (functions @ weight)[:, None]
         times, variance = relaxation_modes(weight, functions, derivatives, diffusivity)
@@ -87,18 +87,18 @@ def _uniform(dimensions: int) -> FloatArray:
 def _equilibrium(
     experiment: Experiment, force_pN: float, distance_nm: FloatArray, share: FloatArray
 ) -> tuple[FloatArray, FloatArray]:
-    """Coordinates (3 to 5, points) of the equilibrium, and the weight (points,) of each point."""
+    """Coordinates (4 or 5, points) of the equilibrium, and the weight (points,) of each point."""
     energy, bead = experiment.fluid.thermal_energy_pN_nm, experiment.bead
     magnets, lever = experiment.magnets, bead.lever_nm
     tilts = magnets.alignment_pN_nm is not None
-    even = _uniform(3 + bead.turns + tilts)
+    even = _uniform(4 + tilts)
     distance = _inverse(distance_nm, share, even[0])
     # directions of the half space above the anchor, by e^(pull cos)
     pull = force_pN * distance / energy
     cosine = 1 + np.log1p(even[1] * np.expm1(-pull)) / pull
     across, azimuth = distance * np.sqrt(1 - cosine**2), 2 * np.pi * even[2]
     swing = force_pN * lever / energy
-    phi = _angle(swing, even[3]) if bead.turns else np.zeros_like(distance)
+    phi = _angle(swing, even[3])
     psi, log_weight = np.zeros_like(distance), np.zeros_like(distance)
     if magnets.alignment_pN_nm is not None:
         psi = _angle(swing + magnets.alignment_pN_nm / energy, even[-1])
@@ -110,8 +110,7 @@ def _equilibrium(
     log_weight -= force_pN * magnets.sideways_per_nm * (x**2 + y**2) / (2 * energy)
     weight = np.exp(log_weight - log_weight.max())
     weight *= np.clip(z / (EDGE * z.std()) + 0.5, 0, 1)
-    angles = [phi] * bead.turns + [psi] * tilts
-    return np.vstack([x, y, z, *angles]), weight / weight.sum()
+    return np.vstack([x, y, z, phi, *[psi] * tilts]), weight / weight.sum()
 
 
 def _inverse(grid: FloatArray, share: FloatArray, uniform: FloatArray) -> FloatArray:
@@ -147,24 +146,19 @@ def _mobility(experiment: Experiment, height_nm: FloatArray, coordinates: int) -
 
 
 @functools.cache
-def _powers(
-    coordinates: int, turns: bool, axis: int, parity: tuple[int, int]
-) -> tuple[tuple[int, ...], ...]:
+def _powers(coordinates: int, axis: int, parity: tuple[int, int]) -> tuple[tuple[int, ...], ...]:
     """Exponents of the monomials that change their sign as an axis does, the axis itself first."""
     found = [
         powers
         for powers in itertools.product(range(DEGREE + 1), repeat=coordinates)
-        if 0 < sum(powers) <= DEGREE and _parity(powers, turns) == parity
+        if 0 < sum(powers) <= DEGREE and _parity(powers) == parity
     ]
     itself = tuple(int(i == axis) for i in range(coordinates))
     return itself, *(powers for powers in found if powers != itself)
 
 
-def _parity(powers: tuple[int, ...], turns: bool) -> tuple[int, int]:
-    angles = powers[Z + 1 :]
-    with_y = angles[0] if turns else 0
-    with_x = sum(angles) - with_y
-    return (powers[X] + with_x) % 2, (powers[Y] + with_y) % 2
+def _parity(powers: tuple[int, ...]) -> tuple[int, int]:
+    return (powers[X] + sum(powers[PSI:])) % 2, (powers[Y] + powers[PHI]) % 2
 
 
 def _polynomials(

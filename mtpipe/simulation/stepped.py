@@ -60,9 +60,8 @@ def _aside_nm(bead: BrownianBead) -> float:
 
 
 def _to_steps(position: FloatArray, bead: BrownianBead) -> FloatArray:
-    angles = -position[ANGLE:]
-    phi = float(angles[0]) if bead.turns else 0.0
-    psi = float(angles[-1]) if bead.alignment_pN_nm is not None else 0.0
+    phi = -float(position[ANGLE])
+    psi = -float(position[-1]) if bead.alignment_pN_nm is not None else 0.0
     return np.array(
         [
             position[ALONG] - _aside_nm(bead),
@@ -80,8 +79,7 @@ def _from_steps(end: FloatArray, bead: BrownianBead, coordinates: int) -> FloatA
     x, y, z, cos_phi, sin_phi, cos_psi, sin_psi = end
     position = np.zeros(coordinates)
     position[[ALONG, ACROSS, UP]] = x + _aside_nm(bead), y, z
-    if bead.turns:
-        position[ANGLE] = -math.atan2(sin_phi, cos_phi)
+    position[ANGLE] = -math.atan2(sin_phi, cos_phi)
     if bead.alignment_pN_nm is not None:
         position[-1] = -math.atan2(sin_psi, cos_psi)
     return position
