@@ -56,6 +56,7 @@ class Effect:
     parameters : numbers that name it, for the penalty.
     alike : effects with which it cannot be told apart in pairs, by their kind.
     spoil, sizes : what is done to the raw recording, for a size; sizes by strength.
+    regime : of the experiments in which it is concealed (`configurations.REGIMES`).
     """
 
     name: str
@@ -65,6 +66,7 @@ class Effect:
     spoil: Spoil | None = None
     sizes: dict[str, tuple[float, float]] = field(default_factory=dict)
     unit: str = ""
+    regime: str = "usual"
 
 
 def _sign(random: np.random.Generator) -> float:
@@ -237,6 +239,10 @@ def _force_drift(experiment: Experiment, random: np.random.Generator) -> Family:
     return Family(change, (0.002, 0.5), "of the force", told, plateaus=plateaus)
 
 
+def _memory(experiment: Experiment, share: float) -> Experiment:
+    return changes.with_fluid(experiment, memory=share)
+
+
 EFFECTS = (
     Effect("wall_drag", "friction", 0),
     Effect("rotation_coupling", "rotation", 0),
@@ -259,6 +265,14 @@ EFFECTS = (
     Effect("multiple_tethers", "height", 1, _tethers),
     Effect("hopping", "hopping", 3, _hopping),
     Effect("force_drift", "course", 1, _force_drift),
+    Effect("anharmonic_tether", "regime", 0, regime="low force"),
+    Effect(
+        "hydrodynamic_memory",
+        "regime",
+        1,
+        _simple(_memory, (0.05, 1.5), "of the bulk's"),
+        regime="fast camera",
+    ),
     Effect(
         "surface_sticking",
         "sticking",
@@ -275,4 +289,4 @@ EFFECTS = (
     ),
 )
 BY_NAME = {effect.name: effect for effect in EFFECTS}
-LISTING = ("wall_drag", "rotation_coupling", "tracking_noise")
+LISTING = ("wall_drag", "rotation_coupling", "tracking_noise", "anharmonic_tether")

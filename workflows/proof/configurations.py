@@ -20,14 +20,30 @@ from mtpipe.physics.tether import Formula
 from mtpipe.setup import Setup, parse_setup
 from mtpipe.simulation.recording import Engine
 
-RATES_HZ, EXPOSURES = (58.0, 400.0), (0.3, 1.0)
+EXPOSURES = (0.3, 1.0)
 RADII_NM, CONTOURS_NM = (500.0, 1400.0), (1000.0, 7000.0)
-LOWEST_PN, HIGHEST_PN = (0.3, 0.8), (8.0, 20.0)
+HIGHEST_PN = (8.0, 20.0)
 PLATEAUS = (4, 8)
 NOISE_NM, AXIAL_NOISE = (0.5, 3.0), 1.5
 LISTED = {"wall_drag": 0.75, "rotation_coupling": 0.8, "tracking_noise": 0.85}
 # Step by step, chain and surface are what they are at every height.
 ALWAYS_BROWNIAN = "anharmonic_tether"
+
+
+@dataclass(frozen=True)
+class Regime:
+    """Where experiments are drawn from: frame rates, and the lowest force."""
+
+    rates_hz: tuple[float, float] = (58.0, 400.0)
+    lowest_pN: tuple[float, float] = (0.3, 0.8)
+
+
+# What most laboratories do, and where some effects are to be seen at all.
+REGIMES = {
+    "usual": Regime(),
+    "fast camera": Regime(rates_hz=(1500.0, 6000.0), lowest_pN=(2.0, 4.0)),
+    "low force": Regime(lowest_pN=(0.04, 0.2)),
+}
 
 
 @dataclass(frozen=True)
@@ -55,6 +71,7 @@ def draw(
     plateaus: int | None = None,
     listed: Collection[str] = (),
     formula: Formula | None = "marko-siggia",
+    regime: str = "usual",
 ) -> Configuration:
     """Draw a configuration.
 
@@ -63,8 +80,10 @@ def draw(
     frames : per plateau. plateaus : their number; None: drawn.
     listed : effects that the setup lists in any case.
     formula : of the chain, which no setup states; None: drawn.
+    regime : one of `REGIMES`.
     """
-    rate_hz = round(_log_uniform(random, RATES_HZ), 2)
+    here = REGIMES[regime]
+    rate_hz = round(_log_uniform(random, here.rates_hz), 2)
     radius_nm = float(random.choice(RADII_NM))
     effects = sorted({name for name, p in LISTED.items() if random.random() < p} | set(listed))
     number = int(random.integers(PLATEAUS[0], PLATEAUS[1] + 1)) if plateaus is None else plateaus
@@ -89,7 +108,7 @@ def draw(
         # at the highest rates the plateaus are short
         "plateaus": {"minimum_s": min(5.0, round(0.8 * frames / rate_hz, 2))},
     }
-    return Configuration(content, _experiment(content, frames, number, formula, random))
+    return Configuration(content, _experiment(content, frames, number, formula, random, here))
 
 
 def unlisted(configuration: Configuration, effect: str) -> Configuration:
@@ -103,6 +122,8 @@ def unlisted(configuration: Configuration, effect: str) -> Configuration:
     elif effect == "tracking_noise":
         quiet = replace(without.tracker, noise_nm=(0.0,) * 3, reference_noise_nm=(0.0,) * 3)
         without = replace(without, tracker=quiet)
+    elif effect == ALWAYS_BROWNIAN:
+        without = replace(without, anharmonic=False)
     else:
         raise ValueError(f"{effect} is not a matter of being listed")
     return Configuration(configuration.content | {"model": {"effects": listed}}, without)
@@ -111,17 +132,21 @@ def unlisted(configuration: Configuration, effect: str) -> Configuration:
 def brownian(configuration: Configuration) -> Configuration:
     """The configuration whose setup knows that chain and surface are not linear."""
     listed = [*configuration.listed, ALWAYS_BROWNIAN]
-    return replace(configuration, content=configuration.content | {"model": {"effects": listed}})
+    return Configuration(
+        configuration.content | {"model": {"effects": listed}},
+        replace(configuration.experiment, anharmonic=True),
+    )
 
 
 def engine_of(true: Experiment) -> Engine:
     """Who simulates an experiment: step by step, but for what that simulator has otherwise.
 
-    Its beads turn about the field's axis in any case, and one that is attached beside its lowest
-    point and may tilt does not rest upright.
+    Its beads turn about the field's axis in any case, one that is attached beside its lowest point
+    and may tilt does not rest upright, and its fluid has no memory.
     """
     leans = true.magnets.alignment_pN_nm is not None and true.bead.offset_nm > 0
-    return "brownian" if true.bead.turns and not leans else "linear"
+    otherwise = leans or not true.bead.turns or true.fluid.memory > 0
+    return "linear" if otherwise else "brownian"
 
 
 def toml(content: dict[str, Any]) -> str:
@@ -139,8 +164,9 @@ def _experiment(
     plateaus: int,
     formula: Formula | None,
     random: np.random.Generator,
+    regime: Regime,
 ) -> Experiment:
-    low, high = _log_uniform(random, LOWEST_PN), _log_uniform(random, HIGHEST_PN)
+    low, high = _log_uniform(random, regime.lowest_pN), _log_uniform(random, HIGHEST_PN)
     forces = np.geomspace(low, high, plateaus) * np.exp(0.1 * random.uniform(-1, 1, size=plateaus))
     forces = np.minimum(forces, HIGHEST_PN[1])[:: int(random.choice([-1, 1]))]
     noise = _log_uniform(random, NOISE_NM) if "tracking_noise" in content["model"]["effects"] else 0

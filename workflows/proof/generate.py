@@ -77,12 +77,13 @@ def make(seed: int, number: int, form: Form, wanted: Task | None = None) -> Case
     random = np.random.default_rng([seed, number])
     name = f"r{number:04d}"
     hidden = _hidden(wanted, form, random)
-    configuration = hidden.configuration
-    engine = configurations.engine_of(hidden.true)
-    if engine == "brownian":
+    configuration, true = hidden.configuration, hidden.true
+    engine = configurations.engine_of(true)
+    if engine == "brownian" and not true.anharmonic:
         configuration = configurations.brownian(configuration)
+        true = replace(true, anharmonic=True)
     setup = configuration.setup
-    scene = outside.Scene(hidden.true, setup, engine, int(random.integers(2**32)))
+    scene = outside.Scene(true, setup, engine, int(random.integers(2**32)))
     effects = list(hidden.effects)
     if wanted.kind == "outside":
         found = outside.EFFECTS[wanted.names[0]](scene, random)
@@ -141,11 +142,22 @@ def penalty(parameters: int, true: Experiment) -> float:
 def _hidden(wanted: Task, form: Form, random: np.random.Generator) -> _Hidden:
     """An experiment with what is wanted, drawn until it has the strength, or the nearest."""
     listed = [name for name in wanted.names if name in concealed.LISTING]
+    regime = "usual"
+    for effect in [BY_NAME[name] for name in wanted.names if name in BY_NAME]:
+        regime = effect.regime if effect.regime != "usual" else regime
+    if regime == "low force":
+        # a bead that does not turn is an approximation that such forces are not for
+        listed.append("rotation_coupling")
     best: _Hidden | None = None
     for _ in range(TRIES):
         try:
             configuration = configurations.draw(
-                random, form.frames, plateaus=form.plateaus, listed=listed, formula=form.formula
+                random,
+                form.frames,
+                plateaus=form.plateaus,
+                listed=listed,
+                formula=form.formula,
+                regime=regime,
             )
             if wanted.kind in ("clean", "outside"):
                 # an experiment that can be
@@ -213,6 +225,8 @@ def _listed(name: str, without: Experiment, listed: Experiment) -> Experiment:
         return replace(without, fluid=replace(without.fluid, wall=True))
     if name == "rotation_coupling":
         return replace(without, bead=replace(without.bead, turns=True))
+    if name == "anharmonic_tether":
+        return replace(without, anharmonic=True)
     return replace(without, tracker=listed.tracker)
 
 
