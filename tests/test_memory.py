@@ -1,7 +1,6 @@
 """Hydrodynamic memory: decays beside the closed form and a bead that drags masses of fluid."""
 
 import math
-from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -104,4 +103,3 @@ def test_it_is_tried_where_the_camera_is_fast_enough(rate_hz, radius_nm, tried):
     silent = experiment(rate_hz, radius_nm, 0.0)
     assert bool(EFFECT.hypotheses(silent, evidence)) == tried
     assert not EFFECT.hypotheses(experiment(rate_hz, radius_nm, 0.5), evidence)
-    assert not EFFECT.hypotheses(replace(silent, anharmonic=True), evidence)

@@ -17,8 +17,7 @@ def _hypotheses(experiment: Experiment, evidence: Evidence) -> list[Hypothesis]:
     lowest_pN = min(evidence.force_pN)
     height_nm = float(mean_extension_nm(experiment.chain, lowest_pN))
     tilt = experiment.fluid.thermal_energy_pN_nm / (lowest_pN * height_nm)
-    there = experiment.anharmonic or experiment.fluid.memory > 0
-    if there or not experiment.bead.turns or tilt < SEEN_TILT:
+    if experiment.anharmonic or not experiment.bead.turns or tilt < SEEN_TILT:
         return []
     return [Hypothesis(replace(experiment, anharmonic=True), ())]
 

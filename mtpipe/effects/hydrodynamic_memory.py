@@ -27,7 +27,7 @@ def _hypotheses(experiment: Experiment, evidence: Evidence) -> list[Hypothesis]:
     # √(f/f_ν) with f_ν = η/(πR²ρ)
     fastest = 0.5 / experiment.camera.frame_s
     change = (math.pi * fastest * memory_time_s(bead.radius_nm, fluid.viscosity_mPa_s)) ** 0.5
-    if fluid.memory > 0 or experiment.anharmonic or change < SEEN:
+    if fluid.memory > 0 or change < SEEN:
         return []
     share = plain("share of the bulk's", "", START, (0.0, LARGEST), 0.02, _change)
     return [Hypothesis(experiment, (share,))]
