@@ -238,6 +238,9 @@ def not_simulated(listed: Sequence[str]) -> list[Notice]:
     """What is to be said where the setup lists effects that no fit and no simulation has."""
     known = {effect.name for effect in catalogue()}
     names = [name for name in listed if name not in known]
+    if "anharmonic_tether" in listed and "rotation_coupling" not in listed:
+        # only a bead that turns is followed through the whole potential
+        names.append("anharmonic_tether without rotation_coupling")
     if not names:
         return []
     return [

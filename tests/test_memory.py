@@ -8,41 +8,48 @@ from scipy import linalg
 
 from mtpipe.effects.effect import Evidence
 from mtpipe.effects.hydrodynamic_memory import EFFECT
-from mtpipe.experiment.description import Bead, Experiment, Fluid, Stage, Tracker
+from mtpipe.experiment.description import Bead, Experiment, Fluid, Magnets, Stage, Tracker
 from mtpipe.experiment.state import bead_state, recorded_modes
-from mtpipe.physics.camera import Camera
-from mtpipe.physics.memory import decays, memory_time_s, power_with_memory
+from mtpipe.physics.camera import Camera, power_spectrum
+from mtpipe.physics.memory import memory_time_s, power_with_memory, remembering
 from mtpipe.physics.tether import Chain
+from mtpipe.simulation.linear import simulate_motion
 
 RATIOS = (0.002, 0.01, 0.03, 0.1, 0.2)
+PLAIN = Magnets()
 
 
-def experiment(rate_hz, radius_nm, share):
+def experiment(rate_hz, radius_nm, share, *, turns=True, magnets=PLAIN, contour_nm=2700.0):
     return Experiment(
-        chain=Chain(2700.0, 50.0, 298.15, "marko-siggia"),
-        bead=Bead(radius_nm, turns=False),
-        fluid=Fluid(298.15, 0.9, wall=False, memory=share),
+        chain=Chain(contour_nm, 50.0, 298.15, "marko-siggia"),
+        bead=Bead(radius_nm, turns=turns),
+        fluid=Fluid(298.15, 0.9, memory=share),
         along=0,
-        camera=Camera(1 / rate_hz, 0.0),
+        camera=Camera(1 / rate_hz, 0.5 / rate_hz),
         stage=Stage(),
         tracker=Tracker(),
         rests=(),
+        magnets=magnets,
     )
+
+
+def power(omega, tau_s, variance):
+    return (4 * tau_s / (1 + (omega[:, None] * tau_s) ** 2)) @ variance
 
 
 @pytest.mark.parametrize("ratio", RATIOS)
 def test_decays_have_the_power_of_the_closed_form(ratio):
-    rate, share = decays(ratio)
-    frequency = np.geomspace(1e-4, 5e3, 3000)
-    power = (rate / (rate**2 + frequency[:, None] ** 2)) @ share
-    np.testing.assert_allclose(power, power_with_memory(frequency, ratio), rtol=0.05 * ratio)
-    assert share.sum() == pytest.approx(1, abs=1e-6)
-    assert (share / rate).sum() == pytest.approx(1, abs=1e-6)
-
-
-def test_without_memory_there_is_one_decay():
-    rate, share = decays(0.0)
-    np.testing.assert_allclose(share, rate == 1, atol=1e-7)
+    """4 t Re G/|1 − iωt G|² with G = 1 + √(−iωτ) for a motion of one relaxation time t."""
+    tau_s, variance = remembering(np.ones(1), np.ones(1), ratio**2)
+    omega = np.geomspace(1e-4, 5e3, 3000)
+    slowed = 1 + np.sqrt(-1j * omega) * ratio
+    exact = 4 * slowed.real / np.abs(1 - 1j * omega * slowed) ** 2
+    np.testing.assert_allclose(
+        power_with_memory(omega, np.ones(1), np.ones(1), ratio**2), exact, rtol=1e-9
+    )
+    np.testing.assert_allclose(power(omega, tau_s, variance), exact, rtol=0.05 * ratio)
+    assert variance.sum() == pytest.approx(1, abs=1e-6)
+    assert variance @ tau_s == pytest.approx(1, abs=1e-6)
 
 
 @pytest.mark.parametrize("ratio", [0.03, 0.2])
@@ -65,13 +72,56 @@ def test_decays_are_the_covariance_of_a_bead_that_drags_masses_of_fluid(ratio):
     # in units of its thermal size each coordinate is as large as any other
     size = np.append(1.0, np.sqrt(1 / mass))
     drift = drift * size / size[:, None]
-    rate, share = decays(ratio)
+    tau_s, variance = remembering(np.ones(1), np.ones(1), ratio**2)
     times = np.array([0.03, 0.1, 0.3, 1.0, 3.0])
     # equilibrium: ⟨x²⟩ = 1, and x knows nothing of the velocities
     covariance = np.array([linalg.expm(drift * time)[0, 0] for time in times])
-    found = np.exp(-np.outer(times, rate)) @ share
+    found = np.exp(-np.outer(times, 1 / tau_s)) @ variance
     np.testing.assert_allclose(found, covariance, atol=0.03 * ratio)
     assert np.abs(np.exp(-times) - covariance).max() > 0.2 * ratio
+
+
+@pytest.mark.parametrize("radius_nm", [500.0, 1400.0])
+@pytest.mark.parametrize("magnets", [PLAIN, Magnets(alignment_pN_nm=1e4)])
+def test_a_bead_that_turns_remembers_as_its_translation_does(radius_nm, magnets):
+    """x and y beside (K + sΓ + s√(sτ)Γ_t)⁻¹, Γ_t without the angles: these leave no memory of
+    this order (Landau & Lifshitz, Fluid Mechanics, section 24).
+    """
+    here = experiment(4000.0, radius_nm, 0.8, magnets=magnets, contour_nm=1000.0)
+    state, energy = bead_state(here, 10.0), here.fluid.thermal_energy_pN_nm
+    friction, stiffness = state.motion.friction, state.motion.stiffness
+    translation = np.diag(np.where(np.arange(len(friction)) < 3, np.diag(friction), 0.0))
+    modes = recorded_modes(state)
+    omega = 2 * np.pi * np.array([3.0, 30.0, 300.0, 1000.0, 3000.0])
+    for axis in (0, 1):
+        readout = state.motion.readout[axis]
+        exact = []
+        for one in omega:
+            s = -1j * one
+            dynamic = stiffness + s * friction + s * np.sqrt(s * state.memory_s) * translation
+            exact.append(4 * energy / one * (readout @ np.linalg.solve(dynamic, readout)).imag)
+        found = power(omega, modes.tau_s, modes.covariance_nm2[:, axis, axis])
+        np.testing.assert_allclose(found, exact, rtol=3e-3)
+
+
+def test_recorded_spectra_are_as_expected():
+    """Of 40 recordings, in bands; x, y and z within 2 % beyond 4 standard errors."""
+    here = experiment(4000.0, 1400.0, 1.0)
+    state, random, frames = bead_state(here, 8.0), np.random.default_rng(2), 8192
+    frequency = np.fft.rfftfreq(frames, here.camera.frame_s)[1:]
+    seen = np.zeros((len(frequency), 3))
+    for _ in range(40):
+        motion = simulate_motion([(state, frames)], here.camera, random)
+        content = np.fft.rfft(motion - motion.mean(axis=0), axis=0)[1:]
+        seen += 2 * here.camera.frame_s / frames * np.abs(content) ** 2 / 40
+    modes = recorded_modes(state)
+    for axis in range(3):
+        variance = modes.covariance_nm2[:, axis, axis]
+        parts = power_spectrum(frequency[:, None], variance, modes.tau_s, here.camera)
+        ratio = seen[:, axis] / parts.sum(axis=1)
+        for band in np.array_split(np.arange(20, len(frequency)), 4):
+            stderr = 1 / math.sqrt(40 * len(band))
+            assert abs(ratio[band].mean() - 1) < 4 * stderr + 0.02
 
 
 def test_time_of_memory():

@@ -98,6 +98,12 @@ def test_a_recording_with_its_drift_is_not_compared():
 
 def test_listed_effects_that_no_simulation_has_are_told():
     assert not not_simulated(KNOWN)
-    (told,) = not_simulated([*KNOWN, "pixel_locking", "hydrodynamic_memory"])
-    assert "pixel_locking, hydrodynamic_memory" in told.message
+    (told,) = not_simulated([*KNOWN, "pixel_locking", "surface_sticking"])
+    assert "pixel_locking, surface_sticking" in told.message
     assert (told.code, told.severity) == ("effects_not_simulated", "caution")
+
+
+def test_a_whole_tether_that_does_not_turn_its_bead_is_told():
+    assert not not_simulated([*KNOWN, "anharmonic_tether"])
+    (told,) = not_simulated(["wall_drag", "anharmonic_tether"])
+    assert "anharmonic_tether without rotation_coupling" in told.message

@@ -22,13 +22,18 @@ from tests.simulated import setup_content
 FORCES_PN = [1.0, 3.0, 9.0]
 SIZED = [effect for effect in OWN if effect.name not in DESCRIBED]
 KNOWN = ["wall_drag", "rotation_coupling"]
+# Memory shows to a fast camera only.
+FAST_HZ = 10_000.0
 
 
 def setup(**model):
     """A setup that lists these effects, with these sizes."""
     tables = {name: sizes for name, sizes in model.items() if sizes}
     beads = {"radius_nm": 500.0, "reference": ["ref1"]}
-    return parse_setup(setup_content(model={"effects": [*KNOWN, *model], **tables}, beads=beads))
+    model = {"effects": [*KNOWN, *model], **tables}
+    rate_hz = FAST_HZ if "hydrodynamic_memory" in model["effects"] else 120.0
+    camera = {"frame_rate_hz": rate_hz, "exposure_s": 1 / rate_hz}
+    return parse_setup(setup_content(model=model, beads=beads, camera=camera))
 
 
 def stated(**model):
@@ -66,7 +71,7 @@ def sizes_of(effect):
     """The table of an effect; where none is written above, sizes that its hypothesis begins at."""
     if effect.name in SIZES:
         return SIZES[effect.name]
-    base, _ = experiment_of(setup(), FORCES_PN, 2000)
+    base, _ = experiment_of(setup(**{effect.name: {}}), FORCES_PN, 2000)
     first, *_ = effect.hypotheses(base, None)
     begun = first.experiment
     for parameter in first.parameters:
@@ -81,7 +86,7 @@ def test_every_effect_of_the_catalogue_is_simulated_at_its_stated_size(effect):
     assert not left_out(notices)
     reported = {name: value for name, value, _ in effect.strengths(experiment)}
     assert reported == pytest.approx(sizes, rel=1e-6, abs=1e-5)
-    assert experiment != stated()[0]
+    assert experiment != stated(**{effect.name: {}})[0]
 
 
 @pytest.mark.parametrize("effect", SIZED, ids=lambda effect: effect.name)
@@ -92,16 +97,26 @@ def test_an_effect_with_a_size_missing_is_left_out_and_the_size_is_named(effect)
         experiment, notices = stated(**{effect.name: rest})
         (said,) = left_out(notices)
         assert f"{effect.name}, of which [model.{effect.name}] does not state {missing}." in said
-        assert experiment == stated()[0]
+        assert experiment == stated(**{effect.name: {}})[0]
 
 
 def test_what_no_simulation_has_is_told():
-    listed = setup(anharmonic_tether={}, hydrodynamic_memory={})
+    listed = setup(anharmonic_tether={}, pixel_locking={})
     experiment, notices = stated_experiment(listed, FORCES_PN, 2000)
     assert experiment.anharmonic
     assert left_out(notices) == [
-        "The simulation does not contain hydrodynamic_memory, which no simulation has."
+        "The simulation does not contain pixel_locking, which no simulation has."
     ]
+
+
+def test_a_whole_tether_needs_a_bead_that_turns():
+    def told(effects):
+        content = setup_content(model={"effects": [*effects, "anharmonic_tether"]})
+        return left_out(simulate(parse_setup(content), [1.0], 100).notices)
+
+    assert not told(["rotation_coupling"])
+    (said,) = told(["wall_drag"])
+    assert "only a bead that turns" in said
 
 
 def test_an_effect_that_does_not_apply_is_told():

@@ -9,7 +9,9 @@ from scipy import special
 
 from mtpipe.effects.anharmonic_tether import EFFECT
 from mtpipe.effects.effect import Evidence
+from mtpipe.errors import FitError
 from mtpipe.experiment.description import (
+    Allowance,
     Bead,
     Experiment,
     Fluid,
@@ -25,9 +27,8 @@ from mtpipe.experiment.state import (
 )
 from mtpipe.physics.camera import Camera
 from mtpipe.physics.relaxation import relaxation_modes
-from mtpipe.physics.tether import Chain, force_pN, log_distance_density
+from mtpipe.physics.tether import Chain, log_distance_density
 from mtpipe.simulation.bead import brownian_bead
-from mtpipe.simulation.brownian import simulate_bead
 from mtpipe.simulation.linear import simulate_motion
 from mtpipe.simulation.stepped import _from_steps, _to_steps
 
@@ -133,24 +134,26 @@ TILTED = Magnets(alignment_pN_nm=400.0, sideways_per_nm=3e-4)
         (experiment(1200.0, 500.0, fluid=Fluid(298.15, 0.9, wall=False)), 0.15),
         (experiment(1200.0, 500.0, bead=Bead(500.0, offset_nm=250.0)), 0.1),
         (experiment(1200.0, 500.0, magnets=TILTED), 0.15),
+        (experiment(1200.0, 500.0, along=1), 0.1),
+        (experiment(1200.0, 500.0, allowance=Allowance(1.2, 1.3)), 0.2),
     ],
-    ids=["short", "long", "far", "beside", "tilted"],
+    ids=["short", "long", "far", "beside", "tilted", "along y", "allowed"],
 )
 def test_spectra_are_those_of_small_steps(here, force):
-    """Bands from a tenth of Hz on within 2 % beyond chance, of 60 looks 4 standard errors."""
+    """Bands from a tenth of Hz on within 2 % beyond chance, of 84 looks 4 standard errors."""
     frames, edges = 60_000, [(0.02, 0.2), (0.2, 1.0), (1.0, 5.0), (5.0, 29.0)]
-    trace = simulate_bead(brownian_bead(here, force), CAMERA, frames, np.random.default_rng(3))
     state = bead_state(here, force)
     assert state.whole is not None
+    motion = simulate_motion([(state, frames)], CAMERA, np.random.default_rng(3))
     for axis in range(3):
-        seen, share, frequencies = bands(trace.position_nm[:, axis], edges)
+        seen, share, frequencies = bands(motion[:, axis], edges)
         expected = [float(expected_spectrum(f, state, here, axis).mean()) for f in frequencies]
         off = np.log(seen / np.array(expected))
         assert np.all(np.abs(off) < 4 * share + 0.02), (axis, off, share)
     modes = recorded_modes(state)
     slow_s = float(modes.tau_s[modes.covariance_nm2[:, 2, 2] > 0].max())
     stderr = math.sqrt(2 * slow_s / (frames * CAMERA.frame_s) * variances(state)[2])
-    assert abs(trace.position_nm[:, 2].mean() - state.extension_nm) < 4 * stderr + 1
+    assert abs(motion[:, 2].mean() - state.extension_nm) < 4 * stderr + 1
 
 
 def test_expansions_would_not_do():
@@ -215,9 +218,21 @@ def test_the_same_seed_gives_the_same_motion():
 
 def test_a_force_that_does_not_hold_a_harmonic_bead_up_leaves_it_on_the_surface():
     here = experiment(300.0, 500.0)
-    state = bead_state(here, 0.02)
-    assert 0 < state.extension_nm < 100
-    assert force_pN(here.chain, state.extension_nm) > 0.02
+    with pytest.raises(FitError):
+        bead_state(replace(here, anharmonic=False), 0.02)
+    lowest, low = (bead_state(here, force) for force in (0.005, 0.02))
+    assert 20 < lowest.extension_nm < low.extension_nm < 100
+
+
+def test_a_bead_that_is_always_in_the_surface_has_no_state():
+    """Attached far up its side, on a tether that is too short."""
+    with pytest.raises(FitError, match="does not hold the bead off"):
+        bead_state(experiment(300.0, 1400.0, bead=Bead(1400.0, offset_nm=1300.0)), 0.05)
+
+
+def test_a_bead_that_leans_stays_what_it_is():
+    leaning = experiment(1200.0, 500.0, magnets=TILTED, bead=Bead(500.0, offset_nm=100.0))
+    assert bead_state(leaning, 0.1).whole is None
 
 
 def test_a_bead_that_does_not_turn_stays_what_it_is():

@@ -1,6 +1,6 @@
 """Effects that the setup lists belong to the configured experiment: they are fitted from the start.
 
-Three of them are part of the description itself (wall, rotation, tracking noise); the others come
+Some of them are part of the description itself (`from_setup.DESCRIBED`); the others come
 from the catalogue, each with the hypothesis that suits the data best, whatever its strength.
 """
 

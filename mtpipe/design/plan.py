@@ -148,6 +148,8 @@ def plan_of(setup: Setup, frames: int) -> tuple[Plan, tuple[Notice, ...]]:
     if frames < 2 * 64:
         raise SetupError(f"{frames} frames are too few for a plateau; at least 128 are needed")
     experiment, notices = experiment_of(setup, [1.0], frames)
+    # methods are compared on the motion by expansion, which all of them mean
+    experiment = replace(experiment, anharmonic=False)
     conditions, _ = conditions_of(setup)
     radius, viscosity = setup.beads.radius_nm, conditions.viscosity_mPa_s
     knowledge = Knowledge(

@@ -6,6 +6,7 @@ from dataclasses import replace
 
 from mtpipe.effects.effect import Effect, Evidence, Hypothesis
 from mtpipe.experiment.description import Experiment
+from mtpipe.experiment.state import has_whole_motion
 from mtpipe.physics.tether import mean_extension_nm
 
 # Mean square tilt of the tether, kT/FL, from which on the effect is tried. The slow power of z by
@@ -17,9 +18,10 @@ def _hypotheses(experiment: Experiment, evidence: Evidence) -> list[Hypothesis]:
     lowest_pN = min(evidence.force_pN)
     height_nm = float(mean_extension_nm(experiment.chain, lowest_pN))
     tilt = experiment.fluid.thermal_energy_pN_nm / (lowest_pN * height_nm)
-    if experiment.anharmonic or not experiment.bead.turns or tilt < SEEN_TILT:
+    whole = replace(experiment, anharmonic=True)
+    if experiment.anharmonic or not has_whole_motion(whole) or tilt < SEEN_TILT:
         return []
-    return [Hypothesis(replace(experiment, anharmonic=True), ())]
+    return [Hypothesis(whole, ())]
 
 
 EFFECT = Effect(

@@ -30,7 +30,7 @@ from mtpipe.physics.axial import AxialMotion
 from mtpipe.physics.camera import FloatArray, power_spectrum
 from mtpipe.physics.friction import rotation_wall_factor, rotational_stokes_pN_nm_s
 from mtpipe.physics.linear import LinearMotion, NormalModes, normal_modes, pair_modes
-from mtpipe.physics.memory import decays, memory_time_s
+from mtpipe.physics.memory import memory_time_s, remembering
 from mtpipe.physics.tether import Chain, log_distance_density, moments
 from mtpipe.physics.tethered_bead import friction_pN_s_per_nm
 
@@ -42,6 +42,8 @@ LEAST_SHARE = 0.05
 # Grid of the tether's length: how far it reaches, in standard deviations and in kT of depth.
 GRID_NODES, GRID_SPREADS, GRID_DEPTH = 96, 10.0, 30.0
 LEAST_HEIGHT_NM = 1.0
+# Below this share of an axis's variance a mode is rounding error.
+ROUNDING = 1e-9
 MOST_KNOWN = 8192
 MOST_GIVING, LEAST_STRAIGHT = 0.1, 0.3
 # Mean square tilt of the tether, kT/FL, from which on motion is followed through the whole
@@ -121,9 +123,7 @@ def bead_state(experiment: Experiment, force_pN: float) -> BeadState:
     # lowest point ends above it
     extension = end - (bead.radius_nm - bead.lever_nm) + energy / force_pN - sinks
     whole = None
-    # a bead that hangs stiffly on its tether is an approximation of one that turns, and has no
-    # potential of its own
-    if experiment.anharmonic and bead.turns and energy / (force_pN * end) > WHOLE_TILT:
+    if has_whole_motion(experiment) and energy / (force_pN * end) > WHOLE_TILT:
         extension, whole = _whole(experiment, tether, force_pN)
     if not extension > 0:
         raise FitError(
@@ -145,16 +145,30 @@ def bead_state(experiment: Experiment, force_pN: float) -> BeadState:
     axial = _axial(experiment, tether, extension, allowed)
     bending = -(1 + gives) * swing - turn
     modes = normal_modes(motion, energy)
-    # a share of memory is all of it with a shorter time; through the whole potential there is none
-    fluid, share = experiment.fluid, experiment.fluid.memory if whole is None else 0.0
-    memory_s = share**2 * memory_time_s(bead.radius_nm, fluid.viscosity_mPa_s)
+    # a share of memory is all of it with a shorter time
+    fluid = experiment.fluid
+    memory_s = fluid.memory**2 * memory_time_s(bead.radius_nm, fluid.viscosity_mPa_s)
     return BeadState(force_pN, extension, motion, modes, bending, axial, whole, memory_s)
+
+
+def has_whole_motion(experiment: Experiment) -> bool:
+    """Whether the experiment asks for motion through the whole potential, and has one.
+
+    A bead that hangs stiffly on its tether is an approximation of one that turns, and has no
+    potential; one that is attached beside its lowest point and may tilt leans, which the
+    description leaves out.
+    """
+    leans = experiment.magnets.alignment_pN_nm is not None and experiment.bead.offset_nm > 0
+    return experiment.anharmonic and experiment.bead.turns and not leans
 
 
 def _whole(experiment: Experiment, tether: _Tether, force_pN: float) -> tuple[float, WholeMotion]:
     """Mean height and motion through the whole potential."""
     mean, tau_s, covariance = whole_motion(experiment, force_pN, tether.distance_nm, tether.weight)
-    covariance[:, 2, 2] *= experiment.allowance.upward_variance
+    # a motion that is larger on a softer spring is slower, too
+    softer = experiment.allowance.upward_variance
+    tau_s = np.where(covariance[:, 2, 2] > 0, softer * tau_s, tau_s)
+    covariance[:, 2, 2] *= softer
     return mean, WholeMotion(experiment, RecordedModes(tau_s, covariance))
 
 
@@ -162,57 +176,37 @@ def _whole(experiment: Experiment, tether: _Tether, force_pN: float) -> tuple[fl
 def recorded_modes(state: BeadState) -> RecordedModes:
     """Modes of the lateral motion, the pairs of them that bend z, and z's own modes.
 
-    Hydrodynamic memory makes many decays of each, some of them with negative variance; what the
-    tether's swinging does to z has no memory here.
+    Hydrodynamic memory makes many decays of these, some of them with negative variance.
     """
-    if state.whole is not None:
-        return state.whole.modes
+    without = _without_memory(state) if state.whole is None else state.whole.modes
+    if state.memory_s == 0:
+        return without
+    times, parts = [], []
+    for axis in range(3):
+        variance = without.covariance_nm2[:, axis, axis]
+        there = variance > ROUNDING * variance.sum()
+        tau_s, found = remembering(without.tau_s[there], variance[there], state.memory_s)
+        of_axis = np.zeros((len(tau_s), 3, 3))
+        of_axis[:, axis, axis] = found
+        times.append(tau_s)
+        parts.append(of_axis)
+    return RecordedModes(np.concatenate(times), np.concatenate(parts))
+
+
+def _without_memory(state: BeadState) -> RecordedModes:
     amplitude = state.modes.amplitude_nm.copy()
     amplitude[2] = 0.0
     linear = np.einsum("am,bm->mab", amplitude, amplitude)
-    lateral_s = state.modes.tau_s
     tau_s, variance = pair_modes(state.bending, state.modes)
     bent = np.zeros((len(tau_s), 3, 3))
     bent[:, 2, 2] = variance
     upward_s, of_z = state.axial.modes
     upward = np.zeros((len(upward_s), 3, 3))
     upward[:, 2, 2] = of_z
-    if state.memory_s > 0:
-        moving = _translation(state)
-        lateral_s, linear = _remembering(state.memory_s, lateral_s, linear, moving)
-        one = np.ones_like(upward_s)
-        upward_s, upward = _remembering(state.memory_s, upward_s, upward, one)
     return RecordedModes(
-        np.concatenate([lateral_s, tau_s, upward_s]),
+        np.concatenate([state.modes.tau_s, tau_s, upward_s]),
         np.concatenate([linear, bent, upward]),
     )
-
-
-def _translation(state: BeadState) -> FloatArray:
-    """(modes,) how much of each mode's friction is that of translation.
-
-    A turning sphere leaves no memory of order √s (Landau & Lifshitz, Fluid Mechanics, section 24).
-    """
-    dissipates = np.diag(state.motion.friction)[:, None] * state.modes.shape**2
-    return np.asarray(dissipates[:ANGLE].sum(axis=0) / dissipates.sum(axis=0))
-
-
-def _remembering(
-    memory_s: float, tau_s: FloatArray, covariance: FloatArray, share: FloatArray
-) -> tuple[FloatArray, FloatArray]:
-    """Relaxation times and covariances of the decays that modes are with memory.
-
-    Parameters
-    ----------
-    share : (modes,) of each mode's friction that has memory; exact to first order where it is not
-        all.
-    """
-    times, parts = [], []
-    for tau, one, of_it in zip(tau_s, covariance, share, strict=True):
-        rates, shares = decays(float(of_it * np.sqrt(memory_s / tau)))
-        times.append(tau / rates)
-        parts.append(shares[:, None, None] * one)
-    return np.concatenate(times), np.concatenate(parts)
 
 
 def expected_spectrum(

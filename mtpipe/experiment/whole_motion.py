@@ -21,6 +21,7 @@ import itertools
 import numpy as np
 from scipy.stats import qmc
 
+from mtpipe.errors import FitError
 from mtpipe.experiment.description import Experiment
 from mtpipe.physics.camera import FloatArray
 from mtpipe.physics.friction import rotation_wall_factor, rotational_stokes_pN_nm_s
@@ -29,9 +30,9 @@ from mtpipe.physics.tethered_bead import friction_pN_s_per_nm
 
 # ln 2 of how many points sample the equilibrium; degree of the polynomials.
 LN2_POINTS, DEGREE = 12, 3
-# The surface cuts the density off within this many standard deviations of z, so that expectations
-# follow the force smoothly.
-EDGE = 0.02
+# The surface cuts the density off within this many standard deviations that z has without it, so
+# that expectations follow the force smoothly. So many points have to be left above.
+EDGE, FEWEST = 0.02, 100
 LEAST_HEIGHT_NM = 1.0
 X, Y, Z, PHI, PSI = range(5)
 # Whether a function changes its sign with x, and whether with y.
@@ -51,7 +52,11 @@ def whole_motion(
     Returns
     -------
     Mean height in nm; relaxation times (m,) in s and covariances (m, 3, 3) of the modes, which are
-    of one axis each.
+    of one axis of the camera each.
+
+    Raises
+    ------
+    FitError : the tether holds the bead in the surface nearly always.
     """
     energy = experiment.fluid.thermal_energy_pN_nm
     place, weight = _equilibrium(experiment, force_pN, distance_nm, share)
@@ -65,13 +70,15 @@ def whole_motion(
     unit, slope = values / size[:, None], slopes / size[:, None]
     diffusivity = energy * _mobility(experiment, height, len(place))
     tau_s, covariance = [], []
+    of_camera = {X: experiment.along, Y: 1 - experiment.along, Z: Z}
     for axis, parity in PARITY.items():
         powers = _powers(len(place), axis, parity)
         functions, derivatives = _polynomials(unit, slope, powers)
         functions -= (functions @ weight)[:, None]
         times, variance = relaxation_modes(weight, functions, derivatives, diffusivity)
         of_axis = np.zeros((len(times), 3, 3))
-        of_axis[:, axis, axis] = variance * size[axis] ** 2
+        seen = of_camera[axis]
+        of_axis[:, seen, seen] = variance * size[axis] ** 2
         tau_s.append(times)
         covariance.append(of_axis)
     return mean, np.concatenate(tau_s), np.concatenate(covariance)
@@ -110,6 +117,8 @@ def _equilibrium(
     log_weight -= force_pN * magnets.sideways_per_nm * (x**2 + y**2) / (2 * energy)
     weight = np.exp(log_weight - log_weight.max())
     weight *= np.clip(z / (EDGE * z.std()) + 0.5, 0, 1)
+    if not weight.sum() ** 2 > FEWEST * np.sum(weight**2):
+        raise FitError(f"at {force_pN:g} pN the tether does not hold the bead off the surface")
     return np.vstack([x, y, z, phi, *[psi] * tilts]), weight / weight.sum()
 
 

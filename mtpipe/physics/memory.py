@@ -1,33 +1,32 @@
 """Hydrodynamic memory: the fluid that a bead has set in motion goes on, and drags the bead along.
 
-In unsteady Stokes flow the friction of a sphere depends on frequency, γ(s) = γ (1 + √(s τ)) with
-the time τ = R²ρ/η in which motion spreads over the radius (Basset 1888; Tolić-Nørrelykke et al.
-2006; PHYSICS E22). The masses of bead and displaced fluid, of order s τ, are left out: they count
-at frequencies about η/(R²ρ) only. A motion that without memory relaxes in the time t then has the
-power, over its variance,
+In unsteady Stokes flow the friction of a sphere's translation depends on frequency,
+γ(s) = γ (1 + √(s τ)) with the time τ = R²ρ/η in which motion spreads over the radius (Basset 1888;
+Tolić-Nørrelykke et al. 2006; PHYSICS E22). The masses of bead and displaced fluid, of order s τ,
+are left out: they count at frequencies about η/(R²ρ) only.
 
-    4 t Re G / |1 − iωt G|²  with  G = 1 + √(−iω τ).
-
-Its covariance is no sum of decays, but nearly one of decays with weights of either sign; so
-cameras, lost frames and the like act on it as on any other motion.
+Of a motion without memory that is a sum of decays, variance v_i and time t_i, the response over kT
+is C(s) = Σ v_i/(1 + s t_i), and its friction over kT is 1/Σ(v_i/t_i), whatever it is coupled to.
+More friction on that coordinate makes of it C/(1 + C s √(s τ)/Σ(v_i/t_i)), and its power is
+(4/ω) Im of this at s = −iω. The covariance is no sum of decays any more, but nearly one of decays
+with variances of either sign; so cameras, lost frames and the like act on it as on any motion.
 """
 
 from __future__ import annotations
-
-import functools
 
 import numpy as np
 
 from mtpipe.physics.camera import FloatArray
 
 WATER_KG_PER_M3 = 1000.0
-# Rates of the decays, over that without memory; they are fitted up to frequencies ωt so high.
+# Rates of the decays about that of each mode with so much of the variance.
 RATES = np.concatenate(
     [[0.03, 0.1, 0.25, 0.5, 0.7, 0.85, 1.0, 1.2, 1.5], np.geomspace(2.2, 1e5, 10)]
 )
-FREQUENCIES = np.concatenate([[0.0], np.geomspace(1e-3, 1e4, 400)])
-# That variance and power at frequency 0 are those without memory counts like so many frequencies.
-EXACT = 1e4
+LEAST_SHARE = 0.02
+# They are fitted at so many frequencies, from far below the slowest such mode to far above the
+# fastest. That variance and power at frequency 0 are those without memory counts like EXACT ones.
+POINTS, BELOW, ABOVE, EXACT = 400, 1e-3, 1e4, 1e4
 
 
 def memory_time_s(radius_nm: float, viscosity_mPa_s: float) -> float:
@@ -35,37 +34,51 @@ def memory_time_s(radius_nm: float, viscosity_mPa_s: float) -> float:
     return (radius_nm * 1e-9) ** 2 * WATER_KG_PER_M3 / (viscosity_mPa_s * 1e-3)
 
 
-def power_with_memory(frequency: FloatArray, ratio: float) -> FloatArray:
-    """Power of a motion with memory over 4 × variance × relaxation time.
+def power_with_memory(
+    omega_per_s: FloatArray, tau_s: FloatArray, variance_nm2: FloatArray, memory_s: float
+) -> FloatArray:
+    """One-sided power, nm²/Hz, of a motion with memory.
 
     Parameters
     ----------
-    frequency : ωt, over the rate without memory. ratio : √(τ/t).
+    omega_per_s : (n,) 2π frequency, above 0.
+    tau_s, variance_nm2 : (m,) decays of the motion without memory. memory_s : τ.
     """
-    slowed = 1 + np.sqrt(-1j * frequency) * ratio
-    return np.asarray(slowed.real / np.abs(1 - 1j * frequency * slowed) ** 2)
+    s = -1j * omega_per_s
+    response = (variance_nm2 / (1 + s[:, None] * tau_s)).sum(axis=1)
+    added = s * np.sqrt(s * memory_s) / np.sum(variance_nm2 / tau_s)
+    return np.asarray(4 / omega_per_s * (response / (1 + response * added)).imag)
 
 
-def decays(ratio: float) -> tuple[FloatArray, FloatArray]:
-    """Decays whose sum is a motion with memory, in power to some 4 % of √(τ/t).
+def remembering(
+    tau_s: FloatArray, variance_nm2: FloatArray, memory_s: float
+) -> tuple[FloatArray, FloatArray]:
+    """Decays whose sum is a motion with memory.
 
     Parameters
     ----------
-    ratio : √(τ/t), of memory's time and the motion's own; to be well below 1.
+    tau_s, variance_nm2 : (m,) decays of the motion without memory. memory_s : τ, to be well below
+        the times of the decays that matter.
 
     Returns
     -------
-    Rates (m,) over that without memory, and the share (m,) of the variance that each has; shares of
-    either sign, with the sum 1.
+    Times (k,) in s and variances (k,) in nm², of either sign, of decays that have the motion's
+    power to some 5 % of √(τ/t) or better.
     """
-    without = 1 / (1 + FREQUENCIES**2)
-    target = power_with_memory(FREQUENCIES, ratio) / without
-    return RATES, _solution() @ np.append(target, [EXACT, EXACT])
+    total = variance_nm2.sum()
+    main = variance_nm2 > LEAST_SHARE * total
+    rates = np.unique(np.concatenate([1 / tau_s, np.outer(1 / tau_s[main], RATES).ravel()]))
+    ends = BELOW / tau_s[main].max(), ABOVE / tau_s[main].min()
+    omega = np.geomspace(*ends, POINTS)
+    without = _power(omega, tau_s) @ variance_nm2
+    target = power_with_memory(omega, tau_s, variance_nm2, memory_s) / without
+    kept = EXACT * np.vstack([np.ones_like(rates) / total, 1 / rates / (variance_nm2 @ tau_s)])
+    of_each = np.vstack([_power(omega, 1 / rates) / without[:, None], kept])
+    size = np.sqrt(np.sum(of_each**2, axis=0))
+    found = np.linalg.lstsq(of_each / size, np.append(target, [EXACT, EXACT]), rcond=1e-11)[0]
+    return np.asarray(1 / rates), np.asarray(found / size)
 
 
-@functools.cache
-def _solution() -> FloatArray:
-    """(rates, frequencies + 2) least squares for relative power, variance and power at 0."""
-    of_each = RATES / (RATES**2 + FREQUENCIES[:, None] ** 2) * (1 + FREQUENCIES[:, None] ** 2)
-    kept = EXACT * np.vstack([np.ones_like(RATES), 1 / RATES])
-    return np.asarray(np.linalg.pinv(np.vstack([of_each, kept]), rcond=1e-12))
+def _power(omega_per_s: FloatArray, tau_s: FloatArray) -> FloatArray:
+    """(n, m) one-sided power of decays of unit variance."""
+    return np.asarray(4 * tau_s / (1 + (omega_per_s[:, None] * tau_s) ** 2))

@@ -28,7 +28,7 @@ import numpy as np
 from mtpipe.physics import friction, tether
 from mtpipe.physics.camera import Camera, FloatArray
 from mtpipe.simulation.bead import BrownianBead
-from mtpipe.simulation.chain_table import reach_nm, tabulate
+from mtpipe.simulation.chain_table import ChainTable, reach_nm, tabulate
 from mtpipe.simulation.dynamics import advance, friction_table
 from mtpipe.simulation.equilibrium import draw_state
 from mtpipe.simulation.steps import FrameSteps, divide_frame
@@ -61,12 +61,14 @@ def simulate_bead(
     *,
     time_step_s: float | None = None,
     start: FloatArray | None = None,
+    table: ChainTable | None = None,
 ) -> BrownianTrace:
     """A tethered bead as the camera records it.
 
     Parameters
     ----------
     start : the state at the first frame; None: drawn from equilibrium at the first force.
+    table : of the chain for forces up to the largest at least; None: made.
     time_step_s : the longest step; None: `longest_time_step_s`. A frame is a whole number of equal
         ones (`divide_frame`).
 
@@ -83,7 +85,8 @@ def simulate_bead(
     if time_step_s is None:
         time_step_s = longest_time_step_s(bead, camera)
     steps = divide_frame(camera, time_step_s)
-    table = tabulate(bead.chain, float(np.max(bead.force_pN)))
+    if table is None:
+        table = tabulate(bead.chain, float(np.max(bead.force_pN)))
     if start is None:
         start = draw_state(bead, table, float(forces[0]), random)
     recorded, end = advance(

@@ -8,7 +8,6 @@ step can reach, the chain pulls like the spring tension/r of the last node, so n
 
 from __future__ import annotations
 
-import functools
 from dataclasses import dataclass
 
 import numpy as np
@@ -36,7 +35,6 @@ class ChainTable:
     secant_pN_per_nm: FloatArray
 
 
-@functools.lru_cache(maxsize=64)
 def tabulate(chain: tether.Chain, largest_force_pN: float) -> ChainTable:
     """The chain as far as it is ever stretched in equilibrium under forces up to the largest."""
     reach = reach_nm(chain, largest_force_pN, _NEGLIGIBLE)

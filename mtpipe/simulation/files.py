@@ -22,7 +22,7 @@ import numpy as np
 import mtpipe
 from mtpipe.errors import MtpipeError, SetupError
 from mtpipe.experiment.description import Experiment
-from mtpipe.experiment.state import BeadState, bead_state
+from mtpipe.experiment.state import BeadState, bead_state, recorded_modes
 from mtpipe.files import write_atomically
 from mtpipe.recording import AXES, Recording
 from mtpipe.setup import parse_setup
@@ -131,7 +131,9 @@ def _numbers(state: BeadState, experiment: Experiment) -> dict[str, Any]:
     """A bead at one force: the stiffness of z is the chain's own, without what swinging adds."""
     energy = experiment.fluid.thermal_energy_pN_nm
     readout = state.motion.readout
-    stiffness = energy / np.diag(state.modes.covariance_nm2())
+    variance = np.diag(state.modes.covariance_nm2()).copy()
+    variance[:2] = recorded_modes(state).covariance_nm2.sum(axis=0).diagonal()[:2]
+    stiffness = energy / variance
     friction = 1 / np.diag(readout @ np.linalg.inv(state.motion.friction) @ readout.T)
     corner = stiffness / (2 * np.pi * friction)
 

@@ -40,6 +40,8 @@ PART_RELAXATIONS = 1.0
 MOST_PARTS = 3
 # Below this share of the largest, an amplitude or an element of the bending is rounding error.
 ROUNDING = 1e-10
+# Points of a gain over frequency, between which it is a straight line.
+GAIN_POINTS = 400
 
 
 def simulate_motion(
@@ -65,7 +67,7 @@ def simulate_motion(
             from mtpipe.simulation.stepped import stepped
 
             motion, position = stepped(state, state.whole, camera, frames, random, position)
-            pieces.append(motion)
+            pieces.append(_remembered(motion, state, camera) if state.memory_s > 0 else motion)
             continue
         start: FloatArray | None = None
         if position is not None:
@@ -79,23 +81,26 @@ def simulate_motion(
 def _remembered(motion: FloatArray, state: BeadState, camera: Camera) -> FloatArray:
     """(frames, 3) recorded motion with the power at each frequency that memory makes of it."""
     mean = motion.mean(axis=0)
-    content = fft.rfft(motion - mean, axis=0) * _memory_gain(state, camera, len(motion))
+    frequency = fft.rfftfreq(len(motion), camera.frame_s)
+    known, gains = _memory_gain(state, camera)
+    gain = np.column_stack([np.interp(frequency, known, gain) for gain in gains])
+    content = fft.rfft(motion - mean, axis=0) * gain
     return np.asarray(mean + fft.irfft(content, len(motion), axis=0))
 
 
 @functools.lru_cache(maxsize=256)
-def _memory_gain(state: BeadState, camera: Camera, frames: int) -> FloatArray:
-    """(frequencies, 3) what memory does to recorded amplitudes of x, y, z."""
-    frequency = fft.rfftfreq(frames, camera.frame_s)[:, None]
-    of_both = []
-    for one in (state, replace(state, memory_s=0.0)):
+def _memory_gain(state: BeadState, camera: Camera) -> tuple[FloatArray, FloatArray]:
+    """Frequencies (n,) and (3, n) what memory does there to recorded amplitudes of x, y, z."""
+    frequency = np.append(0.0, np.geomspace(1e-5, 1.0, GAIN_POINTS) * camera.nyquist_hz)
+    powers = np.empty((2, 3, len(frequency)))
+    for which, one in enumerate((state, replace(state, memory_s=0.0))):
         modes = recorded_modes(one)
-        of_axes = [
-            power_spectrum(frequency, modes.covariance_nm2[:, a, a], modes.tau_s, camera).sum(-1)
-            for a in range(3)
-        ]
-        of_both.append(np.column_stack(of_axes))
-    return np.asarray(np.sqrt(of_both[0] / of_both[1]))
+        for axis in range(3):
+            variance = modes.covariance_nm2[:, axis, axis]
+            there = variance != 0
+            each = power_spectrum(frequency[:, None], variance[there], modes.tau_s[there], camera)
+            powers[which, axis] = each.sum(axis=-1)
+    return frequency, np.sqrt(powers[0] / powers[1])
 
 
 def _mean(state: BeadState) -> FloatArray:

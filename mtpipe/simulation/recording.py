@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 
 from mtpipe.experiment.changes import with_bead
 from mtpipe.experiment.description import Experiment
-from mtpipe.experiment.state import bead_state
+from mtpipe.experiment.state import bead_state, has_whole_motion
 from mtpipe.notice import Notice
 from mtpipe.physics.camera import FloatArray
 from mtpipe.plateaus import find_plateaus
@@ -196,6 +196,12 @@ def _departures(experiment: Experiment, engine: Engine) -> tuple[Notice, ...]:
     if engine == "brownian" and experiment.fluid.memory > 0:
         said = "Step by step the fluid has no memory, although the setup lists it."
         found.append(Notice("no_memory", "caution", said))
+    if engine == "linear" and experiment.anharmonic and not has_whole_motion(experiment):
+        said = (
+            "anharmonic_tether is not in the simulation: only a bead that turns "
+            "(rotation_coupling), and does not lean, is followed through the whole potential."
+        )
+        found.append(Notice("effects_not_simulated", "caution", said))
     if engine == "brownian" and not experiment.bead.turns:
         said = (
             "Step by step a bead turns about the field's axis as tether and field let it, although "

@@ -8,19 +8,22 @@ from __future__ import annotations
 
 import functools
 import math
+from dataclasses import replace
 
 import numpy as np
 
 from mtpipe.experiment.description import Experiment
 from mtpipe.experiment.state import ACROSS, ALONG, ANGLE, UP, BeadState, WholeMotion
 from mtpipe.physics.camera import Camera, FloatArray
+from mtpipe.physics.tether import Chain
 from mtpipe.simulation.bead import BrownianBead, brownian_bead
 from mtpipe.simulation.brownian import longest_time_step_s, simulate_bead
+from mtpipe.simulation.chain_table import ChainTable, tabulate
 
 # The lowest height at which a bead starts.
 LEAST_START_NM = 0.1
-# Steps over the longest that the simulator takes by itself; at this no error of means and variances
-# was found (`longest_time_step_s`), and recordings are simulated a hundred times.
+# Steps over the longest that the simulator takes by itself, as recordings are simulated a hundred
+# times; tests hold expected spectra to it.
 STRIDE = 2.0
 
 
@@ -38,20 +41,36 @@ def stepped(
     ----------
     position : coordinates at the start, as `state` counts them; None: equilibrium.
     """
-    bead, step_s = _prepared(whole.experiment, state.force_pN, camera)
+    bead, step_s, table = _prepared(whole.experiment, state.force_pN, camera)
     start = None if position is None else _to_steps(position, bead)
-    trace = simulate_bead(bead, camera, frames, random, time_step_s=step_s, start=start)
-    recorded = trace.position_nm.copy()
+    trace = simulate_bead(
+        bead, camera, frames, random, time_step_s=step_s, start=start, table=table
+    )
+    recorded = trace.position_nm
     recorded[:, bead.along] += _aside_nm(bead)
+    softer = math.sqrt(whole.experiment.allowance.upward_variance)
+    recorded[:, 2] = state.extension_nm + softer * (recorded[:, 2] - state.extension_nm)
     return recorded, _from_steps(trace.end, bead, len(state.modes.tau_s))
 
 
 @functools.lru_cache(maxsize=1024)
 def _prepared(
     experiment: Experiment, force_pN: float, camera: Camera
-) -> tuple[BrownianBead, float]:
+) -> tuple[BrownianBead, float, ChainTable]:
     bead = brownian_bead(experiment, force_pN)
-    return bead, STRIDE * longest_time_step_s(bead, camera)
+    # slower by as much as it is softer
+    slower = bead.upward_friction * experiment.allowance.upward_variance
+    largest_pN = 2.0 ** math.ceil(math.log2(force_pN))
+    return (
+        replace(bead, upward_friction=slower),
+        STRIDE * longest_time_step_s(bead, camera),
+        _table(experiment.chain, largest_pN),
+    )
+
+
+@functools.lru_cache(maxsize=8)
+def _table(chain: Chain, largest_force_pN: float) -> ChainTable:
+    return tabulate(chain, largest_force_pN)
 
 
 def _aside_nm(bead: BrownianBead) -> float:

@@ -54,7 +54,8 @@ class Effect:
     ----------
     family : drawn for an experiment; None where the effect has no size, because it is there or not.
     parameters : numbers that name it, for the penalty.
-    alike : effects with which it cannot be told apart in pairs, by their kind.
+    kind : effects of one kind are not concealed together, as they cannot be told apart or are seen
+        in different regimes.
     spoil, sizes : what is done to the raw recording, for a size; sizes by strength.
     regime : of the experiments in which it is concealed (`configurations.REGIMES`).
     """
