@@ -165,19 +165,28 @@ def test_expansions_would_not_do():
 
 @pytest.mark.parametrize(("contour_nm", "radius_nm"), [(300.0, 500.0), (2700.0, 1400.0)])
 def test_where_the_tether_is_hardly_tilted_expansions_take_over(contour_nm, radius_nm):
+    """Smoothly, as what a force is fitted by: slow power falls with the force all the way."""
     here = experiment(contour_nm, radius_nm)
     energy = here.fluid.thermal_energy_pN_nm
-    forces = np.geomspace(0.1, 20.0, 400)
-    tilts = np.array([energy / (f * bead_state(here, float(f)).extension_nm) for f in forces])
-    last = float(forces[np.flatnonzero(tilts > 1.02 * WHOLE_TILT)[-1]])
-    whole, expanded = (bead_state(e, last) for e in (here, replace(here, anharmonic=False)))
-    assert whole.whole is not None
-    assert bead_state(here, 1.1 * last).whole is None
-    assert whole.extension_nm == pytest.approx(expanded.extension_nm, abs=0.3)
-    np.testing.assert_allclose(variances(whole), variances(expanded), rtol=0.01)
-    ratio = slow_power(whole) / slow_power(expanded)
-    np.testing.assert_allclose(ratio, 1, atol=0.15)
-    assert np.all(np.abs(ratio[:2] - 1) < 0.02)
+    forces = np.geomspace(0.2, 8.0, 400)
+    states = [bead_state(here, float(force)) for force in forces]
+    expanded = [bead_state(replace(here, anharmonic=False), float(force)) for force in forces]
+    heights = np.array([state.extension_nm for state in expanded])
+    tilt = energy / (forces * heights)
+    assert all(state.whole is None for state, t in zip(states, tilt, strict=True) if t < 0.0039)
+    assert all(state.whole is not None for state, t in zip(states, tilt, strict=True) if t > 0.0041)
+    between = np.flatnonzero((tilt > WHOLE_TILT[0]) & (tilt < WHOLE_TILT[1]))
+    assert len(between) > 20
+    for i in between:
+        assert states[i].extension_nm == pytest.approx(heights[i], abs=0.3)
+        np.testing.assert_allclose(variances(states[i]), variances(expanded[i]), rtol=0.01)
+    steps = np.diff(np.log([slow_power(state) for state in states]), axis=0)
+    steps /= np.diff(np.log(forces))[:, None]
+    assert np.all(steps[between - 1] < -1)
+    # by expansion alone the slope is this far off at most
+    plain = np.diff(np.log([slow_power(state) for state in expanded]), axis=0)
+    plain /= np.diff(np.log(forces))[:, None]
+    assert np.all(np.abs(steps - plain)[between - 1] < 0.6)
 
 
 @pytest.mark.parametrize("magnets", [Magnets(), TILTED])
@@ -194,7 +203,7 @@ def test_coordinates_are_the_same_in_steps_and_in_modes(magnets):
 def test_a_bead_goes_on_where_it_was_when_steps_begin_and_end():
     """Positions without exposure, 0.2 ms apart, over two changes of the force."""
     here = experiment(1200.0, 500.0, camera=Camera(2e-4, 0.0))
-    low, high = bead_state(here, 0.6), bead_state(here, 0.95)
+    low, high = bead_state(here, 0.6), bead_state(here, 1.1)
     assert (low.whole is None, high.whole is None) == (False, True)
     random = np.random.default_rng(1)
     stretches = [(high, 50), (low, 50), (high, 50)]

@@ -18,7 +18,7 @@ from __future__ import annotations
 
 import functools
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -46,10 +46,10 @@ LEAST_HEIGHT_NM = 1.0
 ROUNDING = 1e-9
 MOST_KNOWN = 8192
 MOST_GIVING, LEAST_STRAIGHT = 0.1, 0.3
-# Mean square tilt of the tether, kT/FL, from which on motion is followed through the whole
-# potential where that is asked for; at this one the slow power of z by expansion is too small by
-# 5 % (contour 2700 nm) to 13 % (300 nm).
-WHOLE_TILT = 0.005
+# Mean square tilts of the tether, kT/FL, between which motion through the whole potential takes
+# over, where that is asked for. Slow power of z by expansion is 4 % (contour 7 µm) to 12 % (0.3 µm)
+# too small there.
+WHOLE_TILT = (0.004, 0.006)
 
 
 @dataclass(frozen=True, eq=False)
@@ -122,9 +122,10 @@ def bead_state(experiment: Experiment, force_pN: float) -> BeadState:
     # and tilting lowers it by stands in its place. A tether that is attached beside the bead's
     # lowest point ends above it
     extension = end - (bead.radius_nm - bead.lever_nm) + energy / force_pN - sinks
-    whole = None
-    if has_whole_motion(experiment) and energy / (force_pN * end) > WHOLE_TILT:
-        extension, whole = _whole(experiment, tether, force_pN)
+    whole, share = None, _whole_share(experiment, energy / (force_pN * end))
+    if share > 0:
+        mean, whole = _whole(experiment, tether, force_pN)
+        extension = mean if share == 1 else share * mean + (1 - share) * extension
     if not extension > 0:
         raise FitError(
             f"at {force_pN:g} pN the tether does not hold the bead off the surface "
@@ -148,7 +149,12 @@ def bead_state(experiment: Experiment, force_pN: float) -> BeadState:
     # a share of memory is all of it with a shorter time
     fluid = experiment.fluid
     memory_s = fluid.memory**2 * memory_time_s(bead.radius_nm, fluid.viscosity_mPa_s)
-    return BeadState(force_pN, extension, motion, modes, bending, axial, whole, memory_s)
+    state = BeadState(force_pN, extension, motion, modes, bending, axial, None, memory_s)
+    if whole is None:
+        return state
+    if share < 1:
+        whole = _mixed(whole, share, _without_memory(state))
+    return replace(state, whole=WholeMotion(experiment, whole))
 
 
 def has_whole_motion(experiment: Experiment) -> bool:
@@ -162,14 +168,27 @@ def has_whole_motion(experiment: Experiment) -> bool:
     return experiment.anharmonic and experiment.bead.turns and not leans
 
 
-def _whole(experiment: Experiment, tether: _Tether, force_pN: float) -> tuple[float, WholeMotion]:
+def _whole_share(experiment: Experiment, tilt: float) -> float:
+    """How much of the motion is that through the whole potential; the rest is by expansion."""
+    low, high = WHOLE_TILT
+    return min(max((tilt - low) / (high - low), 0.0), 1.0) if has_whole_motion(experiment) else 0.0
+
+
+def _mixed(one: RecordedModes, share: float, other: RecordedModes) -> RecordedModes:
+    return RecordedModes(
+        np.concatenate([one.tau_s, other.tau_s]),
+        np.concatenate([share * one.covariance_nm2, (1 - share) * other.covariance_nm2]),
+    )
+
+
+def _whole(experiment: Experiment, tether: _Tether, force_pN: float) -> tuple[float, RecordedModes]:
     """Mean height and motion through the whole potential."""
     mean, tau_s, covariance = whole_motion(experiment, force_pN, tether.distance_nm, tether.weight)
     # a motion that is larger on a softer spring is slower, too
     softer = experiment.allowance.upward_variance
     tau_s = np.where(covariance[:, 2, 2] > 0, softer * tau_s, tau_s)
     covariance[:, 2, 2] *= softer
-    return mean, WholeMotion(experiment, RecordedModes(tau_s, covariance))
+    return mean, RecordedModes(tau_s, covariance)
 
 
 @functools.lru_cache(maxsize=4096)
