@@ -53,7 +53,7 @@ def stepped(
     return recorded, _from_steps(trace.end, bead, len(state.modes.tau_s))
 
 
-@functools.lru_cache(maxsize=1024)
+@functools.lru_cache(maxsize=128)
 def _prepared(
     experiment: Experiment, force_pN: float, camera: Camera
 ) -> tuple[BrownianBead, float, ChainTable]:
