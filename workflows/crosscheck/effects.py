@@ -40,7 +40,7 @@ class Effect:
     ----------
     name, unit : of the effect and of its strength, as the table shows them.
     change : of the experiment; spoil : of the raw recording; unlisted : what the setup omits.
-    engine : who simulates.
+    engine : who simulates. rate_hz : of the camera.
     """
 
     name: str
@@ -50,19 +50,22 @@ class Effect:
     spoil: Callable[[Recording, float, np.random.Generator], Recording] | None = None
     unlisted: str = ""
     engine: Engine = "linear"
+    rate_hz: float = 120.0
 
 
-def base(unlisted: str = "") -> clean.Clean:
-    """The recording that all effects are put into: 1.4 µm beads, 2.7 µm of DNA, 120 Hz."""
+def base(unlisted: str = "", rate_hz: float = 120.0) -> clean.Clean:
+    """The recording that all effects are put into: 1.4 µm beads, 2.7 µm of DNA."""
     setup = parse_setup(
         {
             "schema": 1,
-            "camera": {"frame_rate_hz": 120.0, "exposure_s": 0.005},
+            "camera": {"frame_rate_hz": rate_hz, "exposure_s": 0.6 / rate_hz},
             "beads": {"radius_nm": 1400.0, "reference": [REFERENCE]},
             "tether": {"contour_length_nm": 2700.0, "persistence_length_nm": 50.0},
             "buffer": {"temperature_K": 298.15, "viscosity_mPa_s": 0.89},
             "field": {"direction": "x"},
             "model": {"effects": list(LISTED)},
+            # at high rates the plateaus are short
+            "plateaus": {"minimum_s": min(5.0, 0.8 * FRAMES / rate_hz)},
         },
         where="study",
     )
@@ -86,7 +89,7 @@ def measure(job: tuple[str, float, int, int]) -> dict[str, Any]:
     def spoil(raw: Recording, own: np.random.Generator) -> Recording:
         return raw if effect.spoil is None else effect.spoil(raw, strength, own)
 
-    configured = replace(base(effect.unlisted), engine=effect.engine)
+    configured = replace(base(effect.unlisted, effect.rate_hz), engine=effect.engine)
     found = clean.check(configured, random, change=change, spoil=spoil)
     return {
         "effect": name,
@@ -120,6 +123,10 @@ def _tethers(experiment: Experiment, number: float) -> Experiment:
     return replace(
         experiment, chain=replace(chain, persistence_length_nm=chain.persistence_length_nm / number)
     )
+
+
+def _memory(experiment: Experiment, share: float) -> Experiment:
+    return changes.with_fluid(experiment, memory=share)
 
 
 def _off_center(experiment: Experiment, share: float) -> Experiment:
@@ -274,6 +281,14 @@ EFFECTS = (
     Effect("lateral_magnet_stiffness", "of the force, 1/mm", (10.0, 30.0, 100.0), _held_sideways),
     Effect("extensible_tether", "pN", (10000.0, 3000.0, 1000.0), _extensible),
     Effect("anharmonic_tether", "pN, lowest force", (0.4, 0.2, 0.1), _weaker, engine="brownian"),
+    Effect("hydrodynamic_memory", "of the bulk's", (1.0,), _memory),
+    Effect(
+        "hydrodynamic_memory at 4000 frames/s",
+        "of the bulk's",
+        (0.25, 0.5, 1.0),
+        _memory,
+        rate_hz=4000.0,
+    ),
     Effect("field_rotation", "°", (3.0, 8.0, 20.0), spoil=_turned),
     Effect("dropped_frames", "share", (0.003, 0.02, 0.1), spoil=_dropped),
     Effect("contour_length", "factor", (1.0003, 1.001, 1.003), _contour),
