@@ -163,6 +163,19 @@ def test_expansions_would_not_do():
     assert slow_power(whole)[2] > 1.3 * slow_power(expanded)[2]
 
 
+@pytest.mark.parametrize(
+    ("contour_nm", "radius_nm", "force", "larger"),
+    [(300.0, 500.0, 2.41, 1.144), (7000.0, 1400.0, 0.155, 1.048)],
+)
+def test_what_expansions_miss_where_they_take_over(contour_nm, radius_nm, force, larger):
+    """Of z's slow power, at a tilt of 0.006: the figures of docs/effects.md."""
+    here = experiment(contour_nm, radius_nm)
+    whole, expanded = (bead_state(e, force) for e in (here, replace(here, anharmonic=False)))
+    tilt = here.fluid.thermal_energy_pN_nm / (force * expanded.extension_nm)
+    assert tilt == pytest.approx(0.0062, abs=0.0003)
+    assert slow_power(whole)[2] / slow_power(expanded)[2] == pytest.approx(larger, abs=0.01)
+
+
 @pytest.mark.parametrize(("contour_nm", "radius_nm"), [(300.0, 500.0), (2700.0, 1400.0)])
 def test_where_the_tether_is_hardly_tilted_expansions_take_over(contour_nm, radius_nm):
     """Smoothly, as what a force is fitted by: slow power falls with the force all the way."""

@@ -25,10 +25,10 @@ from numpy.typing import ArrayLike
 
 from mtpipe.errors import FitError
 from mtpipe.experiment.description import Experiment
+from mtpipe.experiment.frictions import LEAST_HEIGHT_NM, frictions_at
 from mtpipe.experiment.whole_motion import whole_motion
 from mtpipe.physics.axial import AxialMotion
 from mtpipe.physics.camera import FloatArray, power_spectrum
-from mtpipe.physics.friction import rotation_wall_factor, rotational_stokes_pN_nm_s
 from mtpipe.physics.linear import LinearMotion, NormalModes, normal_modes, pair_modes
 from mtpipe.physics.memory import memory_time_s, remembering
 from mtpipe.physics.tether import Chain, log_distance_density, moments
@@ -41,14 +41,13 @@ _HEIGHT_WEIGHTS = _HEIGHT_WEIGHTS / _HEIGHT_WEIGHTS.sum()
 LEAST_SHARE = 0.05
 # Grid of the tether's length: how far it reaches, in standard deviations and in kT of depth.
 GRID_NODES, GRID_SPREADS, GRID_DEPTH = 96, 10.0, 30.0
-LEAST_HEIGHT_NM = 1.0
 # Below this share of an axis's variance a mode is rounding error.
 ROUNDING = 1e-9
 MOST_KNOWN = 8192
 MOST_GIVING, LEAST_STRAIGHT = 0.1, 0.3
 # Mean square tilts of the tether, kT/FL, between which motion through the whole potential takes
-# over, where that is asked for. Slow power of z by expansion is 4 % (contour 7 µm) to 12 % (0.3 µm)
-# too small there.
+# over, where that is asked for. At the larger one slow power of z by expansion is 5 % (contour 7 µm)
+# to 14 % (0.3 µm) too small.
 WHOLE_TILT = (0.004, 0.006)
 
 
@@ -363,15 +362,5 @@ def _friction(experiment: Experiment, heights_nm: FloatArray, coordinates: int) 
 
     It is the mean mobility that sets how a correlation begins to fall (the first cumulant).
     """
-    fluid, radius = experiment.fluid, experiment.bead.radius_nm
-    along, up = (
-        friction_pN_s_per_nm(
-            heights_nm, radius, fluid.viscosity_mPa_s, wall=fluid.wall, upright=upright
-        )
-        for upright in (False, True)
-    )
-    turning = rotational_stokes_pN_nm_s(radius, fluid.viscosity_mPa_s)
-    factor = rotation_wall_factor(heights_nm + radius, radius) if fluid.wall else 1.0
-    frictions = [along, along, up] + [np.asarray(turning * factor)] * (coordinates - 3)
-    each = [np.broadcast_to(friction, heights_nm.shape) for friction in frictions]
-    return np.diag([1 / float(_HEIGHT_WEIGHTS @ (1 / friction)) for friction in each])
+    each = frictions_at(experiment, heights_nm, coordinates)
+    return np.diag(1 / ((1 / each) @ _HEIGHT_WEIGHTS))

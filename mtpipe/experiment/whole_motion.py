@@ -23,17 +23,15 @@ from scipy.stats import qmc
 
 from mtpipe.errors import FitError
 from mtpipe.experiment.description import Experiment
+from mtpipe.experiment.frictions import LEAST_HEIGHT_NM, frictions_at
 from mtpipe.physics.camera import FloatArray
-from mtpipe.physics.friction import rotation_wall_factor, rotational_stokes_pN_nm_s
 from mtpipe.physics.relaxation import relaxation_modes
-from mtpipe.physics.tethered_bead import friction_pN_s_per_nm
 
 # ln 2 of how many points sample the equilibrium; degree of the polynomials.
 LN2_POINTS, DEGREE = 12, 3
 # The surface cuts the density off within this many standard deviations that z has without it, so
 # that expectations follow the force smoothly. So many points have to be left above.
 EDGE, FEWEST = 0.02, 100
-LEAST_HEIGHT_NM = 1.0
 X, Y, Z, PHI, PSI = range(5)
 # Whether a function changes its sign with x, and whether with y.
 PARITY = {X: (1, 0), Y: (0, 1), Z: (0, 0)}
@@ -140,18 +138,9 @@ def _angle(swing: float, uniform: FloatArray) -> FloatArray:
 
 def _mobility(experiment: Experiment, height_nm: FloatArray, coordinates: int) -> FloatArray:
     """(coordinates, points) inverse friction at each height."""
-    fluid, radius = experiment.fluid, experiment.bead.radius_nm
-    above = np.maximum(height_nm, LEAST_HEIGHT_NM)
-    along, up = (
-        friction_pN_s_per_nm(above, radius, fluid.viscosity_mPa_s, wall=fluid.wall, upright=upright)
-        for upright in (False, True)
-    )
-    up = up * experiment.allowance.upward_friction
-    turning = np.asarray(rotational_stokes_pN_nm_s(radius, fluid.viscosity_mPa_s))
-    if fluid.wall:
-        turning = turning * rotation_wall_factor(above + radius, radius)
-    frictions = [along, along, up] + [turning] * (coordinates - 3)
-    return np.array([1 / np.broadcast_to(friction, height_nm.shape) for friction in frictions])
+    friction = frictions_at(experiment, np.maximum(height_nm, LEAST_HEIGHT_NM), coordinates)
+    friction[Z] *= experiment.allowance.upward_friction
+    return 1 / friction
 
 
 @functools.cache

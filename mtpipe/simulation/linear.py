@@ -67,14 +67,13 @@ def simulate_motion(
             from mtpipe.simulation.stepped import stepped
 
             motion, position = stepped(state, state.whole, camera, frames, random, position)
-            pieces.append(_remembered(motion, state, camera) if state.memory_s > 0 else motion)
-            continue
-        start: FloatArray | None = None
-        if position is not None:
-            start = np.asarray(np.linalg.solve(state.modes.shape, position - _mean(state)))
-        motion, end = _stretch(state, camera, frames, random, start)
+        else:
+            start: FloatArray | None = None
+            if position is not None:
+                start = np.asarray(np.linalg.solve(state.modes.shape, position - _mean(state)))
+            motion, end = _stretch(state, camera, frames, random, start)
+            position = state.modes.shape @ end + _mean(state)
         pieces.append(_remembered(motion, state, camera) if state.memory_s > 0 else motion)
-        position = state.modes.shape @ end + _mean(state)
     return np.vstack(pieces)
 
 
