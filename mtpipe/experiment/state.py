@@ -46,8 +46,8 @@ ROUNDING = 1e-9
 MOST_KNOWN = 8192
 MOST_GIVING, LEAST_STRAIGHT = 0.1, 0.3
 # Mean square tilts of the tether, kT/FL, between which motion through the whole potential takes
-# over, where that is asked for. At the larger one slow power of z by expansion is 5 % (contour 7 µm)
-# to 14 % (0.3 µm) too small.
+# over, where that is asked for. At the larger one slow power of z by expansion is too small by 5 %
+# (contour 7 µm) to 14 % (0.3 µm).
 WHOLE_TILT = (0.004, 0.006)
 
 
