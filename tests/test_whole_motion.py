@@ -5,7 +5,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from scipy import special
+from scipy import optimize, special
 
 from mtpipe.effects.anharmonic_tether import EFFECT
 from mtpipe.effects.effect import Evidence
@@ -20,14 +20,16 @@ from mtpipe.experiment.description import (
     Tracker,
 )
 from mtpipe.experiment.state import (
-    WHOLE_TILT,
+    LOW_TILT,
+    _tether,
     bead_state,
     expected_spectrum,
     recorded_modes,
 )
-from mtpipe.physics.camera import Camera
+from mtpipe.experiment.whole_motion import whole_motion
+from mtpipe.physics.camera import Camera, power_spectrum
 from mtpipe.physics.relaxation import relaxation_modes
-from mtpipe.physics.tether import Chain, log_distance_density
+from mtpipe.physics.tether import Chain, log_distance_density, mean_extension_nm
 from mtpipe.simulation.bead import brownian_bead
 from mtpipe.simulation.linear import simulate_motion
 from mtpipe.simulation.stepped import _from_steps, _to_steps
@@ -143,7 +145,7 @@ def test_spectra_are_those_of_small_steps(here, force):
     """Bands from a tenth of Hz on within 2 % beyond chance, of 84 looks 4 standard errors."""
     frames, edges = 60_000, [(0.02, 0.2), (0.2, 1.0), (1.0, 5.0), (5.0, 29.0)]
     state = bead_state(here, force)
-    assert state.whole is not None
+    assert state.stepped is not None
     motion = simulate_motion([(state, frames)], CAMERA, np.random.default_rng(3))
     for axis in range(3):
         seen, share, frequencies = bands(motion[:, axis], edges)
@@ -163,43 +165,48 @@ def test_expansions_would_not_do():
     assert slow_power(whole)[2] > 1.3 * slow_power(expanded)[2]
 
 
-@pytest.mark.parametrize(
-    ("contour_nm", "radius_nm", "force", "larger"),
-    [(300.0, 500.0, 2.41, 1.144), (7000.0, 1400.0, 0.155, 1.048)],
-)
-def test_what_expansions_miss_where_they_take_over(contour_nm, radius_nm, force, larger):
-    """Of z's slow power, at a tilt of 0.006: the figures of docs/effects.md."""
-    here = experiment(contour_nm, radius_nm)
-    whole, expanded = (bead_state(e, force) for e in (here, replace(here, anharmonic=False)))
-    tilt = here.fluid.thermal_energy_pN_nm / (force * expanded.extension_nm)
-    assert tilt == pytest.approx(0.0062, abs=0.0003)
-    assert slow_power(whole)[2] / slow_power(expanded)[2] == pytest.approx(larger, abs=0.01)
+@pytest.mark.parametrize("radius_nm", [500.0, 1400.0])
+@pytest.mark.parametrize("contour_nm", [300.0, 1200.0, 7000.0])
+def test_at_higher_forces_the_closed_form_is_the_whole_motion(contour_nm, radius_nm):
+    """z's mean, variance (the sampling of the whole potential is good to 0.5 %) and slow power; and
+    the spectrum as it is recorded, in nats of 8192 frames: 2.5 where all is faster than the camera.
+    """
+    here = experiment(contour_nm, radius_nm, camera=Camera(1 / 120, 1 / 240))
+    frequency = np.arange(1, 4096) * 120 / 8192
+    for tilt in (0.001, 0.005, 0.01, LOW_TILT[0]):
+        force = force_at(here, tilt)
+        state = bead_state(replace(here, anharmonic=False), force)
+        assert state.stepped is None
+        tether = _tether(here.chain, force)
+        mean, tau_s, covariance = whole_motion(here, force, tether.distance_nm, tether.weight)
+        of_z = covariance[:, 2, 2]
+        assert state.extension_nm == pytest.approx(mean, abs=0.02 * math.sqrt(of_z.sum()))
+        assert variances(state)[2] == pytest.approx(of_z.sum(), rel=0.006)
+        assert slow_power(state)[2] == pytest.approx(of_z @ tau_s, rel=0.04)
+        whole = power_spectrum(frequency[:, None], of_z, tau_s, here.camera).sum(axis=1)
+        ratio = whole / expected_spectrum(frequency, state, here, 2)
+        assert np.sum(ratio - 1 - np.log(ratio)) < (0.4 if contour_nm > 1000 else 2.5)
+
+
+def force_at(here, tilt):
+    energy = here.fluid.thermal_energy_pN_nm
+    return optimize.brentq(
+        lambda force: energy / (force * mean_extension_nm(here.chain, force)) - tilt, 0.005, 50.0
+    )
 
 
 @pytest.mark.parametrize(("contour_nm", "radius_nm"), [(300.0, 500.0), (2700.0, 1400.0)])
-def test_where_the_tether_is_hardly_tilted_expansions_take_over(contour_nm, radius_nm):
+def test_at_a_low_force_the_whole_motion_takes_over(contour_nm, radius_nm):
     """Smoothly, as what a force is fitted by: slow power falls with the force all the way."""
     here = experiment(contour_nm, radius_nm)
-    energy = here.fluid.thermal_energy_pN_nm
-    forces = np.geomspace(0.2, 8.0, 400)
+    tilt = np.geomspace(1.3 * LOW_TILT[1], LOW_TILT[0] / 1.3, 100)
+    forces = np.array([force_at(here, one) for one in tilt])
     states = [bead_state(here, float(force)) for force in forces]
-    expanded = [bead_state(replace(here, anharmonic=False), float(force)) for force in forces]
-    heights = np.array([state.extension_nm for state in expanded])
-    tilt = energy / (forces * heights)
-    assert all(state.whole is None for state, t in zip(states, tilt, strict=True) if t < 0.0039)
-    assert all(state.whole is not None for state, t in zip(states, tilt, strict=True) if t > 0.0041)
-    between = np.flatnonzero((tilt > WHOLE_TILT[0]) & (tilt < WHOLE_TILT[1]))
-    assert len(between) > 20
-    for i in between:
-        assert states[i].extension_nm == pytest.approx(heights[i], abs=0.3)
-        np.testing.assert_allclose(variances(states[i]), variances(expanded[i]), rtol=0.01)
+    assert [state.stepped is None for state in states] == (tilt <= LOW_TILT[0]).tolist()
     steps = np.diff(np.log([slow_power(state) for state in states]), axis=0)
     steps /= np.diff(np.log(forces))[:, None]
-    assert np.all(steps[between - 1] < -1)
-    # by expansion alone the slope is this far off at most
-    plain = np.diff(np.log([slow_power(state) for state in expanded]), axis=0)
-    plain /= np.diff(np.log(forces))[:, None]
-    assert np.all(np.abs(steps - plain)[between - 1] < 0.6)
+    assert np.all(steps < -1)
+    assert np.all(np.abs(np.diff(steps, axis=0)) < 0.3)
 
 
 @pytest.mark.parametrize("magnets", [Magnets(), TILTED])
@@ -216,8 +223,8 @@ def test_coordinates_are_the_same_in_steps_and_in_modes(magnets):
 def test_a_bead_goes_on_where_it_was_when_steps_begin_and_end():
     """Positions without exposure, 0.2 ms apart, over two changes of the force."""
     here = experiment(1200.0, 500.0, camera=Camera(2e-4, 0.0))
-    low, high = bead_state(here, 0.6), bead_state(here, 1.1)
-    assert (low.whole is None, high.whole is None) == (False, True)
+    low, high = bead_state(here, 0.15), bead_state(here, 0.3)
+    assert (low.stepped is None, high.stepped is None) == (False, True)
     random = np.random.default_rng(1)
     stretches = [(high, 50), (low, 50), (high, 50)]
     jumps, steps = [], []
@@ -254,13 +261,13 @@ def test_a_bead_that_is_always_in_the_surface_has_no_state():
 
 def test_a_bead_that_leans_stays_what_it_is():
     leaning = experiment(1200.0, 500.0, magnets=TILTED, bead=Bead(500.0, offset_nm=100.0))
-    assert bead_state(leaning, 0.1).whole is None
+    assert bead_state(leaning, 0.1).stepped is None
 
 
 def test_a_bead_that_does_not_turn_stays_what_it_is():
     """Across the field it hangs stiffly on its tether, as one that turns does at most forces."""
     stiff = experiment(1200.0, 500.0, bead=Bead(500.0, turns=False))
-    assert bead_state(stiff, 0.1).whole is None
+    assert bead_state(stiff, 0.1).stepped is None
     assert not EFFECT.hypotheses(replace(stiff, anharmonic=False), Evidence((), (0.1, 5.0)))
 
 

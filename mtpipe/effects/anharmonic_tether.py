@@ -6,22 +6,17 @@ from dataclasses import replace
 
 from mtpipe.effects.effect import Effect, Evidence, Hypothesis
 from mtpipe.experiment.description import Experiment
-from mtpipe.experiment.state import has_whole_motion
+from mtpipe.experiment.state import LOW_TILT, has_whole_motion
 from mtpipe.physics.tether import mean_extension_nm
-
-# Mean square tilt of the tether, kT/FL, from which on the effect is tried. The slow power of z by
-# expansion is too small by some ten times that.
-SEEN_TILT = 0.025
 
 
 def _hypotheses(experiment: Experiment, evidence: Evidence) -> list[Hypothesis]:
     lowest_pN = min(evidence.force_pN)
     height_nm = float(mean_extension_nm(experiment.chain, lowest_pN))
     tilt = experiment.fluid.thermal_energy_pN_nm / (lowest_pN * height_nm)
-    whole = replace(experiment, anharmonic=True)
-    if experiment.anharmonic or not has_whole_motion(whole) or tilt < SEEN_TILT:
+    if experiment.anharmonic or not has_whole_motion(experiment) or tilt < LOW_TILT[0]:
         return []
-    return [Hypothesis(whole, ())]
+    return [Hypothesis(replace(experiment, anharmonic=True), ())]
 
 
 EFFECT = Effect(

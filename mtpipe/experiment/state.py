@@ -7,18 +7,22 @@ axis is held and the tether alone swings. L is the mean height of the tether's e
 kT L/F is the variance along the field exactly, for any chain (PHYSICS section 0).
 
 The tether's end swings on a sphere, so lateral motion shortens z by a quadratic form of the lateral
-coordinates (PHYSICS E20), and a little more because a tilted tether is pulled less. The tether's
-own length moves in the chain's potential, which stiffens, and with the friction of each height
-(`mtpipe.physics.axial`): the harmonic z among the coordinates is only its first approximation.
-Where the force is so low that this does not hold, an experiment can ask for the whole motion
-(`mtpipe.experiment.whole_motion`).
+coordinates (PHYSICS E20), and the tether's length follows it: z's spectrum is that of both together
+(`mtpipe.physics.coupled_height`). By expansion about the mean they are apart: lateral motion
+shortens z by a little more than it swings, the length moves in the chain's potential, which
+stiffens, and with the friction of each height (`mtpipe.physics.axial`). A simulation follows those
+two, and gives z the power that it has.
+
+At low force the tether's restoring force is not linear any more, and the surface is a wall. An
+experiment can ask for the whole motion there (`mtpipe.experiment.whole_motion`); one that does not
+is described by expansion alone, which is what it leaves out.
 """
 
 from __future__ import annotations
 
 import functools
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -29,6 +33,7 @@ from mtpipe.experiment.frictions import LEAST_HEIGHT_NM, frictions_at
 from mtpipe.experiment.whole_motion import whole_motion
 from mtpipe.physics.axial import AxialMotion
 from mtpipe.physics.camera import FloatArray, power_spectrum
+from mtpipe.physics.coupled_height import coupled_height_modes
 from mtpipe.physics.linear import LinearMotion, NormalModes, normal_modes, pair_modes
 from mtpipe.physics.memory import memory_time_s, remembering
 from mtpipe.physics.tether import Chain, log_distance_density, moments
@@ -45,10 +50,12 @@ GRID_NODES, GRID_SPREADS, GRID_DEPTH = 96, 10.0, 30.0
 ROUNDING = 1e-9
 MOST_KNOWN = 8192
 MOST_GIVING, LEAST_STRAIGHT = 0.1, 0.3
-# Mean square tilts of the tether, kT/FL, between which motion through the whole potential takes
-# over, where that is asked for. At the larger one slow power of z by expansion is too small by 5 %
-# (contour 7 µm) to 14 % (0.3 µm).
-WHOLE_TILT = (0.004, 0.006)
+# Share of the force by which it is changed to see what changes with it.
+DIFFERENCE = 1e-3
+# Mean square tilts of the tether, kT/FL, between which the force becomes a low one: above the
+# larger, a bead that turns moves through the whole potential where that is asked for, by expansion
+# where it is not.
+LOW_TILT = (0.02, 0.025)
 
 
 @dataclass(frozen=True, eq=False)
@@ -60,16 +67,6 @@ class RecordedModes:
 
 
 @dataclass(frozen=True, eq=False)
-class WholeMotion:
-    """Motion through the whole potential: its modes, and the experiment, for those who follow it
-    step by step.
-    """
-
-    experiment: Experiment
-    modes: RecordedModes
-
-
-@dataclass(frozen=True, eq=False)
 class BeadState:
     """A bead at one force.
 
@@ -78,10 +75,11 @@ class BeadState:
     extension_nm : mean height of the bead's lowest point, the mean of z.
     motion : the linear motion about the mean; its readout is (x, y, z) of the camera.
     modes : its normal modes.
-    bending : (d, d); z is ½ Xᵀ bending X above the linear motion, apart from its mean.
-    axial : motion away from the surface, but for the swinging of the tether.
-    whole : motion through the whole potential, which stands for all of these but the extension;
-        None where they describe it.
+    bending : (d, d); z by expansion is ½ Xᵀ bending X above the linear motion, apart from its mean.
+    axial : motion away from the surface by expansion, but for the swinging of the tether.
+    moved : modes of x, y and z.
+    stepped : the experiment, where the motion is followed step by step through the whole potential;
+        None where it is followed by expansion.
     memory_s : time of hydrodynamic memory, which is in none of them; 0: none.
     """
 
@@ -91,7 +89,8 @@ class BeadState:
     modes: NormalModes
     bending: FloatArray
     axial: AxialMotion
-    whole: WholeMotion | None = None
+    moved: RecordedModes
+    stepped: Experiment | None = None
     memory_s: float = 0.0
 
     @property
@@ -107,33 +106,27 @@ def bead_state(experiment: Experiment, force_pN: float) -> BeadState:
     ------
     FitError : the force is too small to keep the bead off the surface.
     """
-    energy, bead = experiment.fluid.thermal_energy_pN_nm, experiment.bead
+    energy = experiment.fluid.thermal_energy_pN_nm
     tether = _tether(experiment.chain, force_pN)
     end, variance = tether.end_nm, tether.variance_nm2
-    # a tilted tether is pulled by F cos only, and gives way by so much where the tilt is slow; as
-    # it is about as fast as the tether's own length, half of it is taken
-    gives = min(0.5 * force_pN * variance / (end * energy), MOST_GIVING)
-    stiffness, swing, turn = _lateral(experiment, force_pN, end)
-    sideways = np.delete(np.arange(len(stiffness)), UP)
-    covariance = energy * np.linalg.inv(stiffness[np.ix_(sideways, sideways)])
-    sinks = float(np.sum((swing + turn)[np.ix_(sideways, sideways)] * covariance)) / 2
-    # the chain's mean height has the swinging of a free end in it, kT/F; what this bead's swinging
-    # and tilting lowers it by stands in its place. A tether that is attached beside the bead's
-    # lowest point ends above it
-    extension = end - (bead.radius_nm - bead.lever_nm) + energy / force_pN - sinks
-    whole, share = None, _whole_share(experiment, energy / (force_pN * end))
-    if share > 0:
+    aside = force_pN * experiment.magnets.sideways_per_nm
+    stiffness, swing, turn = _lateral(experiment, force_pN, end, aside)
+    extension, _ = _hanging(experiment, force_pN, end, aside)
+    low, whole = _low_share(experiment, energy / (force_pN * end)), None
+    if low > 0 and experiment.anharmonic:
         mean, whole = _whole(experiment, tether, force_pN)
-        extension = mean if share == 1 else share * mean + (1 - share) * extension
+        extension = mean if low == 1 else low * mean + (1 - low) * extension
     if not extension > 0:
         raise FitError(
             f"at {force_pN:g} pN the tether does not hold the bead off the surface "
             f"(mean extension {extension:.0f} nm)"
         )
-    ways = np.array([1 + gives, 1 + gives])
+    # a tilted tether is pulled by F cos only, and gives way by so much where the tilt is slow; as
+    # it is about as fast as the tether's own length, half of it is taken
+    gives = 1 + min(0.5 * force_pN * variance / (end * energy), MOST_GIVING)
     # each way of swinging scatters by ½ (kT/F)² in equilibrium, and that of a tilted chain's length
     # is in it: what they have beyond is not the straight chain's
-    tilted = (energy / force_pN) ** 2 / 2 * float(np.sum(ways**2 - 1))
+    tilted = (energy / force_pN) ** 2 * (gives**2 - 1)
     straight = max(variance - tilted, LEAST_STRAIGHT * variance)
     stiffness[UP, UP] = energy / straight
     readout = np.zeros((3, len(stiffness)))
@@ -141,36 +134,41 @@ def bead_state(experiment: Experiment, force_pN: float) -> BeadState:
     # heights where the bead spends its time; the outermost are not below the surface
     heights = np.maximum(extension + np.sqrt(variance) * _HEIGHTS, LEAST_SHARE * extension)
     motion = LinearMotion(stiffness, _friction(experiment, heights, len(stiffness)), readout)
+    modes = normal_modes(motion, energy)
     allowed = straight * experiment.allowance.upward_variance
     axial = _axial(experiment, tether, extension, allowed)
-    bending = -(1 + gives) * swing - turn
-    modes = normal_modes(motion, energy)
+    bending = -gives * swing - turn
+    if low == 0:
+        moved = _closed(experiment, tether, force_pN, extension, modes)
+    else:
+        moved = whole or _joined(modes, pair_modes(bending, modes), axial.modes)
+        if low < 1:
+            closed = _closed(experiment, tether, force_pN, extension, modes)
+            moved = _mixed(moved, low, closed)
     # a share of memory is all of it with a shorter time
     fluid = experiment.fluid
-    memory_s = fluid.memory**2 * memory_time_s(bead.radius_nm, fluid.viscosity_mPa_s)
-    state = BeadState(force_pN, extension, motion, modes, bending, axial, None, memory_s)
-    if whole is None:
-        return state
-    if share < 1:
-        whole = _mixed(whole, share, _without_memory(state))
-    return replace(state, whole=WholeMotion(experiment, whole))
+    memory_s = fluid.memory**2 * memory_time_s(experiment.bead.radius_nm, fluid.viscosity_mPa_s)
+    stepped = None if whole is None else experiment
+    return BeadState(force_pN, extension, motion, modes, bending, axial, moved, stepped, memory_s)
 
 
 def has_whole_motion(experiment: Experiment) -> bool:
-    """Whether the experiment asks for motion through the whole potential, and has one.
+    """Whether the experiment's bead has a whole potential to move through.
 
     A bead that hangs stiffly on its tether is an approximation of one that turns, and has no
     potential; one that is attached beside its lowest point and may tilt leans, which the
     description leaves out.
     """
     leans = experiment.magnets.alignment_pN_nm is not None and experiment.bead.offset_nm > 0
-    return experiment.anharmonic and experiment.bead.turns and not leans
+    return experiment.bead.turns and not leans
 
 
-def _whole_share(experiment: Experiment, tilt: float) -> float:
-    """How much of the motion is that through the whole potential; the rest is by expansion."""
-    low, high = WHOLE_TILT
-    return min(max((tilt - low) / (high - low), 0.0), 1.0) if has_whole_motion(experiment) else 0.0
+def _low_share(experiment: Experiment, tilt: float) -> float:
+    """How low a force is: 0 where the closed form of z holds, 1 where it is not taken any more."""
+    least, most = LOW_TILT
+    return (
+        min(max((tilt - least) / (most - least), 0.0), 1.0) if has_whole_motion(experiment) else 0.0
+    )
 
 
 def _mixed(one: RecordedModes, share: float, other: RecordedModes) -> RecordedModes:
@@ -192,18 +190,17 @@ def _whole(experiment: Experiment, tether: _Tether, force_pN: float) -> tuple[fl
 
 @functools.lru_cache(maxsize=4096)
 def recorded_modes(state: BeadState) -> RecordedModes:
-    """Modes of the lateral motion, the pairs of them that bend z, and z's own modes.
+    """Modes of x, y and z.
 
     Hydrodynamic memory makes many decays of these, some of them with negative variance.
     """
-    without = _without_memory(state) if state.whole is None else state.whole.modes
     if state.memory_s == 0:
-        return without
+        return state.moved
     times, parts = [], []
     for axis in range(3):
-        variance = without.covariance_nm2[:, axis, axis]
+        variance = state.moved.covariance_nm2[:, axis, axis]
         there = variance > ROUNDING * variance.sum()
-        tau_s, found = remembering(without.tau_s[there], variance[there], state.memory_s)
+        tau_s, found = remembering(state.moved.tau_s[there], variance[there], state.memory_s)
         of_axis = np.zeros((len(tau_s), 3, 3))
         of_axis[:, axis, axis] = found
         times.append(tau_s)
@@ -211,20 +208,69 @@ def recorded_modes(state: BeadState) -> RecordedModes:
     return RecordedModes(np.concatenate(times), np.concatenate(parts))
 
 
-def _without_memory(state: BeadState) -> RecordedModes:
-    amplitude = state.modes.amplitude_nm.copy()
+def followed_modes(state: BeadState) -> RecordedModes:
+    """Modes of x, y and z as a simulation follows them; without memory."""
+    if state.stepped is not None:
+        return state.moved
+    return _joined(state.modes, pair_modes(state.bending, state.modes), state.axial.modes)
+
+
+def _joined(modes: NormalModes, *of_z: tuple[FloatArray, FloatArray]) -> RecordedModes:
+    """Modes of the lateral motion, and relaxation times and variances of z."""
+    amplitude = modes.amplitude_nm.copy()
     amplitude[2] = 0.0
     linear = np.einsum("am,bm->mab", amplitude, amplitude)
-    tau_s, variance = pair_modes(state.bending, state.modes)
-    bent = np.zeros((len(tau_s), 3, 3))
-    bent[:, 2, 2] = variance
-    upward_s, of_z = state.axial.modes
-    upward = np.zeros((len(upward_s), 3, 3))
-    upward[:, 2, 2] = of_z
-    return RecordedModes(
-        np.concatenate([state.modes.tau_s, tau_s, upward_s]),
-        np.concatenate([linear, bent, upward]),
+    tau_s, variance = (np.concatenate(each) for each in zip(*of_z, strict=True))
+    upward = np.zeros((len(tau_s), 3, 3))
+    upward[:, 2, 2] = variance
+    return RecordedModes(np.append(modes.tau_s, tau_s), np.concatenate([linear, upward]))
+
+
+def _closed(
+    experiment: Experiment,
+    tether: _Tether,
+    force_pN: float,
+    extension_nm: float,
+    modes: NormalModes,
+) -> RecordedModes:
+    """Modes of x, y and z, the swinging and the length of the tether being one motion.
+
+    What force does to a mean, times kT, is the covariance with the height it pulls at.
+    """
+    energy, softer = experiment.fluid.thermal_energy_pN_nm, experiment.allowance.upward_variance
+    aside, step = force_pN * experiment.magnets.sideways_per_nm, DIFFERENCE * force_pN
+    rises = tether.end_variance_nm2 / energy
+    (higher, more), (lower, less) = (
+        _hanging(experiment, force_pN + change, tether.end_nm + rises * change, aside)
+        for change in (step, -step)
     )
+    variance = energy * (higher - lower) / (2 * step)
+    with_height = energy * (more - less) / (2 * step)
+    height = _axial(experiment, tether, extension_nm, variance)
+    tau_s, of_z = coupled_height_modes(height, modes, with_height)
+    # a motion that is larger on a softer spring is slower, too
+    return _joined(modes, (softer * tau_s, softer * of_z))
+
+
+def _hanging(
+    experiment: Experiment, force_pN: float, end_nm: float, aside_pN_per_nm: float
+) -> tuple[float, FloatArray]:
+    """Mean height of the bead's lowest point, and (d, d) covariance of its lateral coordinates.
+
+    Parameters
+    ----------
+    end_nm : mean height of the tether's end. aside_pN_per_nm : what holds the bead besides.
+    """
+    energy, bead = experiment.fluid.thermal_energy_pN_nm, experiment.bead
+    stiffness, swing, turn = _lateral(experiment, force_pN, end_nm, aside_pN_per_nm)
+    sideways = np.ix_(*2 * [np.delete(np.arange(len(stiffness)), UP)])
+    covariance = np.zeros_like(stiffness)
+    covariance[sideways] = energy * np.linalg.inv(stiffness[sideways])
+    sinks = float(np.sum((swing + turn) * covariance)) / 2
+    # the chain's mean height has the swinging of a free end in it, kT/F; what this bead's swinging
+    # and tilting lowers it by stands in its place. A tether that is attached beside the bead's
+    # lowest point ends above it
+    return end_nm - (bead.radius_nm - bead.lever_nm) + energy / force_pN - sinks, covariance
 
 
 def expected_spectrum(
@@ -243,12 +289,13 @@ def expected_spectrum(
 
 @dataclass(frozen=True, eq=False)
 class _Tether:
-    """A chain at one force: mean height of its end, variance of its length, and the density of the
-    length, on a uniform grid of distances: weights (sum 1) and deviations from the mean in standard
-    deviations.
+    """A chain at one force: mean and variance of its end's height, variance of its length, and the
+    density of the length, on a uniform grid of distances: weights (sum 1) and deviations from the
+    mean in standard deviations.
     """
 
     end_nm: float
+    end_variance_nm2: float
     variance_nm2: float
     distance_nm: FloatArray
     weight: FloatArray
@@ -298,10 +345,11 @@ def _tethers(chain: Chain, force_pN: FloatArray) -> list[_Tether]:
     weight /= weight.sum(axis=-1, keepdims=True)
     deviation = length - np.sum(weight * length, axis=-1, keepdims=True)
     deviation /= np.sqrt(np.sum(weight * deviation**2, axis=-1, keepdims=True))
-    ends = zip(found.height_nm.tolist(), found.variance_nm2.tolist(), strict=True)
+    known = (found.height_nm, found.height_variance_nm2, found.variance_nm2)
+    numbers = np.column_stack(known).tolist()
     return [
-        _Tether(end, variance, *distribution)
-        for (end, variance), *distribution in zip(ends, length, weight, deviation, strict=True)
+        _Tether(*of_one, *distribution)
+        for of_one, *distribution in zip(numbers, length, weight, deviation, strict=True)
     ]
 
 
@@ -325,7 +373,7 @@ def _axial(
 
 
 def _lateral(
-    experiment: Experiment, force_pN: float, end_nm: float
+    experiment: Experiment, force_pN: float, end_nm: float, aside_pN_per_nm: float
 ) -> tuple[FloatArray, FloatArray, FloatArray]:
     """Stiffness of x, y and the bead's angles (z's is 0), and how they lower the bead: twice the
     forms by which the tether's swinging does, and the bead's turning. PHYSICS section 2, E3, E15
@@ -350,8 +398,8 @@ def _lateral(
         swing[both] = np.array([[1, -lever], [-lever, lever**2]]) / end_nm
         turn[both] = np.array([[0, 0], [0, lever]])
     stiffness = force_pN * (swing + turn)
-    stiffness[ALONG, ALONG] += force_pN * magnets.sideways_per_nm
-    stiffness[ACROSS, ACROSS] += force_pN * magnets.sideways_per_nm
+    stiffness[ALONG, ALONG] += aside_pN_per_nm
+    stiffness[ACROSS, ACROSS] += aside_pN_per_nm
     if magnets.alignment_pN_nm is not None:
         stiffness[angles[ALONG], angles[ALONG]] += magnets.alignment_pN_nm
     return stiffness, swing, turn

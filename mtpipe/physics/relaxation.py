@@ -35,10 +35,25 @@ def relaxation_modes(
     each; k is at most m.
     """
     covariance = (functions * weight) @ functions.T
-    scale = 1 / np.sqrt(np.diag(covariance))
     rate = np.zeros_like(covariance)
     for slope, spread in zip(slopes, diffusivity, strict=True):
         rate += (slope * (weight * spread)) @ slope.T
+    return modes_of_first(covariance, rate)
+
+
+def modes_of_first(covariance: FloatArray, rate: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Relaxation of the first of several functions.
+
+    Parameters
+    ----------
+    covariance, rate : (m, m) of the functions, and how fast their correlations begin to fall.
+
+    Returns
+    -------
+    Relaxation times (k,) in s, slowest first, and (k,) the variance that the first function has in
+    each; k is at most m.
+    """
+    scale = 1 / np.sqrt(np.diag(covariance))
     values, vectors = np.linalg.eigh(covariance * np.outer(scale, scale))
     there = values > ROUNDING * values[-1]
     independent = scale[:, None] * vectors[:, there] / np.sqrt(values[there])

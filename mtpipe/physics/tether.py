@@ -170,11 +170,13 @@ class Moments:
     ----------
     extension_nm : of the chain's curve, as `extension_nm` has it.
     height_nm : mean height of the end, as `mean_extension_nm` has it.
+    height_variance_nm2 : of the end's height; over kT the slope of the mean height with the force.
     variance_nm2, skewness : of the end-to-end distance, exact averages like that of the height.
     """
 
     extension_nm: FloatArray
     height_nm: FloatArray
+    height_variance_nm2: FloatArray
     variance_nm2: FloatArray
     skewness: FloatArray
 
@@ -191,7 +193,9 @@ def moments(chain: Chain, force_pN: ArrayLike) -> Moments:
     ValueError : a force is negative.
     """
     curve, r, weight, pull = _distances(chain, force_pN)
-    height = np.sum(weight * r * _mean_cosine(pull), axis=-1)
+    cosine, square_cosine = _mean_cosines(pull)
+    height = np.sum(weight * r * cosine, axis=-1)
+    away = r**2 * square_cosine - 2 * height[..., None] * r * cosine
     deviation = r - np.sum(weight * r, axis=-1, keepdims=True)
     variance = np.sum(weight * deviation**2, axis=-1)
     skewness = np.sum(weight * deviation**3, axis=-1) / variance**1.5
@@ -199,6 +203,7 @@ def moments(chain: Chain, force_pN: ArrayLike) -> Moments:
     return Moments(
         np.asarray(length * curve),
         np.asarray(length * height),
+        np.asarray(length**2 * (height**2 + np.sum(weight * away, axis=-1))),
         np.asarray(length**2 * variance),
         np.asarray(skewness),
     )
@@ -273,11 +278,14 @@ def _distances(
     return curve, r, weight / np.sum(weight, axis=-1, keepdims=True), pull
 
 
-def _mean_cosine(pull: FloatArray) -> FloatArray:
-    """Mean of cos over the half sphere with weight e^(pull cos): 1/2 at 0, 1 - 1/pull far out."""
+def _mean_cosines(pull: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Means of cos and cos² over the half sphere with weight e^(pull cos): 1/2 and 1/3 at 0."""
     large = np.maximum(pull, 1e-2)
-    series = 0.5 + pull / 12 - pull**3 / 720
-    return np.where(pull > 1e-2, -1 / np.expm1(-large) - 1 / large, series)
+    edge = -1 / np.expm1(-large)
+    far = edge - 1 / large
+    mean = np.where(pull > 1e-2, far, 0.5 + pull / 12 - pull**3 / 720)
+    square = np.where(pull > 1e-2, edge - 2 * far / large, 1 / 3 + pull / 12 + pull**2 / 360)
+    return mean, square
 
 
 def _backbone(chain: Chain, extension_nm: ArrayLike) -> FloatArray:

@@ -4,8 +4,9 @@ What is linear costs the same whatever the stiffness: second-order statistics (s
 correlations between axes) are those of the closed forms exactly. z is shorter by what the tether
 swings, and moves itself in the chain's potential (`mtpipe.simulation.axial`). What is not in it
 (lateral friction that follows the momentary height, the surface as a wall, kurtosis across) is in
-`mtpipe.simulation.brownian`, to which stretches go whose state asks for it. Hydrodynamic memory
-comes last, as what it makes of the power at each frequency.
+`mtpipe.simulation.brownian`, to which stretches go whose state asks for it. What swinging and
+length do to each other, and hydrodynamic memory, come last, as what they make of the power at each
+frequency.
 """
 
 from __future__ import annotations
@@ -14,13 +15,13 @@ import functools
 import itertools
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 from scipy import fft
 from scipy.sparse.csgraph import connected_components
 
-from mtpipe.experiment.state import UP, BeadState, recorded_modes
+from mtpipe.experiment.state import UP, BeadState, followed_modes, recorded_modes
 from mtpipe.physics.camera import (
     Camera,
     FloatArray,
@@ -42,6 +43,7 @@ MOST_PARTS = 3
 ROUNDING = 1e-10
 # Points of a gain over frequency, between which it is a straight line.
 GAIN_POINTS = 400
+LEAST_GAIN = 1e-6
 
 
 def simulate_motion(
@@ -62,44 +64,51 @@ def simulate_motion(
     pieces = []
     position: FloatArray | None = None
     for state, frames in stretches:
-        if state.whole is not None:
+        if state.stepped is not None:
             # numba is loaded where there are steps only
             from mtpipe.simulation.stepped import stepped
 
-            motion, position = stepped(state, state.whole, camera, frames, random, position)
+            motion, position = stepped(state, state.stepped, camera, frames, random, position)
         else:
             start: FloatArray | None = None
             if position is not None:
                 start = np.asarray(np.linalg.solve(state.modes.shape, position - _mean(state)))
             motion, end = _stretch(state, camera, frames, random, start)
             position = state.modes.shape @ end + _mean(state)
-        pieces.append(_remembered(motion, state, camera) if state.memory_s > 0 else motion)
+        _give_power(motion, state, camera)
+        pieces.append(motion)
     return np.vstack(pieces)
 
 
-def _remembered(motion: FloatArray, state: BeadState, camera: Camera) -> FloatArray:
-    """(frames, 3) recorded motion with the power at each frequency that memory makes of it."""
-    mean = motion.mean(axis=0)
+def _give_power(motion: FloatArray, state: BeadState, camera: Camera) -> None:
+    """Give (frames, 3) motion as it was followed the power at each frequency that it has."""
     frequency = fft.rfftfreq(len(motion), camera.frame_s)
-    known, gains = _memory_gain(state, camera)
-    gain = np.column_stack([np.interp(frequency, known, gain) for gain in gains])
-    content = fft.rfft(motion - mean, axis=0) * gain
-    return np.asarray(mean + fft.irfft(content, len(motion), axis=0))
+    known, gains = _gains(state, camera)
+    for axis, gain in gains.items():
+        mean = motion[:, axis].mean()
+        content = fft.rfft(motion[:, axis] - mean) * np.interp(frequency, known, gain)
+        motion[:, axis] = mean + fft.irfft(content, len(motion))
 
 
 @functools.lru_cache(maxsize=256)
-def _memory_gain(state: BeadState, camera: Camera) -> tuple[FloatArray, FloatArray]:
-    """Frequencies (n,) and (3, n) what memory does there to recorded amplitudes of x, y, z."""
+def _gains(state: BeadState, camera: Camera) -> tuple[FloatArray, dict[int, FloatArray]]:
+    """Frequencies (n,) and what recorded amplitudes (n,) there are over those that were followed,
+    of each axis of which they differ.
+    """
     frequency = np.append(0.0, np.geomspace(1e-5, 1.0, GAIN_POINTS) * camera.nyquist_hz)
-    powers = np.empty((2, 3, len(frequency)))
-    for which, one in enumerate((state, replace(state, memory_s=0.0))):
-        modes = recorded_modes(one)
-        for axis in range(3):
+    gains = {}
+    both = recorded_modes(state), followed_modes(state)
+    for axis in range(3):
+        powers = []
+        for modes in both:
             variance = modes.covariance_nm2[:, axis, axis]
             there = variance != 0
             each = power_spectrum(frequency[:, None], variance[there], modes.tau_s[there], camera)
-            powers[which, axis] = each.sum(axis=-1)
-    return frequency, np.sqrt(powers[0] / powers[1])
+            powers.append(each.sum(axis=-1))
+        gain = np.sqrt(powers[0] / powers[1])
+        if np.max(np.abs(gain - 1)) > LEAST_GAIN:
+            gains[axis] = gain
+    return frequency, gains
 
 
 def _mean(state: BeadState) -> FloatArray:

@@ -13,7 +13,7 @@ from dataclasses import replace
 import numpy as np
 
 from mtpipe.experiment.description import Experiment
-from mtpipe.experiment.state import ACROSS, ALONG, ANGLE, UP, BeadState, WholeMotion
+from mtpipe.experiment.state import ACROSS, ALONG, ANGLE, UP, BeadState
 from mtpipe.physics.camera import Camera, FloatArray
 from mtpipe.physics.tether import Chain
 from mtpipe.simulation.bead import BrownianBead, brownian_bead
@@ -29,7 +29,7 @@ STRIDE = 2.0
 
 def stepped(
     state: BeadState,
-    whole: WholeMotion,
+    experiment: Experiment,
     camera: Camera,
     frames: int,
     random: np.random.Generator,
@@ -41,14 +41,14 @@ def stepped(
     ----------
     position : coordinates at the start, as `state` counts them; None: equilibrium.
     """
-    bead, step_s, table = _prepared(whole.experiment, state.force_pN, camera)
+    bead, step_s, table = _prepared(experiment, state.force_pN, camera)
     start = None if position is None else _to_steps(position, bead)
     trace = simulate_bead(
         bead, camera, frames, random, time_step_s=step_s, start=start, table=table
     )
     recorded = trace.position_nm
     recorded[:, bead.along] += _aside_nm(bead)
-    softer = math.sqrt(whole.experiment.allowance.upward_variance)
+    softer = math.sqrt(experiment.allowance.upward_variance)
     recorded[:, 2] = state.extension_nm + softer * (recorded[:, 2] - state.extension_nm)
     return recorded, _from_steps(trace.end, bead, len(state.modes.tau_s))
 
