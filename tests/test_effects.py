@@ -40,6 +40,7 @@ from mtpipe.experiment.description import (
     ForceCourse,
     Hopping,
     Line,
+    Optics,
     Rest,
     Stage,
     Tracker,
@@ -492,6 +493,17 @@ def test_a_vibration_of_one_axis_is_found_from_where_its_hypothesis_begins(along
     experiment = found.fit.model.described(found.fit.theta)
     sizes = {name: value for name, value, _ in found.effect.strengths(experiment)}
     assert sizes[f"amplitude_{'xyz'[along]}_nm"] == pytest.approx(6.0, rel=0.1)
+
+
+def test_a_line_at_half_the_frame_rate_is_recorded_with_its_size():
+    """There a wave's phase decides how much of it is seen, and an amplitude is of what is seen."""
+    nyquist_hz = BASE.camera.nyquist_hz
+    vibrating = replace(BASE, stage=Stage(lines=(Line(nyquist_hz, (6.0, 0.0, 2.0)),)))
+    vibrating = replace(vibrating, tracker=Tracker(), optics=Optics())
+    for seed in range(5):
+        random = np.random.default_rng(seed)
+        seen = recorded(np.zeros((400, 3)), np.ones(400), vibrating, random)
+        np.testing.assert_allclose(np.mean(seen**2, axis=0), [18.0, 0.0, 2.0])
 
 
 @pytest.mark.parametrize(("rate_hz", "seen"), [(4.0, True), (1e9, False)])

@@ -24,6 +24,7 @@ from mtpipe.experiment.state import (
     _tether,
     bead_state,
     expected_spectrum,
+    followed_modes,
     recorded_modes,
 )
 from mtpipe.experiment.whole_motion import whole_motion
@@ -186,6 +187,21 @@ def test_at_higher_forces_the_closed_form_is_the_whole_motion(contour_nm, radius
         whole = power_spectrum(frequency[:, None], of_z, tau_s, here.camera).sum(axis=1)
         ratio = whole / expected_spectrum(frequency, state, here, 2)
         assert np.sum(ratio - 1 - np.log(ratio)) < (0.4 if contour_nm > 1000 else 2.5)
+
+
+@pytest.mark.parametrize(("force", "missing"), [(0.4, 0.12), (2.0, 0.05)])
+def test_a_simulation_is_given_what_swinging_and_length_do_to_each_other(force, missing):
+    """By expansion, as it is followed, z's slow power is too small; its variance is not."""
+    here = experiment(1200.0, 1400.0)
+    state = bead_state(here, force)
+    modes = followed_modes(state)
+    of_z = modes.covariance_nm2[:, 2, 2]
+    assert of_z.sum() == pytest.approx(variances(state)[2], rel=1e-3)
+    assert 1 - of_z @ modes.tau_s / slow_power(state)[2] == pytest.approx(missing, abs=0.005)
+    motion = simulate_motion([(state, 60_000)], CAMERA, np.random.default_rng(3))
+    seen, share, (frequency,) = bands(motion[:, 2], [(0.02, 2.0)])
+    expected = float(expected_spectrum(frequency, state, here, 2).mean())
+    assert seen / expected == pytest.approx(1, abs=4 * float(share[0]))
 
 
 def force_at(here, tilt):

@@ -74,6 +74,9 @@ def recorded(
     for line in experiment.stage.lines:
         phase = 2 * np.pi * random.random(3)
         wave = np.sin(2 * np.pi * line.frequency_hz * time_s + phase)
+        # near half the frame rate a wave's phase decides how much of it is recorded, and a line's
+        # amplitude is of what is recorded
+        wave /= np.sqrt(2 * np.mean(wave**2, axis=0))
         seen = seen + np.asarray(line.amplitude_nm) * wave
     seen = seen + np.asarray(experiment.tracker.noise_nm) * random.normal(size=seen.shape)
     seen[:, 2] += experiment.optics.z_zero_nm
