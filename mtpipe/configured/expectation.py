@@ -24,7 +24,8 @@ from mtpipe.experiment.description import (
     Tracker,
 )
 from mtpipe.experiment.readout import force_course, readout, recorded_height_nm
-from mtpipe.experiment.state import BeadState, bead_state, know_tethers, recorded_modes
+from mtpipe.experiment.state import BeadState, bead_state, recorded_modes
+from mtpipe.experiment.tethers import know_tethers
 from mtpipe.physics.camera import Camera, FloatArray, power_spectrum
 from mtpipe.spectrum import Window
 

@@ -26,7 +26,7 @@ from mtpipe.configured.spectra import Transform
 from mtpipe.errors import FitError
 from mtpipe.experiment.description import Experiment
 from mtpipe.experiment.parameter import Parameter
-from mtpipe.experiment.state import know_tethers
+from mtpipe.experiment.tethers import know_tethers
 from mtpipe.physics.camera import FloatArray
 
 MOST_ROUNDS = 15

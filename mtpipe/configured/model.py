@@ -26,7 +26,7 @@ from mtpipe.configured.expectation import Expectation, Subtraction, expectation
 from mtpipe.experiment.description import Experiment, Rest
 from mtpipe.experiment.known_force import KnownForce
 from mtpipe.experiment.parameter import Parameter
-from mtpipe.experiment.state import know_tethers
+from mtpipe.experiment.tethers import know_tethers
 from mtpipe.physics.camera import FloatArray
 
 

@@ -21,7 +21,6 @@ is described by expansion alone, which is what it leaves out.
 from __future__ import annotations
 
 import functools
-from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -30,13 +29,13 @@ from numpy.typing import ArrayLike
 from mtpipe.errors import FitError
 from mtpipe.experiment.description import Experiment
 from mtpipe.experiment.frictions import LEAST_HEIGHT_NM, frictions_at
+from mtpipe.experiment.tethers import Tether, tether_at
 from mtpipe.experiment.whole_motion import whole_motion
 from mtpipe.physics.axial import AxialMotion
 from mtpipe.physics.camera import FloatArray, power_spectrum
 from mtpipe.physics.coupled_height import coupled_height_modes
 from mtpipe.physics.linear import LinearMotion, NormalModes, normal_modes, pair_modes
 from mtpipe.physics.memory import memory_time_s, remembering
-from mtpipe.physics.tether import Chain, log_distance_density, moments
 from mtpipe.physics.tethered_bead import friction_pN_s_per_nm
 
 ALONG, ACROSS, UP, ANGLE = range(4)
@@ -44,11 +43,8 @@ ALONG, ACROSS, UP, ANGLE = range(4)
 _HEIGHTS, _HEIGHT_WEIGHTS = np.polynomial.hermite_e.hermegauss(7)
 _HEIGHT_WEIGHTS = _HEIGHT_WEIGHTS / _HEIGHT_WEIGHTS.sum()
 LEAST_SHARE = 0.05
-# Grid of the tether's length: how far it reaches, in standard deviations and in kT of depth.
-GRID_NODES, GRID_SPREADS, GRID_DEPTH = 96, 10.0, 30.0
 # Below this share of an axis's variance a mode is rounding error.
 ROUNDING = 1e-9
-MOST_KNOWN = 8192
 MOST_GIVING, LEAST_STRAIGHT = 0.1, 0.3
 # Share of the force by which it is changed to see what changes with it.
 DIFFERENCE = 1e-3
@@ -107,7 +103,7 @@ def bead_state(experiment: Experiment, force_pN: float) -> BeadState:
     FitError : the force is too small to keep the bead off the surface.
     """
     energy = experiment.fluid.thermal_energy_pN_nm
-    tether = _tether(experiment.chain, force_pN)
+    tether = tether_at(experiment.chain, force_pN)
     end, variance = tether.end_nm, tether.variance_nm2
     aside = force_pN * experiment.magnets.sideways_per_nm
     stiffness, swing, turn = _lateral(experiment, force_pN, end, aside)
@@ -178,7 +174,7 @@ def _mixed(one: RecordedModes, share: float, other: RecordedModes) -> RecordedMo
     )
 
 
-def _whole(experiment: Experiment, tether: _Tether, force_pN: float) -> tuple[float, RecordedModes]:
+def _whole(experiment: Experiment, tether: Tether, force_pN: float) -> tuple[float, RecordedModes]:
     """Mean height and motion through the whole potential."""
     mean, tau_s, covariance = whole_motion(experiment, force_pN, tether.distance_nm, tether.weight)
     # a motion that is larger on a softer spring is slower, too
@@ -228,7 +224,7 @@ def _joined(modes: NormalModes, *of_z: tuple[FloatArray, FloatArray]) -> Recorde
 
 def _closed(
     experiment: Experiment,
-    tether: _Tether,
+    tether: Tether,
     force_pN: float,
     extension_nm: float,
     modes: NormalModes,
@@ -287,76 +283,10 @@ def expected_spectrum(
     return np.asarray(power.sum(axis=-1) + 2 * camera.frame_s * noise**2)
 
 
-@dataclass(frozen=True, eq=False)
-class _Tether:
-    """A chain at one force: mean and variance of its end's height, variance of its length, and the
-    density of the length, on a uniform grid of distances: weights (sum 1) and deviations from the
-    mean in standard deviations.
-    """
-
-    end_nm: float
-    end_variance_nm2: float
-    variance_nm2: float
-    distance_nm: FloatArray
-    weight: FloatArray
-    deviation: FloatArray
-
-
-# Tethers that are known, by chain and force.
-_KNOWN: dict[tuple[Chain, float], _Tether] = {}
-
-
-def know_tethers(chain: Chain, forces_pN: Sequence[float]) -> None:
-    """Work out a tether at several forces, to be known when states are asked for.
-
-    All at once costs hardly more than one.
-    """
-    missing = [force for force in forces_pN if (chain, force) not in _KNOWN]
-    if missing:
-        if len(_KNOWN) > MOST_KNOWN:
-            _KNOWN.clear()
-        found = _tethers(chain, np.array(missing))
-        _KNOWN.update(((chain, force), one) for force, one in zip(missing, found, strict=True))
-
-
-def _tether(chain: Chain, force_pN: float) -> _Tether:
-    known = _KNOWN.get((chain, force_pN))
-    if known is None:
-        know_tethers(chain, [force_pN])
-        known = _KNOWN[chain, force_pN]
-    return known
-
-
-def _tethers(chain: Chain, force_pN: FloatArray) -> list[_Tether]:
-    found, force = moments(chain, force_pN), force_pN[:, None]
-    middle, spread = found.extension_nm, np.sqrt(found.variance_nm2)
-    low = np.maximum(middle - GRID_SPREADS * spread, 0.002 * chain.contour_length_nm)
-    high = middle + GRID_SPREADS * spread
-    if chain.compliance == 0:
-        high = np.minimum(high, (1 - 1e-5) * chain.contour_length_nm)
-    length = np.linspace(low, high, 4 * GRID_NODES, axis=-1)
-    log_density = log_distance_density(chain, force, length)
-    there = log_density > log_density.max(axis=-1, keepdims=True) - GRID_DEPTH
-    first, last = there.argmax(axis=-1), there.shape[1] - 1 - there[:, ::-1].argmax(axis=-1)
-    rows = np.arange(len(length))
-    length = np.linspace(length[rows, first], length[rows, last], GRID_NODES, axis=-1)
-    log_density = log_distance_density(chain, force, length)
-    weight = np.exp(log_density - log_density.max(axis=-1, keepdims=True))
-    weight /= weight.sum(axis=-1, keepdims=True)
-    deviation = length - np.sum(weight * length, axis=-1, keepdims=True)
-    deviation /= np.sqrt(np.sum(weight * deviation**2, axis=-1, keepdims=True))
-    known = (found.height_nm, found.height_variance_nm2, found.variance_nm2)
-    numbers = np.column_stack(known).tolist()
-    return [
-        _Tether(*of_one, *distribution)
-        for of_one, *distribution in zip(numbers, length, weight, deviation, strict=True)
-    ]
-
-
 def _axial(
-    experiment: Experiment, tether: _Tether, extension_nm: float, variance_nm2: float
+    experiment: Experiment, tether: Tether, extension_nm: float, variance_nm2: float
 ) -> AxialMotion:
-    """Density of the straight tether's length, of this variance, and the friction there."""
+    """Heights of this variance that scatter as the tether's length does, and the friction there."""
     fluid = experiment.fluid
     height = extension_nm + np.sqrt(variance_nm2) * tether.deviation
     friction = friction_pN_s_per_nm(
