@@ -9,7 +9,6 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from mtpipe.errors import FitError, SetupError
-from mtpipe.experiment import state as states
 from mtpipe.experiment.description import (
     Bead,
     Experiment,
@@ -20,6 +19,7 @@ from mtpipe.experiment.description import (
 )
 from mtpipe.experiment.from_setup import experiment_of, magnets_mm
 from mtpipe.experiment.state import bead_state, expected_spectrum
+from mtpipe.experiment.tethers import _tethers
 from mtpipe.physics.camera import Camera, power_spectrum
 from mtpipe.physics.modes import rotating_bead
 from mtpipe.physics.tether import Chain, mean_extension_nm, moments
@@ -255,9 +255,9 @@ def test_equal_forces_in_a_row_stay_two_plateaus_under_a_tolerance():
 def test_tethers_worked_out_together_are_those_worked_out_alone():
     for chain in (experiment().chain, Chain(1200.0, 45.0, 298.0, "extensible", 900.0)):
         forces = [0.05, 0.3, 2.0, 15.0, 60.0]
-        together = states._tethers(chain, np.array(forces))
+        together = _tethers(chain, np.array(forces))
         for force, one in zip(forces, together, strict=True):
-            (alone,) = states._tethers(chain, np.array([force]))
+            (alone,) = _tethers(chain, np.array([force]))
             assert (one.end_nm, one.variance_nm2) == (alone.end_nm, alone.variance_nm2)
             np.testing.assert_allclose(one.weight, alone.weight, rtol=1e-9)
             np.testing.assert_allclose(one.deviation, alone.deviation, rtol=1e-9, atol=1e-12)
