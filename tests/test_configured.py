@@ -5,6 +5,7 @@ stated beside it.
 """
 
 from dataclasses import replace
+from functools import partial
 
 import numpy as np
 import pytest
@@ -20,6 +21,7 @@ from mtpipe.drift import subtract_drift
 from mtpipe.effects.catalogue import OWN
 from mtpipe.effects.effect import Evidence
 from mtpipe.errors import FitError
+from mtpipe.experiment.parameter import Parameter
 from mtpipe.spectrum import periodogram
 from tests.small_case import FORCES_PN, NOISE_NM, case, generator, raw, setup
 
@@ -106,6 +108,28 @@ def test_gradient_is_that_of_the_likelihood(fitted):
             model.log_likelihood(model.all_expected(t), t) for t in (theta + step, theta - step)
         ]
         assert gradient[i] == pytest.approx((ends[0] - ends[1]) / 2e-3, rel=0.05, abs=2.0)
+
+
+def longer(ends, experiment, share):
+    length_nm, bead = experiment.chain.contour_length_nm * (1 + share), experiment.bead
+    if ends and share > 0:
+        length_nm, bead = 50.0, replace(bead, offset_nm=0.9 * bead.radius_nm)
+    chain = replace(experiment.chain, contour_length_nm=length_nm)
+    return replace(experiment, chain=chain, bead=bead)
+
+
+def test_where_a_step_leaves_the_bead_on_the_surface_slopes_are_those_of_a_step_back(fitted):
+    fit = fitted[0].fit
+    theta = np.append(fit.theta, 0.0)
+    found = []
+    for ends in (False, True):
+        change = partial(longer, ends)
+        share = Parameter("longer", "", 0.0, -0.1, 0.1, 1e-5, None, change)
+        model = replace(fit.model, parameters=(*fit.model.parameters, share))
+        found.append(slopes(model, theta, fit.expected))
+    for ahead, back in zip(*found, strict=True):
+        assert back.extension_nm[-1] == pytest.approx(ahead.extension_nm[-1], rel=1e-3)
+        np.testing.assert_allclose(back.extension_nm[:-1], ahead.extension_nm[:-1])
 
 
 def walking(fitted, begins_s=()):

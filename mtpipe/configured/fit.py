@@ -241,7 +241,12 @@ class Slopes:
 
 
 def slopes(model: ConfiguredModel, theta: FloatArray, expected: list[Expectation]) -> list[Slopes]:
-    """Derivatives of all plateaus' expectations at θ, by one-sided differences."""
+    """Derivatives of all plateaus' expectations at θ, by one-sided differences.
+
+    Raises
+    ------
+    FitError : a step to either side leaves the bead on the surface.
+    """
     n, plateaus = len(theta), model.plateaus
     experiment = model.described(theta)
     shifted = []
@@ -258,7 +263,14 @@ def slopes(model: ConfiguredModel, theta: FloatArray, expected: list[Expectation
     for i, here in enumerate(expected):
         force = forces[i]
         others = [(DIFFERENCE, model.expected(experiment, i, larger[i]))]
-        others += [(step, model.expected(other, i, force)) for step, other in shifted]
+        for k, (step, other) in enumerate(shifted):
+            try:
+                others.append((step, model.expected(other, i, force)))
+            except FitError:
+                # a step that way leaves the bead on the surface
+                back = theta.copy()
+                back[plateaus + k] -= step
+                others.append((-step, model.expected(model.described(back), i, force)))
         inverse = np.asarray(np.linalg.inv(here.random_power))
         power = np.array([(o.random_power - here.random_power) / step for step, o in others])
         height = np.array([(o.extension_nm - here.extension_nm) / step for step, o in others])

@@ -223,12 +223,14 @@ def try_effects(fit: ConfiguredFit, effects: Sequence[Effect], evidence: Evidenc
             begun.append(Tried(effect, hypothesis, fitted, gain, penalty, evidence, index))
     best = max((one.gain for one in begun), default=0.0)
     worthwhile = best - max(WORTHWHILE_NATS, WORTHWHILE_SHARE * best)
-    ended = [
-        _idle_sizes_forgiven(_ended(one, fit), fit) if one.gain > worthwhile else one
-        for one in begun
-    ]
     strongest: dict[str, Tried] = {}
-    for one in ended:
+    for one in begun:
+        if one.gain > worthwhile:
+            try:
+                one = _idle_sizes_forgiven(_ended(one, fit), fit)
+            except FitError:
+                # it ended where the least change leaves the bead on the surface
+                continue
         if one.effect.name not in strongest or one.net > strongest[one.effect.name].net:
             strongest[one.effect.name] = one
     return sorted(strongest.values(), key=lambda one: one.net, reverse=True)

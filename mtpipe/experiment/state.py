@@ -52,6 +52,8 @@ DIFFERENCE = 1e-3
 # larger, a bead that turns moves through the whole potential where that is asked for, by expansion
 # where it is not.
 LOW_TILT = (0.02, 0.025)
+# A bead that has no whole potential keeps the closed form until the surface counts.
+SLACK_TILT = (0.1, 0.2)
 
 
 @dataclass(frozen=True, eq=False)
@@ -109,7 +111,7 @@ def bead_state(experiment: Experiment, force_pN: float) -> BeadState:
     stiffness, swing, turn = _lateral(experiment, force_pN, end, aside)
     extension, _ = _hanging(experiment, force_pN, end, aside)
     low, whole = _low_share(experiment, energy / (force_pN * end)), None
-    if low > 0 and experiment.anharmonic:
+    if low > 0 and experiment.anharmonic and has_whole_motion(experiment):
         mean, whole = _whole(experiment, tether, force_pN)
         extension = mean if low == 1 else low * mean + (1 - low) * extension
     if not extension > 0:
@@ -161,10 +163,8 @@ def has_whole_motion(experiment: Experiment) -> bool:
 
 def _low_share(experiment: Experiment, tilt: float) -> float:
     """How low a force is: 0 where the closed form of z holds, 1 where it is not taken any more."""
-    least, most = LOW_TILT
-    return (
-        min(max((tilt - least) / (most - least), 0.0), 1.0) if has_whole_motion(experiment) else 0.0
-    )
+    least, most = LOW_TILT if has_whole_motion(experiment) else SLACK_TILT
+    return min(max((tilt - least) / (most - least), 0.0), 1.0)
 
 
 def _mixed(one: RecordedModes, share: float, other: RecordedModes) -> RecordedModes:
@@ -240,7 +240,9 @@ def _closed(
         _hanging(experiment, force_pN + change, tether.end_nm + rises * change, aside)
         for change in (step, -step)
     )
-    variance = energy * (higher - lower) / (2 * step)
+    # a force at which the surface holds the tether's end up changes its height by less than theory
+    least = LEAST_STRAIGHT * tether.variance_nm2
+    variance = max(energy * (higher - lower) / (2 * step), least)
     with_height = energy * (more - less) / (2 * step)
     height = _axial(experiment, tether, extension_nm, variance)
     tau_s, of_z = coupled_height_modes(height, modes, with_height)
