@@ -305,19 +305,20 @@ def test_both_engines_have_one_equilibrium(case):
 
 
 @pytest.mark.parametrize(
-    ("case", "axial"),
+    "case",
     [
-        (Case(1.0, 1400.0, 2700.0, 120.0, 1.0, True), 0.06),
-        (Case(3.0, 500.0, 1200.0, 300.0, 1.0, True), 0.08),
-        (Case(12.0, 1400.0, 2700.0, 120.0, 0.5, True), 0.06),
+        Case(0.4, 500.0, 1200.0, 120.0, 0.5, True),
+        Case(1.0, 1400.0, 2700.0, 120.0, 1.0, True),
+        Case(3.0, 500.0, 1200.0, 300.0, 1.0, True),
+        Case(12.0, 1400.0, 2700.0, 120.0, 0.5, True),
     ],
     ids=str,
 )
-def test_the_steps_have_the_expected_spectra(case, axial):
-    """x and y to 1.5 %; z, whose relaxation is not linear, as far as the closed form is true."""
+def test_the_steps_have_the_expected_spectra(case):
+    """x and y to 1.5 %; z, whose relaxation is not linear, to 2.5 %."""
     state = bead_state(case.experiment, case.force_pN)
     recorded = played_by("brownian", case, 7)
-    for axis, allowed in ((0, 0.015), (1, 0.015), (2, axial)):
+    for axis, allowed in ((0, 0.015), (1, 0.015), (2, 0.025)):
         for ratio in band_ratios(recorded[:, axis], case, state, axis):
             error = ratio.std() / math.sqrt(len(ratio))
             assert abs(ratio.mean() - 1) < STANDARD_ERRORS * error + allowed

@@ -26,8 +26,9 @@ from mtpipe.setup import Setup, parse_setup
 from mtpipe.simulation.recording import Engine, simulate_experiment
 
 BROWNIAN_SHARE = 0.2
-# Step by step the surface and the chain's slack are there, which no setup of the study lists.
-LEAST_BROWNIAN_PN = 1.0
+# Step by step the surface is there and the tether is not linear, which no setup of the study lists:
+# forces are not low ones (`mtpipe.experiment.state.LOW_TILT`).
+LEAST_PN = 0.3
 Change = Callable[[Experiment, np.random.Generator], Experiment]
 Spoil = Callable[[Recording, np.random.Generator], Recording]
 
@@ -81,9 +82,8 @@ def draw(
         },
         where="study",
     )
-    low = LEAST_BROWNIAN_PN if chosen == "brownian" else 0.3
     plateaus = int(random.integers(4, 9))
-    forces = np.geomspace(low, 15.0, plateaus) * np.exp(0.1 * random.normal(size=plateaus))
+    forces = np.geomspace(LEAST_PN, 15.0, plateaus) * np.exp(0.1 * random.normal(size=plateaus))
     forces = forces[:: int(random.choice([-1, 1]))]
     noise = 0.0
     if "tracking_noise" in listed:
