@@ -23,6 +23,7 @@ from mtpipe.diagnosis.explain import (
     alike,
     concluded,
     explain,
+    made_sure,
     without_superfluous,
     without_unclear_third,
 )
@@ -338,6 +339,28 @@ def test_what_frees_heights_is_not_named_where_they_are_off(
 )
 def test_what_was_an_alarm_has_to_agree_better_than_to_be_none(before, after, agree):
     assert agrees(SimpleNamespace(p_value=after), SimpleNamespace(p_value=before)) == agree
+
+
+@pytest.mark.parametrize(
+    ("after", "asked"),
+    [(0.3, False), (0.0005, True), (1e-7, False)],
+    ids=["agrees", "open", "clearly not"],
+)
+def test_whether_something_is_left_is_not_left_to_the_chance_of_few_simulations(
+    monkeypatch, after, asked
+):
+    def check_bead(case, random, *, rounds):
+        assert rounds[0] > 120
+        return SimpleNamespace(p_value=0.2, case=case)
+
+    module = importlib.import_module("mtpipe.diagnosis.explain")
+    monkeypatch.setattr(module, "check_bead", check_bead)
+    one = stand_in("viscosity", 50.0, 1e-9, after)
+    named, check = made_sure(one.before, [one], one.after, None)
+    assert check.p_value == (0.2 if asked else after)
+    assert named[-1].after is check
+    assert check.case is one.after.case
+    assert made_sure(one.before, [], one.after, None) == ([], one.after)
 
 
 def one_tried(name, gain, penalty):
