@@ -128,7 +128,10 @@ def _named(bead: dict[str, Any]) -> str:
 def _p_values(bead: dict[str, Any]) -> str:
     if not bead["effects"]:
         return ""
-    return f"{bead['effects'][0]['p_before']:.0e} → {bead['effects'][-1]['p_after']:.2g}"
+    # effects stand in another order than they were found in
+    before = min(effect["p_before"] for effect in bead["effects"])
+    after = max(effect["p_after"] for effect in bead["effects"])
+    return f"{before:.0e} → {after:.2g}"
 
 
 def _forces(bead: dict[str, Any], truth: dict[str, Any] | None) -> list[tuple[float, float, float]]:
