@@ -14,6 +14,7 @@ import numpy as np
 import pytest
 from scipy import signal, stats
 
+from mtpipe.configured import hypotheses
 from mtpipe.configured.data import plateau_data, whitening
 from mtpipe.configured.expectation import Subtraction
 from mtpipe.configured.fit import fit_configured
@@ -32,7 +33,7 @@ from mtpipe.diagnosis.heights import gained_by_scatter, wanders
 from mtpipe.drift.lowpass import low_pass
 from mtpipe.effects.catalogue import OWN, catalogue
 from mtpipe.effects.effect import Evidence
-from mtpipe.errors import SetupError
+from mtpipe.errors import FitError, SetupError
 from mtpipe.experiment.description import (
     Bead,
     Experiment,
@@ -514,6 +515,21 @@ def test_hopping_is_told_from_a_tether_that_is_longer_from_some_force_on(rate_hz
     found = best_of(fit, of_name("hopping"), EVIDENCE)
     assert found.net > 20
     assert (gained_by_motion(found) > ALIKE_NATS) == seen
+
+
+def test_an_effect_that_ends_where_the_bead_is_on_the_surface_leaves_the_others(monkeypatch):
+    def at_the_edge(one, without):
+        if one.effect.name == "viscosity":
+            raise FitError("the tether does not hold the bead off the surface")
+        return one
+
+    monkeypatch.setattr(hypotheses, "_idle_sizes_forgiven", at_the_edge)
+    slow = replace(
+        BASE, fluid=replace(BASE.fluid, viscosity_mPa_s=1.3 * BASE.fluid.viscosity_mPa_s)
+    )
+    effects = [of_name("viscosity"), of_name("bead_radius")]
+    tried = try_effects(fitted(slow, np.random.default_rng(22)), effects, EVIDENCE)
+    assert [one.effect.name for one in tried] == ["bead_radius"]
 
 
 def test_other_effects_need_not_be_seen_to_move():

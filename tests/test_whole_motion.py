@@ -32,7 +32,7 @@ from mtpipe.physics.camera import Camera, power_spectrum
 from mtpipe.physics.relaxation import relaxation_modes
 from mtpipe.physics.tether import Chain, log_distance_density, mean_extension_nm
 from mtpipe.simulation.bead import brownian_bead
-from mtpipe.simulation.linear import simulate_motion
+from mtpipe.simulation.linear import _stretch, simulate_motion
 from mtpipe.simulation.stepped import _from_steps, _to_steps
 
 CAMERA = Camera(1 / 60, 1 / 120)
@@ -163,7 +163,7 @@ def test_expansions_would_not_do():
     """What the whole motion is for: at 0.1 pN z is slower and smaller than by expansion."""
     here = experiment(1200.0, 500.0)
     whole, expanded = (bead_state(e, 0.1) for e in (here, replace(here, anharmonic=False)))
-    assert slow_power(whole)[2] > 1.3 * slow_power(expanded)[2]
+    assert slow_power(expanded)[2] < 0.7 * slow_power(whole)[2]
 
 
 @pytest.mark.parametrize("radius_nm", [500.0, 1400.0])
@@ -198,10 +198,16 @@ def test_a_simulation_is_given_what_swinging_and_length_do_to_each_other(force, 
     of_z = modes.covariance_nm2[:, 2, 2]
     assert of_z.sum() == pytest.approx(variances(state)[2], rel=1e-3)
     assert 1 - of_z @ modes.tau_s / slow_power(state)[2] == pytest.approx(missing, abs=0.005)
-    motion = simulate_motion([(state, 60_000)], CAMERA, np.random.default_rng(3))
-    seen, share, (frequency,) = bands(motion[:, 2], [(0.02, 2.0)])
-    expected = float(expected_spectrum(frequency, state, here, 2).mean())
-    assert seen / expected == pytest.approx(1, abs=4 * float(share[0]))
+    given = simulate_motion([(state, 60_000)], CAMERA, np.random.default_rng(3))
+    followed, _ = _stretch(state, CAMERA, 60_000, np.random.default_rng(3), None)
+    np.testing.assert_array_equal(given[:, :2], followed[:, :2])
+    (more,), _, (frequency,) = bands(given[:, 2], [(0.02, 0.5)])
+    (before,), _, _ = bands(followed[:, 2], [(0.02, 0.5)])
+    expected = expected_spectrum(frequency, state, here, 2).mean()
+    there = of_z > 0
+    by_expansion = power_spectrum(frequency[:, None], of_z[there], modes.tau_s[there], CAMERA)
+    assert more / before == pytest.approx(expected / by_expansion.sum(axis=1).mean(), rel=2e-3)
+    assert more / before > 1.03
 
 
 def force_at(here, tilt):
@@ -289,7 +295,14 @@ def test_a_bead_that_does_not_turn_stays_what_it_is():
 
 @pytest.mark.parametrize(
     ("contour_nm", "lowest_pN", "tried"),
-    [(300.0, 0.5, True), (1200.0, 0.15, True), (1200.0, 0.3, False), (7000.0, 0.3, False)],
+    [
+        (300.0, 0.84, True),
+        (300.0, 0.85, False),
+        (1200.0, 0.25, True),
+        (1200.0, 0.26, False),
+        (7000.0, 0.072, True),
+        (7000.0, 0.074, False),
+    ],
 )
 def test_it_is_tried_where_the_tether_tilts_enough(contour_nm, lowest_pN, tried):
     here = experiment(contour_nm, 500.0)

@@ -6,15 +6,13 @@ from dataclasses import replace
 
 from mtpipe.effects.effect import Effect, Evidence, Hypothesis
 from mtpipe.experiment.description import Experiment
-from mtpipe.experiment.state import LOW_TILT, has_whole_motion
-from mtpipe.physics.tether import mean_extension_nm
+from mtpipe.experiment.state import has_whole_motion, low_share
 
 
 def _hypotheses(experiment: Experiment, evidence: Evidence) -> list[Hypothesis]:
-    lowest_pN = min(evidence.force_pN)
-    height_nm = float(mean_extension_nm(experiment.chain, lowest_pN))
-    tilt = experiment.fluid.thermal_energy_pN_nm / (lowest_pN * height_nm)
-    if experiment.anharmonic or not has_whole_motion(experiment) or tilt < LOW_TILT[0]:
+    if experiment.anharmonic or not has_whole_motion(experiment):
+        return []
+    if low_share(experiment, min(evidence.force_pN)) == 0:
         return []
     return [Hypothesis(replace(experiment, anharmonic=True), ())]
 

@@ -108,9 +108,9 @@ def bead_state(experiment: Experiment, force_pN: float) -> BeadState:
     tether = tether_at(experiment.chain, force_pN)
     end, variance = tether.end_nm, tether.variance_nm2
     aside = force_pN * experiment.magnets.sideways_per_nm
-    stiffness, swing, turn = _lateral(experiment, force_pN, end, aside)
-    extension, _ = _hanging(experiment, force_pN, end, aside)
-    low, whole = _low_share(experiment, energy / (force_pN * end)), None
+    lateral = _lateral(experiment, force_pN, end, aside)
+    extension, _ = _hanging(experiment, force_pN, end, lateral)
+    low, whole = low_share(experiment, force_pN), None
     if low > 0 and experiment.anharmonic and has_whole_motion(experiment):
         mean, whole = _whole(experiment, tether, force_pN)
         extension = mean if low == 1 else low * mean + (1 - low) * extension
@@ -126,6 +126,7 @@ def bead_state(experiment: Experiment, force_pN: float) -> BeadState:
     # is in it: what they have beyond is not the straight chain's
     tilted = (energy / force_pN) ** 2 * (gives**2 - 1)
     straight = max(variance - tilted, LEAST_STRAIGHT * variance)
+    stiffness, swing, turn = lateral
     stiffness[UP, UP] = energy / straight
     readout = np.zeros((3, len(stiffness)))
     readout[experiment.along, ALONG] = readout[1 - experiment.along, ACROSS] = readout[2, UP] = 1
@@ -161,8 +162,10 @@ def has_whole_motion(experiment: Experiment) -> bool:
     return experiment.bead.turns and not leans
 
 
-def _low_share(experiment: Experiment, tilt: float) -> float:
+def low_share(experiment: Experiment, force_pN: float) -> float:
     """How low a force is: 0 where the closed form of z holds, 1 where it is not taken any more."""
+    end_nm = tether_at(experiment.chain, force_pN).end_nm
+    tilt = experiment.fluid.thermal_energy_pN_nm / (force_pN * end_nm)
     least, most = LOW_TILT if has_whole_motion(experiment) else SLACK_TILT
     return min(max((tilt - least) / (most - least), 0.0), 1.0)
 
@@ -177,11 +180,16 @@ def _mixed(one: RecordedModes, share: float, other: RecordedModes) -> RecordedMo
 def _whole(experiment: Experiment, tether: Tether, force_pN: float) -> tuple[float, RecordedModes]:
     """Mean height and motion through the whole potential."""
     mean, tau_s, covariance = whole_motion(experiment, force_pN, tether.distance_nm, tether.weight)
+    return mean, _softer(RecordedModes(tau_s, covariance), experiment)
+
+
+def _softer(modes: RecordedModes, experiment: Experiment) -> RecordedModes:
+    """Modes of one axis each, with z as soft as it is allowed to be."""
+    softer, covariance = experiment.allowance.upward_variance, modes.covariance_nm2.copy()
     # a motion that is larger on a softer spring is slower, too
-    softer = experiment.allowance.upward_variance
-    tau_s = np.where(covariance[:, 2, 2] > 0, softer * tau_s, tau_s)
+    tau_s = np.where(covariance[:, 2, 2] > 0, softer * modes.tau_s, modes.tau_s)
     covariance[:, 2, 2] *= softer
-    return mean, RecordedModes(tau_s, covariance)
+    return RecordedModes(tau_s, covariance)
 
 
 @functools.lru_cache(maxsize=4096)
@@ -233,34 +241,37 @@ def _closed(
 
     What force does to a mean, times kT, is the covariance with the height it pulls at.
     """
-    energy, softer = experiment.fluid.thermal_energy_pN_nm, experiment.allowance.upward_variance
+    energy = experiment.fluid.thermal_energy_pN_nm
     aside, step = force_pN * experiment.magnets.sideways_per_nm, DIFFERENCE * force_pN
     rises = tether.end_variance_nm2 / energy
-    (higher, more), (lower, less) = (
-        _hanging(experiment, force_pN + change, tether.end_nm + rises * change, aside)
-        for change in (step, -step)
-    )
+    each = []
+    for change in (step, -step):
+        force, end = force_pN + change, tether.end_nm + rises * change
+        lateral = _lateral(experiment, force, end, aside)
+        each.append(_hanging(experiment, force, end, lateral))
+    (higher, more), (lower, less) = each
     # a force at which the surface holds the tether's end up changes its height by less than theory
     least = LEAST_STRAIGHT * tether.variance_nm2
     variance = max(energy * (higher - lower) / (2 * step), least)
     with_height = energy * (more - less) / (2 * step)
     height = _axial(experiment, tether, extension_nm, variance)
-    tau_s, of_z = coupled_height_modes(height, modes, with_height)
-    # a motion that is larger on a softer spring is slower, too
-    return _joined(modes, (softer * tau_s, softer * of_z))
+    return _softer(_joined(modes, coupled_height_modes(height, modes, with_height)), experiment)
 
 
 def _hanging(
-    experiment: Experiment, force_pN: float, end_nm: float, aside_pN_per_nm: float
+    experiment: Experiment,
+    force_pN: float,
+    end_nm: float,
+    lateral: tuple[FloatArray, FloatArray, FloatArray],
 ) -> tuple[float, FloatArray]:
     """Mean height of the bead's lowest point, and (d, d) covariance of its lateral coordinates.
 
     Parameters
     ----------
-    end_nm : mean height of the tether's end. aside_pN_per_nm : what holds the bead besides.
+    end_nm : mean height of the tether's end. lateral : as `_lateral` has it there.
     """
     energy, bead = experiment.fluid.thermal_energy_pN_nm, experiment.bead
-    stiffness, swing, turn = _lateral(experiment, force_pN, end_nm, aside_pN_per_nm)
+    stiffness, swing, turn = lateral
     sideways = np.ix_(*2 * [np.delete(np.arange(len(stiffness)), UP)])
     covariance = np.zeros_like(stiffness)
     covariance[sideways] = energy * np.linalg.inv(stiffness[sideways])
@@ -314,6 +325,10 @@ def _lateral(
     With an angle φ the tether's end is at y − aφ, a the bead's lever; bead and end sink by aφ²/2 +
     (y − aφ)²/2L. Without one the bead hangs stiffly on its tether (across) or keeps upright
     (along).
+
+    Parameters
+    ----------
+    aside_pN_per_nm : lateral stiffness that the magnets add.
     """
     lever, magnets = experiment.bead.lever_nm, experiment.magnets
     turns, tilts = experiment.bead.turns, magnets.alignment_pN_nm is not None

@@ -98,7 +98,8 @@ def _gains(state: BeadState, camera: Camera) -> tuple[FloatArray, dict[int, Floa
     frequency = np.append(0.0, np.geomspace(1e-5, 1.0, GAIN_POINTS) * camera.nyquist_hz)
     gains = {}
     both = recorded_modes(state), followed_modes(state)
-    for axis in range(3):
+    # x and y are followed as they are, but for memory
+    for axis in range(3) if state.memory_s > 0 else (2,):
         powers = []
         for modes in both:
             variance = modes.covariance_nm2[:, axis, axis]
