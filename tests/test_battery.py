@@ -291,11 +291,11 @@ SKEWED = {
 @pytest.mark.parametrize("law", SKEWED)
 @pytest.mark.parametrize("simulations", [48, 120])
 def test_p_values_are_uniform_far_into_the_tail(law, simulations):
-    draw, upper = SKEWED[law], np.zeros(1, dtype=bool)
+    draw, upper = SKEWED[law], np.zeros(200, dtype=bool)
     random = generator(16, simulations)
     found = []
     for _ in range(30):
-        nulls = Nulls(draw(random, (simulations, 200)), np.repeat(upper, 200))
+        nulls = Nulls(draw(random, (simulations, 200)), upper, np.arange(200))
         found.append(nulls.p_values(draw(random, 200)))
     p = np.concatenate(found)
     # of 6000: at 1 % a standard error of 0.13 %, at 0.1 % of 0.04 %; the law itself is approximate
@@ -304,12 +304,44 @@ def test_p_values_are_uniform_far_into_the_tail(law, simulations):
     assert np.mean(p < 0.5) == pytest.approx(0.5, abs=0.04)
 
 
+def test_looks_at_the_same_statistic_learn_their_tail_from_one_another():
+    """The smallest of hundreds of p-values hangs on it. The largest of 16 normal variates, looked
+    at 24 times: 57 600 values, standard errors 0.13 · 10⁻³ at 10⁻³ and 0.04 · 10⁻³ at 10⁻⁴.
+    """
+    upper = np.ones(24, dtype=bool)
+
+    def largest(random: np.random.Generator, shape: tuple[int, ...]) -> np.ndarray:
+        return random.normal(size=(*shape, 16)).max(axis=-1)
+
+    alone, shared = [], []
+    for i in range(2400):
+        random = generator(22, i)
+        simulated, observed = largest(random, (48, 24)), largest(random, (24,))
+        alone.append(Nulls(simulated, upper, np.arange(24)).p_values(observed))
+        shared.append(Nulls(simulated, upper, np.zeros(24, dtype=int)).p_values(observed))
+    assert np.mean(np.array(shared) < 1e-3) == pytest.approx(1e-3, abs=0.6e-3)
+    assert np.mean(np.array(shared) < 1e-4) < 4e-4
+    assert np.mean(np.array(alone) < 1e-4) > 1.5 * np.mean(np.array(shared) < 1e-4)
+
+
+def test_a_look_without_values_takes_nothing_from_the_others():
+    values = generator(23).normal(size=(48, 3))
+    same = np.zeros(3, dtype=int)
+    observed = np.array([0.5, 1.0, 2.0])
+    p = Nulls(values, np.zeros(3, dtype=bool), same).p_values(observed)
+    values[7, 0] = np.nan
+    without = Nulls(values, np.zeros(3, dtype=bool), same).p_values(observed)
+    assert np.isnan(without[0])
+    assert without[1:] == pytest.approx(p[1:], rel=0.2)
+
+
 def test_own_p_values_are_those_judged_by_all_the_others():
     values = generator(17).gamma(4.0, size=(30, 5))
     upper = np.array([True, False, True, False, False])
-    own = Nulls(values, upper).own_p_values()
+    statistic = np.array([0, 1, 0, 1, 1])
+    own = Nulls(values, upper, statistic).own_p_values()
     for i in (0, 11, 29):
-        others = Nulls(np.delete(values, i, axis=0), upper)
+        others = Nulls(np.delete(values, i, axis=0), upper, statistic)
         assert own[i] == pytest.approx(others.p_values(values[i]), rel=1e-6)
 
 
@@ -317,12 +349,12 @@ def test_no_value_on_the_short_side_is_odder_than_a_normal_one():
     """The fitted law ends there, and a value beyond its end once had a p-value of zero."""
     values = generator(18).gamma(1.5, size=(100, 1))
     spread, mean = values.std(ddof=1), values.mean()
-    p = Nulls(values, np.array([False])).p_values(np.array([mean - 3 * spread]))
+    p = Nulls(values, np.array([False]), np.array([0])).p_values(np.array([mean - 3 * spread]))
     assert p[0] > 0.002
 
 
 def test_upper_statistics_are_odd_only_where_large():
-    nulls = Nulls(generator(19).normal(size=(100, 2)), np.array([True, False]))
+    nulls = Nulls(generator(19).normal(size=(100, 2)), np.array([True, False]), np.arange(2))
     low = nulls.p_values(np.array([-5.0, -5.0]))
     assert low[0] > 0.99
     assert low[1] < 1e-4
@@ -336,7 +368,7 @@ def test_all_looks_together_are_uniform():
         common = random.normal(size=(61, 10))
         values = np.repeat(common, 20, axis=1) + 0.7 * random.normal(size=(61, 200))
         family = np.arange(200) < 20
-        nulls = Nulls(values[1:], np.zeros(200, dtype=bool))
+        nulls = Nulls(values[1:], np.zeros(200, dtype=bool), np.arange(200))
         p = nulls.p_values(values[0])
         found.append(together(p, nulls.own_p_values(), [family, ~family]).p_value)
     # Kolmogorov–Smirnov p below 0.001: one time in a thousand
@@ -365,7 +397,7 @@ def test_second_looks_at_those_that_are_open_give_uniform_p_values():
 def test_a_p_value_beyond_the_simulations_says_so():
     random = generator(21)
     values = random.normal(size=(60, 30))
-    nulls = Nulls(values, np.zeros(30, dtype=bool))
+    nulls = Nulls(values, np.zeros(30, dtype=bool), np.arange(30))
     everywhere = [np.ones(30, dtype=bool), np.zeros(30, dtype=bool)]
     odd = together(nulls.p_values(np.full(30, 8.0)), nulls.own_p_values(), everywhere)
     calm = together(nulls.p_values(random.normal(size=30)), nulls.own_p_values(), everywhere)

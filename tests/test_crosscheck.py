@@ -237,4 +237,5 @@ def test_without_reference_beads_the_drift_is_seen(clean):
     found = check(nothing)
     assert found.case.references_nm is None
     assert found.p_value < 1e-4
-    assert oddest(found)[0].statistic in ("mean_trend", "psd_band", "mean_step", "allan_variance")
+    # a drift of z is a trend, and puts mean heights off as much
+    assert "mean_trend" in {look.statistic for look in oddest(found)[:4]}

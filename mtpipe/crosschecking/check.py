@@ -84,6 +84,8 @@ def check_bead(
     looks, observed = battery.looks(recorded)
     upper = np.array([_is_upper(look) for look in looks])
     pooled = np.array([look.pooled for look in looks])
+    kinds = [(look.statistic, look.pooled) for look in looks]
+    statistic = np.array([kinds.index(kind) for kind in kinds])
     maker = TwinMaker(case)
     simulated: list[FloatArray] = []
     curves = CurveSet(recorded) if with_curves else None
@@ -96,7 +98,7 @@ def check_bead(
                 curves.add(twin)
             if progress is not None:
                 progress(len(simulated), goal)
-        nulls = Nulls(np.array(simulated), upper)
+        nulls = Nulls(np.array(simulated), upper, statistic)
         # where the fitted experiment is so far off that a look has no value, it is as odd as can be
         p_values = np.nan_to_num(nulls.p_values(observed), nan=SMALLEST_P)
         own = np.nan_to_num(nulls.own_p_values(), nan=1.0)

@@ -1,10 +1,12 @@
 """From simulated values of many statistics to p-values, one by one and all together.
 
-Each statistic's simulated values give a mean, a spread and a skewness; the tail is that of a
-Pearson type III law with them, and of Student's law in the number of simulations, because mean and
-spread are themselves only estimated. The p-value of all together is that of the smallest: with the
-number of effective looks n, it is 1 − (1 − p)^n, and n is what makes the simulations' own smallest
-p-values uniform, each simulation being judged by the others (Westfall & Young 1993, min-p).
+Each look's simulated values give a mean, a spread and a skewness; the tail is that of a Pearson
+type III law with them, and of Student's law in the number of simulations, because mean and spread
+are themselves only estimated. A skewness is hardly known from some fifty values, and the smallest
+of hundreds of p-values depends on it: looks at the same statistic learn theirs from one another.
+The p-value of all together is that of the smallest: with the number of effective looks n, it is
+1 − (1 − p)^n, and n is what makes the simulations' own smallest p-values uniform, each simulation
+being judged by the others (Westfall & Young 1993, min-p).
 """
 
 from __future__ import annotations
@@ -17,8 +19,9 @@ from scipy import special, stats
 
 from mtpipe.physics.camera import FloatArray
 
-# A skewness from few simulations is shrunk as if so many symmetric ones had been seen as well.
-SYMMETRIC_BEFOREHAND = 30
+# What is known of skewnesses beforehand: the standard deviation of a statistic's about zero, that
+# of its looks' about the statistic's own, and the number of looks that the latter is worth.
+OF_STATISTICS, OF_LOOKS, LOOKS_BEFOREHAND = 0.7, 0.2, 10
 LEAST_SKEWNESS = 0.02
 LARGEST_SKEWNESS = 1.9
 SMALLEST_P = 1e-300
@@ -30,13 +33,17 @@ _EVENLY, _EVENLY_WEIGHTS = (_EVENLY + 1) / 2, _EVENLY_WEIGHTS / 2
 
 @dataclass(frozen=True, eq=False)
 class Nulls:
-    """Simulated values of the statistics, (simulations, statistics), and which way is odd.
+    """Simulated values of all looks.
 
-    `upper` (statistics,): only large values are odd.
+    Attributes
+    ----------
+    values : (simulations, looks). upper : (looks,) only large values are odd.
+    statistic : (looks,) number of the statistic; looks with the same have laws of similar shape.
     """
 
     values: FloatArray
     upper: NDArray[np.bool_]
+    statistic: NDArray[np.int64]
 
     @property
     def simulations(self) -> int:
@@ -44,7 +51,7 @@ class Nulls:
         return len(self.values)
 
     def p_values(self, observed: FloatArray) -> FloatArray:
-        """(statistics,) p-value of each, two-sided where both ways are odd."""
+        """(looks,) p-value of each, two-sided where both ways are odd."""
         s = self.simulations
         mean = self.values.mean(axis=0)
         deviation = self.values - mean
@@ -52,7 +59,7 @@ class Nulls:
         return self._p_values(observed - mean, square, cube, s)
 
     def own_p_values(self) -> FloatArray:
-        """(simulations, statistics) p-values of each simulation judged by all the others."""
+        """(simulations, looks) p-values of each simulation judged by all the others."""
         s = self.simulations
         deviation = self.values - self.values.mean(axis=0)
         square, cube = np.sum(deviation**2, axis=0), np.sum(deviation**3, axis=0)
@@ -70,13 +77,29 @@ class Nulls:
         """p-values of deviations from the mean of s values, given the sums of their powers."""
         least = (1e-9 * (1 + np.abs(self.values).max(axis=0))) ** 2
         variance = np.maximum(square / (s - 1), least)
-        raw = cube / s / variance**1.5
-        shrunk = raw * s / (s + SYMMETRIC_BEFOREHAND)
-        skewness = np.clip(shrunk, -LARGEST_SKEWNESS, LARGEST_SKEWNESS)
+        by_itself = s * cube / ((s - 1) * (s - 2)) / variance**1.5
+        skewness = self._together(by_itself, s)
         score = _normal_score(deviation / np.sqrt(variance), skewness) / np.sqrt(1 + 1 / s)
         one = stats.t.sf(score, s - 1)
         both = 2 * stats.t.sf(np.abs(score), s - 1)
         return np.asarray(np.clip(np.where(self.upper, one, both), SMALLEST_P, 1.0))
+
+    def _together(self, by_itself: FloatArray, s: int) -> FloatArray:
+        """(…, looks) skewnesses, each drawn to its statistic's mean as far as chance may have made
+        them differ (empirical Bayes, Efron & Morris 1973).
+        """
+        # a look without values takes nothing from the others
+        by_itself = np.clip(np.nan_to_num(by_itself), -LARGEST_SKEWNESS, LARGEST_SKEWNESS)
+        numbers, index = np.unique(self.statistic, return_inverse=True)
+        member = np.equal.outer(np.arange(len(numbers)), index).astype(float)
+        looks = member.sum(axis=1)
+        # of the skewness of so many normal variates (Fisher 1930)
+        chance = 6 * s * (s - 1) / ((s - 2) * (s + 1) * (s + 3))
+        mean = (by_itself @ member.T / (looks + chance / OF_STATISTICS**2))[..., index]
+        square = (by_itself - mean) ** 2 @ member.T
+        square += LOOKS_BEFOREHAND * (OF_LOOKS**2 + chance)
+        between = np.maximum(square / (looks + LOOKS_BEFOREHAND) - chance, 0.0)[..., index]
+        return np.asarray(mean + (by_itself - mean) * between / (between + chance))
 
 
 def _normal_score(standardised: FloatArray, skewness: FloatArray) -> FloatArray:
@@ -119,8 +142,8 @@ def together(p_values: FloatArray, own: FloatArray, families: list[NDArray[np.bo
 
     Parameters
     ----------
-    p_values : (statistics,) of the recording. own : (simulations, statistics) of the simulations.
-    families : which statistics belong together; every family gets the same share of the looks, so
+    p_values : (looks,) of the recording. own : (simulations, looks) of the simulations.
+    families : which looks belong together; every family gets the same share of the looks, so
         that a few pooled ones are not drowned by many single ones.
     """
     looks, observed, simulated = [], [], []
