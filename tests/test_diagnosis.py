@@ -21,6 +21,7 @@ from mtpipe.crosschecking.check import check_bead
 from mtpipe.diagnosis.evidence import BLOCK_S, noise_between_blocks_nm2, reference_moves
 from mtpipe.diagnosis.explain import (
     alike,
+    better_judged,
     concluded,
     explain,
     made_sure,
@@ -31,6 +32,7 @@ from mtpipe.diagnosis.explanation import Alternative, Explanation, Named, agrees
 from mtpipe.diagnosis.misfit import halves_of
 from mtpipe.diagnosis.mismatch import Mismatch
 from mtpipe.diagnosis.refit import other_formulas
+from mtpipe.diagnosis.unexplained import Rejected
 from mtpipe.drift.lowpass import low_pass
 from mtpipe.effects.catalogue import OWN
 from mtpipe.effects.effect import Evidence
@@ -296,6 +298,33 @@ def test_a_third_effect_has_to_be_unmistakable(net, names, corrections):
     assert check is (named[-1].after if len(names) == 3 else named[-1].before)
     assert (nearest is None) == (net > 100)
     assert nearest is None or (nearest.tried.effect.name, nearest.tried.net) == ("c", 99.0)
+
+
+@pytest.mark.parametrize(
+    ("first_p", "net", "rival_p", "taken"),
+    [
+        (0.03, 28.7, 0.3, "rival"),  # the battery objects to the first by 1.9 nats
+        (0.03, 28.0, 0.3, "first"),  # by less than the first is likelier
+        (0.03, 28.7, 0.06, "first"),  # and nearly as much to the other
+        (0.25, 29.9, 0.9, "first"),  # both are clearly consistent
+        (1e-9, 25.5, 0.3, "rival"),
+        (1e-9, 25.5, 1e-4, "first"),  # something is left with either
+    ],
+)
+def test_of_effects_that_are_nearly_as_likely_the_battery_decides(first_p, net, rival_p, taken):
+    first, rival = (
+        stand_in(*one) for one in (("first", 30.0, 1e-12, first_p), ("rival", net, 1e-12, rival_p))
+    )
+    found = better_judged(first, [rival.found], lambda one: rival)
+    assert found.name == taken
+
+
+def test_a_rival_that_is_rejected_or_cannot_win_takes_no_place():
+    first, rival = stand_in("first", 30.0, 1e-12, 0.1), stand_in("rival", 29.9, 1e-12, 0.9)
+    assert better_judged(first, [rival.found], lambda one: Rejected(one, "")) is first
+    # ln 2 is all that the first can lose
+    hopeless = stand_in("hopeless", 29.2, 1e-12, 0.9)
+    assert better_judged(first, [hopeless.found], lambda one: pytest.fail("asked")) is first
 
 
 @pytest.mark.parametrize(

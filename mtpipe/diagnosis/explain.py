@@ -199,9 +199,45 @@ def _searched(
         if isinstance(found, Rejected):
             nearest = max(rejected, key=lambda one: one.tried.net)
             break
+        rivals = [c for c in able if c is not one and one.net - c.net < ALIKE_NATS]
+        found = better_judged(
+            found, rivals, partial(_named, tried=tried, check=check, case=case, random=random)
+        )
         named.append(found)
         check, fit = found.after, found.after.case.fit
     return named, check, nearest
+
+
+def better_judged(
+    found: Named, rivals: Sequence[Tried], checked: Callable[[Tried], Named | Rejected]
+) -> Named:
+    """Of effects that are nearly as likely, the one that likelihood and battery together speak for.
+
+    A p-value that is clearly consistent is as good as any; below, its ln is lost. A rival takes the
+    place only if recording and simulation agree with it.
+
+    Parameters
+    ----------
+    found : the likeliest. rivals : those that are alike, best first. checked : checks one.
+    """
+
+    def judged(net: float, p_value: float) -> float:
+        return net + math.log(min(p_value, CLEARLY_CONSISTENT))
+
+    best = judged(_net(found), found.after.p_value)
+    for one in rivals:
+        if judged(one.net, CLEARLY_CONSISTENT) <= best:
+            continue
+        other = checked(one)
+        if not isinstance(other, Named) or other.after.p_value < AGREES_P:
+            continue
+        if judged(_net(other), other.after.p_value) > best:
+            found, best = other, judged(_net(other), other.after.p_value)
+    return found
+
+
+def _net(one: Named) -> float:
+    return one.found.net if isinstance(one.found, Tried) else math.inf
 
 
 def _with_alternatives(
