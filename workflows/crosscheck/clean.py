@@ -164,6 +164,7 @@ def configuration(clean: Clean) -> dict[str, Any]:
     experiment = clean.experiment
     return {
         "engine": clean.engine,
+        "formula": experiment.chain.formula,
         "rate_hz": 1 / experiment.camera.frame_s,
         "radius_nm": experiment.bead.radius_nm,
         "contour_nm": experiment.chain.contour_length_nm,

@@ -35,7 +35,7 @@ from mtpipe.diagnosis.explanation import ALARM_P
 # The first is the diagnosis's own.
 LEVELS = (ALARM_P, 0.01, 0.05, 0.1)
 NOTICED_BELOW = 0.01
-SPLITS = ("engine", "radius_nm", "contour_nm", "noise listed", "frames")
+SPLITS = ("engine", "formula", "radius_nm", "contour_nm", "noise listed", "frames")
 Job = tuple[Any, ...]
 
 
@@ -87,7 +87,8 @@ def main() -> None:
         blocks[name] = f"{block}\n\n{printed}"
         print(f"\n{name}\n{'-' * len(name)}\n{blocks[name]}", flush=True)
     if choice.looks:
-        print(looks_table(calm))
+        for formula in sorted({row["formula"] for row in calm}):
+            print(f"\n{formula}\n{looks_table([r for r in calm if r['formula'] == formula])}")
     if choice.write is not None:
         page = choice.write.read_text(encoding="utf-8")
         choice.write.write_text(pages.into_page(page, blocks), encoding="utf-8")
