@@ -78,13 +78,13 @@ class Nulls:
         least = (1e-9 * (1 + np.abs(self.values).max(axis=0))) ** 2
         variance = np.maximum(square / (s - 1), least)
         by_itself = s * cube / ((s - 1) * (s - 2)) / variance**1.5
-        skewness = self._together(by_itself, s)
+        skewness = self._skewness(by_itself, s)
         score = _normal_score(deviation / np.sqrt(variance), skewness) / np.sqrt(1 + 1 / s)
         one = stats.t.sf(score, s - 1)
         both = 2 * stats.t.sf(np.abs(score), s - 1)
         return np.asarray(np.clip(np.where(self.upper, one, both), SMALLEST_P, 1.0))
 
-    def _together(self, by_itself: FloatArray, s: int) -> FloatArray:
+    def _skewness(self, by_itself: FloatArray, s: int) -> FloatArray:
         """(…, looks) skewnesses, each drawn to its statistic's mean as far as chance may have made
         them differ (empirical Bayes, Efron & Morris 1973).
         """

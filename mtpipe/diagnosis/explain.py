@@ -237,6 +237,7 @@ def better_judged(
 
 
 def _net(one: Named) -> float:
+    """Net gain; of a correction, which nothing rivals, infinite."""
     return one.found.net if isinstance(one.found, Tried) else math.inf
 
 
