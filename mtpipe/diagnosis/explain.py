@@ -23,6 +23,7 @@ from mtpipe.configured.hypotheses import (
     together,
     try_effects,
 )
+from mtpipe.corrections.correction import Correction
 from mtpipe.crosschecking.case import Case
 from mtpipe.crosschecking.check import CLEARLY_CONSISTENT, CLEARLY_NOT, BeadCheck, check_bead
 from mtpipe.diagnosis.corrected import corrected, late_corrections
@@ -199,7 +200,8 @@ def _searched(
         if isinstance(found, Rejected):
             nearest = max(rejected, key=lambda one: one.tried.net)
             break
-        rivals = [c for c in able if c is not one and one.net - c.net < ALIKE_NATS]
+        # those before it have been rejected
+        rivals = [c for c in able[able.index(one) + 1 :] if one.net - c.net < ALIKE_NATS]
         found = better_judged(
             found, rivals, partial(_named, tried=tried, check=check, case=case, random=random)
         )
@@ -221,24 +223,20 @@ def better_judged(
     found : the likeliest. rivals : those that are alike, best first. checked : checks one.
     """
 
-    def judged(net: float, p_value: float) -> float:
-        return net + math.log(min(p_value, CLEARLY_CONSISTENT))
-
-    best = judged(_net(found), found.after.p_value)
     for one in rivals:
-        if judged(one.net, CLEARLY_CONSISTENT) <= best:
+        if _judged(one, CLEARLY_CONSISTENT) <= _judged(found.found, found.after.p_value):
             continue
         other = checked(one)
         if not isinstance(other, Named) or other.after.p_value < AGREES_P:
             continue
-        if judged(_net(other), other.after.p_value) > best:
-            found, best = other, judged(_net(other), other.after.p_value)
+        found = max(found, other, key=lambda named: _judged(named.found, named.after.p_value))
     return found
 
 
-def _net(one: Named) -> float:
-    """Net gain; of a correction, which nothing rivals, infinite."""
-    return one.found.net if isinstance(one.found, Tried) else math.inf
+def _judged(one: Tried | Correction, p_value: float) -> float:
+    """Net gain and ln p; of a correction, which nothing rivals, infinite."""
+    net = one.net if isinstance(one, Tried) else math.inf
+    return net + math.log(min(p_value, CLEARLY_CONSISTENT))
 
 
 def _with_alternatives(
