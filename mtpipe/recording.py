@@ -65,6 +65,8 @@ class Drift:
         subtraction carried into every trace.
     start_stderr_nm : standard error, per axis, of where what was subtracted starts: positions keep
         their origin no better.
+    beyond_nm : (n_frames,) of beads whose z shows the stage's fast motion on a scale of its own:
+        what was subtracted from z beyond `subtracted_nm`.
     """
 
     method: Literal["reference", "highpass", "none"]
@@ -74,6 +76,14 @@ class Drift:
     drift_rms_nm: tuple[float, float, float]
     noise_added_nm: tuple[float, float, float]
     start_stderr_nm: tuple[float, float, float]
+    beyond_nm: Mapping[str, FloatArray] = field(default_factory=dict)
+
+    def of_bead(self, bead: str) -> FloatArray:
+        """(n_frames, 3) nm, all that was subtracted from one bead."""
+        if bead not in self.beyond_nm:
+            return self.subtracted_nm
+        x, y, z = self.subtracted_nm.T
+        return np.column_stack([x, y, z + self.beyond_nm[bead]])
 
 
 @dataclass(frozen=True)

@@ -14,44 +14,9 @@ from mtpipe.drift import reference_noise_nm, subtract_drift
 from mtpipe.drift.lowpass import low_pass
 from mtpipe.recording import Plateau, Recording
 from mtpipe.setup import DriftChoice, parse_setup
+from tests.stage import RATE_HZ, N, codes, ou, recording_of, walk
 
-RATE_HZ = 120.0
-N = 16384
 SHARED = Path(__file__).resolve().parents[2] / "shared" / "challenge"
-
-
-def setup_of(references: list[str]):
-    return parse_setup(
-        {
-            "schema": 1,
-            "camera": {"frame_rate_hz": RATE_HZ, "exposure_s": 1 / RATE_HZ},
-            "beads": {"radius_nm": 1400.0, "reference": references},
-            "tether": {"contour_length_nm": 2700.0, "persistence_length_nm": 50.0},
-            "buffer": {"temperature_K": 298.15, "viscosity_mPa_s": 0.89},
-            "field": {"direction": "x"},
-        }
-    )
-
-
-def recording_of(positions, references, *, frame=None, plateaus=None) -> Recording:
-    n = len(next(iter(positions.values())))
-    frame = np.arange(n) if frame is None else frame
-    plateaus = (Plateau(0, 0, n, None),) if plateaus is None else plateaus
-    return Recording(
-        "simulated", setup_of(references), frame / RATE_HZ, frame, positions, None, plateaus
-    )
-
-
-def ou(rng, n, rms_nm, corner_hz):
-    from scipy.signal import lfilter
-
-    q = np.exp(-2 * np.pi * corner_hz / RATE_HZ)
-    kicks = rms_nm * np.sqrt(1 - q**2) * rng.standard_normal((n, 3))
-    return lfilter([1], [1, -q], kicks, axis=0)
-
-
-def walk(rng, n, step_nm):
-    return np.cumsum(step_nm * rng.standard_normal((n, 3)), axis=0)
 
 
 def scene(rng, drift, noises=(1.5,), bead_rms_nm=30.0):
@@ -67,10 +32,6 @@ def error_nm(recording: Recording, drift, choice=None):
     """Root mean square, per axis, of what the subtraction got wrong."""
     wrong = subtract_drift(recording, choice=choice).drift.subtracted_nm - drift
     return np.nanstd(wrong, axis=0)
-
-
-def codes(recording: Recording) -> list[tuple[str, str | None]]:
-    return [(n.code, n.bead) for n in recording.notices]
 
 
 @pytest.mark.parametrize("step_nm", [0.0, 0.1, 1.0])

@@ -165,7 +165,7 @@ def prepare(recording: Recording, bead: str) -> Case:
         tuple(kept),
         tuple(positions),
         None if reference is None else _left_of_reference(recording, reference, kept),
-        _subtracted(recording, kept),
+        _subtracted(recording, bead, kept),
         tuple(starts),
         phi,
         preferred_fit(model),
@@ -254,10 +254,10 @@ def _left_of_reference(
     return tuple(_on_grid(recording, mean - subtracted, plateau) for plateau in plateaus)
 
 
-def _subtracted(recording: Recording, plateaus: list[Plateau]) -> tuple[FloatArray, ...]:
-    """Per plateau (n, 3), on the camera's grid: the drift that was subtracted."""
+def _subtracted(recording: Recording, bead: str, plateaus: list[Plateau]) -> tuple[FloatArray, ...]:
+    """Per plateau (n, 3), on the camera's grid: the drift that was subtracted from the bead."""
     drift = recording.drift
-    taken = np.zeros((len(recording.time_s), 3)) if drift is None else drift.subtracted_nm
+    taken = np.zeros((len(recording.time_s), 3)) if drift is None else drift.of_bead(bead)
     return tuple(_on_grid(recording, taken, plateau) for plateau in plateaus)
 
 

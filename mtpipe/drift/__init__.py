@@ -4,7 +4,8 @@
 gives the tracking noise of the reference beads on its own. Parts, in the order they are used:
 `grid` (series on the camera's grid), `faults` (mistracked frames, jumps), `noise` (white noise, own
 motion), `references` (which to trust), `combine` (several made one), `lowpass` (its low-pass and
-the choice of the cutoff), `highpass` (the alternative without a reference).
+the choice of the cutoff), `fast_z` (beads whose z shows fast motion on a scale of its own),
+`highpass` (the alternative without a reference).
 """
 
 from mtpipe.drift.subtract import reference_noise_nm, subtract_drift

@@ -9,6 +9,7 @@ from typing import Literal
 import numpy as np
 
 from mtpipe.drift.combine import combined
+from mtpipe.drift.fast_z import FastShare, beyond_shared_nm, fast_share
 from mtpipe.drift.grid import Grid, grid_of, piece_coefficients
 from mtpipe.drift.highpass import slow_motion_nm
 from mtpipe.drift.lowpass import (
@@ -76,6 +77,7 @@ def _referenced(recording: Recording, choice: DriftChoice) -> Recording:
     notices = list(found.notices)
     cutoffs: list[float | None] = [None, None, None]
     added, start = [0.0, 0.0, 0.0], [0.0, 0.0, 0.0]
+    beyond: dict[str, FloatArray] = {}
     for axis, name in enumerate(AXES):
         used = [u for u in found.uses if u.weight[axis] > 0]
         if not used:
@@ -95,10 +97,17 @@ def _referenced(recording: Recording, choice: DriftChoice) -> Recording:
         frames = _start_frames(grid, chosen.cutoff_hz)
         start[axis] = chosen.start_stderr_nm / math.sqrt(frames)
         subtracted[:, axis] = (drift - _start(drift, frames))[grid.row]
+        if name == "z":
+            for bead in recording.tethered:
+                z = grid.series_nm(recording, bead, axis)
+                share = fast_share(z, series, white_nm, grid, chosen.cutoff_hz)
+                if share is not None:
+                    beyond[bead] = beyond_shared_nm(share, drift, grid)[grid.row]
+                    notices.append(_share_notice(bead, share))
     lost = int(np.sum(np.isnan(subtracted).any(axis=1)))
     if lost:
         notices.append(_lost_notice(lost, len(grid.row)))
-    return _with_drift(recording, found, choice, cutoffs, subtracted, added, start, notices)
+    return _with_drift(recording, found, choice, cutoffs, subtracted, added, start, beyond, notices)
 
 
 def _cutoff(
@@ -150,12 +159,9 @@ def _with_drift(
     subtracted: FloatArray,
     added: list[float],
     start: list[float],
+    beyond: dict[str, FloatArray],
     notices: list[Notice],
 ) -> Recording:
-    positions = {
-        bead: xyz - subtracted if bead in recording.tethered else xyz
-        for bead, xyz in recording.positions_nm.items()
-    }
     drift = Drift(
         choice.method,
         (cutoffs[0], cutoffs[1], cutoffs[2]),
@@ -164,7 +170,12 @@ def _with_drift(
         _rms(subtracted),
         (added[0], added[1], added[2]),
         (start[0], start[1], start[2]),
+        beyond,
     )
+    positions = {
+        bead: xyz - drift.of_bead(bead) if bead in recording.tethered else xyz
+        for bead, xyz in recording.positions_nm.items()
+    }
     return replace(
         recording,
         positions_nm=positions,
@@ -210,6 +221,18 @@ def _lost_notice(lost: int, frames: int) -> Notice:
         "beads are lost for longer than can be bridged; the tethered beads are left out there"
     )
     return Notice("reference_lost", severity, text)
+
+
+def _share_notice(bead: str, found: FastShare) -> Notice:
+    low, high = float(found.share.min()), float(found.share.max())
+    span = f"{low:.2f}" if f"{low:.2f}" == f"{high:.2f}" else f"{low:.2f} to {high:.2f}"
+    text = (
+        f"z of {bead} shows {span} of the fast motion along z that the reference beads show, where "
+        f"they vibrate together ({len(found.share)} stretches of time): its look-up table has "
+        "another slope there than theirs; so much of their motion faster than "
+        f"{OWN_MOTION_HZ:g} Hz was subtracted, and its own z may be as far off"
+    )
+    return Notice("z_slope", "caution", text, bead, axis="z")
 
 
 def _rms(subtracted: FloatArray) -> tuple[float, float, float]:

@@ -55,7 +55,11 @@ def cut_out(recording: Recording, plateaus: Sequence[Plateau]) -> Recording:
     )
     drift = recording.drift
     if drift is not None:
-        drift = dataclasses.replace(drift, subtracted_nm=drift.subtracted_nm[rows])
+        drift = dataclasses.replace(
+            drift,
+            subtracted_nm=drift.subtracted_nm[rows],
+            beyond_nm={bead: z_nm[rows] for bead, z_nm in drift.beyond_nm.items()},
+        )
     return dataclasses.replace(
         recording,
         time_s=recording.time_s[rows],
