@@ -100,10 +100,10 @@ def _referenced(recording: Recording, choice: DriftChoice) -> Recording:
         if name == "z":
             for bead in recording.tethered:
                 z = grid.series_nm(recording, bead, axis)
-                share = fast_share(z, series, white_nm, grid, chosen.cutoff_hz)
-                if share is not None:
-                    beyond[bead] = beyond_shared_nm(share, drift, grid)[grid.row]
-                    notices.append(_share_notice(bead, share))
+                found_share = fast_share(z, series, white_nm, grid, chosen.cutoff_hz)
+                if found_share is not None:
+                    beyond[bead] = beyond_shared_nm(found_share, drift, grid)[grid.row]
+                    notices.append(_share_notice(bead, found_share))
     lost = int(np.sum(np.isnan(subtracted).any(axis=1)))
     if lost:
         notices.append(_lost_notice(lost, len(grid.row)))

@@ -28,6 +28,7 @@ def logarithmic(
     *,
     bias_removed: bool = True,
     tied_to: tuple[str, ...] = (),
+    reach: tuple[float, float] | None = None,
 ) -> Estimate:
     """The estimate of a positive quantity from its logarithm and the variance of that.
 
@@ -38,7 +39,16 @@ def logarithmic(
     ----------
     bias_removed : False for a method that is to be reported as its authors have it.
     tied_to : what it cannot be told from, for a quantity that turns out not to be identified.
+    reach : how far down and up the logarithm may lie, where that is known better than by the
+        variance.
     """
+    if reach is not None:
+        down, up = reach
+        interval = (math.exp(ln_value - down), math.exp(ln_value + up))
+        if max(reach) > NOT_IDENTIFIED_LN:
+            return Estimate.missing(unit, method, interval=interval, tied_to=tied_to)
+        value = math.exp(ln_value)
+        return Estimate(value, value * (down + up) / 2, interval, unit, method)
     sigma = math.sqrt(max(float(variance), 0.0))
     if not sigma < PRIOR_HALF_WIDTH:
         return Estimate.missing(unit, method, interval=(0.0, math.inf), tied_to=tied_to)

@@ -90,6 +90,17 @@ class TraceModel:
         """
         return np.hstack([self.deviance_roots(self.expected(theta)), self._pulls(theta)])
 
+    def jacobian(self, theta: FloatArray) -> FloatArray:
+        """(n_bins + number of priors, free) slopes of the residuals at one θ (3,), the third one in
+        the trace's variance where the noise is no logarithm."""
+        unit = 1.0 if self.noise_is_log else self.spectrum.variance_nm2
+        step = 1e-6 * np.array([1.0, 1.0, unit])
+        free = np.array(self.free)
+        moved = np.tile(theta, (len(free) + 1, 1))
+        moved[np.arange(len(free)), free] += step[free]
+        rows = self.residuals(moved)
+        return np.asarray((rows[:-1] - rows[-1]).T / 1e-6)
+
     def deviance_roots(self, expected: FloatArray) -> FloatArray:
         """Signed roots of each bin's deviance from an expectation (n, n_bins), same shape."""
         u = self.spectrum.power / expected

@@ -27,6 +27,7 @@ from mtpipe.fit.estimates import (
     tied,
 )
 from mtpipe.fit.model import COORDINATES, PRIOR_HALF_WIDTH, TraceModel
+from mtpipe.fit.profile import is_parabola, profile_reach
 from mtpipe.physics.camera import FloatArray
 from mtpipe.physics.modes import SINGLE_MODE, Modes
 from mtpipe.spectrum import Spectrum, periodogram, prewhitening
@@ -175,14 +176,15 @@ def fit_positions(
         present = np.isfinite(x_nm)
     complete = x_nm
     if present.any() and not present.all():
-        # a first look needs no more than the relaxation time
         frames = np.arange(len(x_nm))
         complete = np.interp(frames, frames[present], x_nm[present])
-    first = fit_model(model(periodogram(complete, frame_s, lowest_hz=lowest_hz)))
-    tau_s = math.exp(min(first.theta[1] - first.theta[0], math.log(first.spectrum.duration_s)))
-    leaks = tau_s / first.spectrum.duration_s * math.sqrt(len(x_nm)) > LEAKAGE
+    # what leaks, and the prewhitening, ask for no more than the relaxation time of a start
+    first = model(periodogram(complete, frame_s, lowest_hz=lowest_hz))
+    duration_s = first.spectrum.duration_s
+    tau_s = min(math.exp(first.start[1] - first.start[0]), duration_s)
+    leaks = tau_s / duration_s * math.sqrt(len(x_nm)) > LEAKAGE
     if present.all() and not leaks:
-        return first
+        return fit_model(first)
     pairs = int(np.sum(present[1:] & present[:-1]))
     phi = prewhitening(tau_s, frame_s) if pairs > LEAST_PAIRS * present.sum() else 0.0
     return fit_model(model(periodogram(x_nm, frame_s, lowest_hz=lowest_hz, phi=phi)))
@@ -216,6 +218,7 @@ def fit_model(model: TraceModel) -> TraceFit:
         lambda values: model.residuals(coordinates(values)[None])[0],
         parameters,
         method="leastsq",
+        Dfun=lambda values: model.jacobian(coordinates(values)),
         scale_covar=False,
         ftol=1e-8,
         xtol=1e-8,
@@ -281,19 +284,25 @@ def describe(
     signed = model.residuals(theta[None])[0][: len(model.spectrum.power)]
     deviance = float(np.sum(signed**2))
     dof, p_value = model.p_value(deviance, len(model.free) if fitted is None else fitted)
-    corner = np.array([1.0, -1.0, 0.0])
     together = tied(covariance, model.free)
-    return TraceFit(
-        stiffness=logarithmic(theta[0], covariance[0, 0], "pN/nm", METHOD, tied_to=together),
-        friction=logarithmic(theta[1], covariance[1, 1], "pN s/nm", METHOD, tied_to=together),
-        noise=_noise(model, theta[2], covariance[2, 2]),
-        corner_frequency=logarithmic(
-            theta[0] - theta[1] - math.log(2 * math.pi),
-            corner @ covariance @ corner,
-            "Hz",
+    parabola = fitted is not None or not told or is_parabola(model, theta, free_covariance)
+
+    def estimate(along: tuple[float, float], less: float, unit: str) -> Estimate:
+        weights = np.array([*along, 0.0])
+        return logarithmic(
+            float(weights @ theta) - less,
+            float(weights @ covariance @ weights),
+            unit,
             METHOD,
             tied_to=together,
-        ),
+            reach=None if parabola else profile_reach(model, theta, free_covariance, along),
+        )
+
+    return TraceFit(
+        stiffness=estimate((1.0, 0.0), 0.0, "pN/nm"),
+        friction=estimate((0.0, 1.0), 0.0, "pN s/nm"),
+        noise=_noise(model, theta[2], covariance[2, 2]),
+        corner_frequency=estimate((1.0, -1.0), math.log(2 * math.pi), "Hz"),
         theta=theta,
         covariance=covariance,
         model=model,

@@ -46,6 +46,7 @@ def asked(scores: Sequence[Score]) -> str:
         ("pairs: both named, nothing more", "≥ 75 %", _share(_of(scores, "pair"), _is(EXACT))),
         ("outside: unexplained, at the right place", "≥ 80 %", _share(outside, _is(RIGHT))),
         ("outside: explained by a wrong name", "≤ 5 %", _share(outside, _is(WRONG))),
+        ("the same, with nothing listed as equivalent", "", _share(outside, _alone_and_wrong)),
         (
             "force: median error after over before, where biased",
             "≤ 1/3",
@@ -200,6 +201,10 @@ def _is(outcome: str) -> Test:
 
 def _not_right(one: Score) -> bool:
     return one.outcome != RIGHT
+
+
+def _alone_and_wrong(one: Score) -> bool:
+    return one.outcome == WRONG and one.equivalents == 0
 
 
 def _share(scores: Sequence[Score], test: Test) -> str:
