@@ -9,6 +9,7 @@ where bead and references move together, and holds for fast motion only.
 
 from __future__ import annotations
 
+import itertools
 import math
 from collections.abc import Iterator
 from dataclasses import dataclass
@@ -130,9 +131,7 @@ def _stretches(
     known = np.isfinite(bead_nm) & np.isfinite(stage_nm)
     for start, stop in grid.known_pieces(known):
         number = max(1, round((stop - start) / (STRETCH_S * grid.rate_hz)))
-        for a, b in np.lib.stride_tricks.sliding_window_view(
-            np.linspace(start, stop, number + 1).round().astype(int), 2
-        ):
+        for a, b in itertools.pairwise(np.linspace(start, stop, number + 1).round().astype(int)):
             here = known[a:b]
             pair = [np.where(here, y[a:b], np.nan) for y in (bead_nm, stage_nm)]
             if here.sum() > 2:
@@ -151,7 +150,8 @@ def _stretch(
         return None
     x, r = (c[first : first + cells * CELL].reshape(cells, CELL) for c in (bead, stage))
     xx, rr, xr = (np.sum(p, axis=1) for p in (x * x, r * r, x * r))
-    together = (xr > 0) & (xr**2 > COHERENT * xx * rr)
+    seen = rr > 2 * CELL * noise_nm**2
+    together = seen & (xr > 0) & (xr**2 > COHERENT * xx * rr)
     xx, rr, xr = xx[together], rr[together], xr[together]
     if not len(xx):
         return None
