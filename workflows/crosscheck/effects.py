@@ -273,7 +273,7 @@ EFFECTS = (
     Effect(
         "axial_scale",
         "factor",
-        (1.0003, 1.001, 1.003),
+        (1.0003, 1.001, 1.003, 1.01, 1.03),
         spoil=lambda raw, factor, _: _about_anchor(raw, np.diag([1.0, 1.0, factor])),
     ),
     Effect("off_center_attachment", "of the radius", (0.03, 0.1, 0.3), _off_center),
@@ -291,7 +291,7 @@ EFFECTS = (
     ),
     Effect("field_rotation", "°", (3.0, 8.0, 20.0), spoil=_turned),
     Effect("dropped_frames", "share", (0.003, 0.02, 0.1), spoil=_dropped),
-    Effect("contour_length", "factor", (1.0003, 1.001, 1.003), _contour),
+    Effect("contour_length", "factor", (1.0003, 1.001, 1.003, 1.01, 1.03), _contour),
     Effect("multiple_tethers", "chains", (1.02, 1.1, 2.0), _tethers),
     Effect("hopping", "nm", (1.0, 3.0, 10.0), spoil=_hopping),
     Effect("surface_sticking", "s", (1.0, 3.0, 10.0), spoil=_sticking),
