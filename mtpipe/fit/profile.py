@@ -69,7 +69,7 @@ def profile_reach(
     if len(free) > 2 and not model.noise_is_log:
         unit[2] = model.spectrum.variance_nm2
     # all of the coordinates that do not change the combination
-    others = np.linalg.svd((weights * unit)[None])[2][1:] * unit
+    others = np.linalg.svd(weights[None])[2][1:] * unit
     way = covariance @ weights
     spread = float(weights @ way)
     way = way / spread if 0 < spread < np.inf else weights / float(weights @ weights)
