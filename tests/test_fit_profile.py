@@ -7,7 +7,7 @@ import math
 
 import numpy as np
 import pytest
-from scipy.optimize import minimize_scalar
+from scipy.optimize import minimize, minimize_scalar
 
 from mtpipe.fit.profile import is_parabola, profile_reach
 from mtpipe.fit.trace import fit_trace
@@ -19,8 +19,9 @@ STIFFNESS = 2 * math.pi * RATE_HZ * FRICTION  # a corner at twice the Nyquist fr
 CAMERA = Camera(1 / RATE_HZ, 0.5 / RATE_HZ)
 
 
-def fit(random, **given):
+def fit(random, *, noise_nm=0.0, **given):
     x = simulate_axis(STIFFNESS, FRICTION, THERMAL_ENERGY, CAMERA, 16384, random)
+    x = x + noise_nm * random.normal(size=len(x))
     return fit_trace(
         x, frame_rate_hz=RATE_HZ, exposure_s=CAMERA.exposure_s, temperature_K=298.15, **given
     )
@@ -61,7 +62,7 @@ def test_the_interval_ends_where_the_likelihood_says():
         one = fit(random)
         theta, model = one.theta, one.model
         least = float(np.sum(model.residuals(theta[None]) ** 2))
-        reach = profile_reach(model, theta, one.covariance[:2, :2], (1.0, 0.0))
+        reach = profile_reach(model, theta, np.array([[1.0, 0.0]]))[0]
         for sign, distance in zip((-1, 1), reach, strict=True):
             if distance < 1:
                 rise = lowest(model, theta, theta[0] + sign * distance) - least
@@ -70,6 +71,37 @@ def test_the_interval_ends_where_the_likelihood_says():
             else:
                 assert lowest(model, theta, theta[0] + sign) - least < 1.05
     assert ends >= 6
+
+
+def lowest_with_noise(model, theta, which, at, near):
+    """Least −2 ln L over noise and the other of stiffness and friction, one of them at `at`."""
+    unit = model.spectrum.variance_nm2
+
+    def deviance(others):
+        moved = [*np.insert(others[:1], which, at), unit * abs(others[1])]
+        return float(np.sum(model.residuals(np.array([moved])) ** 2))
+
+    starts = [(theta[1 - which] + d * near, noise) for d in (1, 2) for noise in (0, 0.3)]
+    return min(minimize(deviance, start, method="Nelder-Mead").fun for start in starts)
+
+
+def test_with_the_noise_fitted_too_the_interval_ends_where_the_likelihood_says():
+    """2 nm of unknown size and friction within 30 %, against minimising over both."""
+    random = np.random.default_rng(8)
+    seen = 0
+    while seen < 2:
+        one = fit(
+            random, noise_nm=2.0, tracking_noise_nm="fit", friction=(FRICTION, 0.3 * FRICTION)
+        )
+        if one.stiffness.status != "ok" or one.stiffness.stderr < 0.1 * one.stiffness.value:
+            continue
+        seen += 1
+        theta, model = one.theta, one.model
+        least = float(np.sum(model.residuals(theta[None]) ** 2))
+        for which, both in enumerate(profile_reach(model, theta, np.eye(2))):
+            for moved in (-both[0], both[1]):
+                found = lowest_with_noise(model, theta, which, theta[which] + moved, moved)
+                assert found - least == pytest.approx(1.0, abs=0.15)
 
 
 def test_well_known_friction_makes_it_a_parabola():

@@ -28,7 +28,7 @@ def logarithmic(
     *,
     bias_removed: bool = True,
     tied_to: tuple[str, ...] = (),
-    reach: tuple[float, float] | None = None,
+    reach: FloatArray | None = None,
 ) -> Estimate:
     """The estimate of a positive quantity from its logarithm and the variance of that.
 
@@ -39,13 +39,13 @@ def logarithmic(
     ----------
     bias_removed : False for a method that is to be reported as its authors have it.
     tied_to : what it cannot be told from, for a quantity that turns out not to be identified.
-    reach : how far down and up the logarithm may lie, where that is known better than by the
+    reach : (2,) how far down and up the logarithm may lie, where that is known better than by the
         variance.
     """
     if reach is not None:
-        down, up = reach
+        down, up = (float(distance) for distance in reach)
         interval = (math.exp(ln_value - down), math.exp(ln_value + up))
-        if max(reach) > NOT_IDENTIFIED_LN:
+        if max(down, up) > NOT_IDENTIFIED_LN:
             return Estimate.missing(unit, method, interval=interval, tied_to=tied_to)
         value = math.exp(ln_value)
         return Estimate(value, value * (down + up) / 2, interval, unit, method)

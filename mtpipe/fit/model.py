@@ -216,10 +216,16 @@ class TraceModel:
         pulls = []
         if self.friction is not None:
             pulls.append((np.exp(theta[:, 1]) - self.friction[0]) / self.friction[1])
-        if self.noise_is_log and self.noise_prior_nm is not None:
-            median, factor = self.noise_prior_nm
-            pulls.append((theta[:, 2] / 2 - np.log(median)) / np.log(factor))
+        if self.noise_is_log:
+            pulls.append(self.noise_pull(theta))
         return np.column_stack(pulls) if pulls else np.empty((len(theta), 0))
+
+    def noise_pull(self, theta: FloatArray) -> FloatArray:
+        """(n,) distance of the noise from its prior in standard errors; zero without a prior."""
+        if self.noise_prior_nm is None:
+            return np.zeros(len(theta))
+        median, factor = self.noise_prior_nm
+        return np.asarray((theta[:, 2] / 2 - np.log(median)) / np.log(factor))
 
     @functools.cached_property
     def start(self) -> FloatArray:

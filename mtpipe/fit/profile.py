@@ -2,16 +2,23 @@
 
 Where the bead relaxes within a frame, successive frames hardly correlate, and the likelihood is no
 parabola: one side of it may be open though the curvature at its maximum looks sharp. There its
-profile is followed (Cox & Hinkley 1974, Theoretical Statistics, section 9.3): a parameter is moved
-away, all others adapt, and the interval of 68 % ends where −2 ln L has risen by 1. The likelihood
-of traces of few relaxation times is no parabola either, but intervals by its curvature cover there
+profile is followed (Cox & Hinkley 1974, Theoretical Statistics, section 9.3): the interval of 68 %
+holds what some other parameters raise −2 ln L by less than 1 with. The likelihood of traces of few
+relaxation times is no parabola either, but intervals by its curvature cover there
 (docs/validation.md).
+
+Stiffness and friction are told together and their ratio badly, so that the profile is followed in
+the relaxation time (and in the noise, where that is fitted); for one of these the likelihood of the
+stiffness is a parabola.
 """
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 
+from mtpipe.fit.estimates import inverse_information
 from mtpipe.fit.model import PRIOR_HALF_WIDTH, TraceModel
 from mtpipe.physics.camera import FloatArray
 
@@ -19,9 +26,13 @@ from mtpipe.physics.camera import FloatArray
 SMALL_LN = 0.1
 # One standard error off, −2 ln L of a parabola has risen by 1; it may be so much more or less.
 PARABOLA = 1.5
-# Distances that are tried, how often all else is moved for each, and by how much for a slope.
-NEAREST, POINTS = 0.02, 18
-ITERATIONS = 5
+# Relaxation times that are tried on either side, and how finely is read between all of them.
+NEAREST, POINTS, READ = 0.02, 20, 2000
+# Noises that are tried where it is fitted, over so many standard errors.
+NOISES, NOISE_REACH = 13, 3.0
+# How often the stiffness is moved for each, at most; without noise the first is the answer.
+ITERATIONS = 8
+MOVED = 1e-3
 STEP = 1e-6
 
 
@@ -42,76 +53,85 @@ def is_parabola(model: TraceModel, theta: FloatArray, covariance: FloatArray) ->
     moved = np.tile(theta, (3, 1))
     moved[0, list(model.free)] += along
     moved[1, list(model.free)] -= along
-    _bound(model, moved)
+    if not model.noise_is_log and model.noise_variance_nm2 is None:
+        moved[:, 2] = np.maximum(moved[:, 2], 0.0)
     up, down, least = np.sum(model.residuals(moved) ** 2, axis=1)
     rise = np.array([up, down]) - least
     return bool(np.all((rise > 1 / PARABOLA) & (rise < PARABOLA)))
 
 
-def profile_reach(
-    model: TraceModel, theta: FloatArray, covariance: FloatArray, along: tuple[float, float]
-) -> tuple[float, float]:
-    """How far down and up a combination of ln stiffness and ln friction may lie (68 %).
+def profile_reach(model: TraceModel, theta: FloatArray, along: FloatArray) -> FloatArray:
+    """How far down and up combinations of ln stiffness and ln friction may lie (68 %).
 
     Parameters
     ----------
-    theta : (3,) the maximum. covariance : (free, free) there, for the way to start on.
-    along : weights of ln stiffness and ln friction.
+    theta : (3,) the maximum.
+    along : (n, 2) weights of ln stiffness and ln friction.
 
     Returns
     -------
-    Both distances; inf where the likelihood does not fall enough within a factor of e^5.
+    (n, 2) both distances; inf where the likelihood does not fall enough within a factor of e^5 of
+    the relaxation time.
     """
-    free = list(model.free)
-    weights = np.zeros(len(free))
-    weights[:2] = along
-    unit = np.ones(len(free))
-    if len(free) > 2 and not model.noise_is_log:
-        unit[2] = model.spectrum.variance_nm2
-    # all of the coordinates that do not change the combination
-    others = np.linalg.svd(weights[None])[2][1:] * unit
-    way = covariance @ weights
-    spread = float(weights @ way)
-    way = way / spread if 0 < spread < np.inf else weights / float(weights @ weights)
-    distance = np.concatenate([-_distances(), _distances()])
-    moved = np.tile(theta, (len(distance), 1))
-    moved[:, free] += distance[:, None] * way
-    _bound(model, moved)
-    most = theta[:2] + 3 * PRIOR_HALF_WIDTH * np.array([[-1.0], [1.0]])
+    away = np.geomspace(NEAREST, PRIOR_HALF_WIDTH, POINTS)
+    offset = np.concatenate([-away[::-1], [0.0], away])
+    read = np.interp(np.linspace(0, 2 * POINTS, READ), np.arange(2 * POINTS + 1), offset)
+    both = along.sum(axis=1)[:, None]
+    least = float(np.sum(model.residuals(theta[None]) ** 2))
+    reach = np.zeros((len(along), 2))
+    for known, pull in _noises(model, theta):
+        ln_stiffness, deviance, width = _likeliest(known, theta[1] - theta[0] + offset)
+        # straight where the likelihood is a parabola
+        root = np.sqrt(np.maximum(deviance + pull**2 - least, 0.0))
+        left = 1.0 - np.interp(read, offset, root) ** 2
+        inside = left > 0
+        if not inside.any():
+            continue
+        aside = np.interp(read, offset, width) * np.sqrt(np.maximum(left, 0.0))
+        middle = both * np.interp(read, offset, ln_stiffness - theta[0]) + along[:, 1:] * read
+        down, up = (np.where(inside, np.abs(both) * aside + sign * middle, 0.0) for sign in (-1, 1))
+        for side, distance in enumerate((down, up)):
+            farthest = np.argmax(distance, axis=1)
+            is_open = inside[farthest] & ((farthest == 0) | (farthest == READ - 1))
+            found = np.where(is_open, np.inf, np.max(distance, axis=1))
+            reach[:, side] = np.maximum(reach[:, side], found)
+    return reach
+
+
+def _noises(model: TraceModel, theta: FloatArray) -> list[tuple[TraceModel, float]]:
+    """The model with each noise that may be, and how far that is from its prior."""
+    if model.noise_variance_nm2 is not None:
+        return [(model, 0.0)]
+    stderr = float(np.sqrt(inverse_information(model.information(theta))[2, 2]))
+    tried = np.tile(theta, (NOISES, 1))
+    tried[:, 2] += np.linspace(-NOISE_REACH, NOISE_REACH, NOISES) * stderr
+    if not model.noise_is_log:
+        low, high = max(tried[0, 2], 0.0), min(tried[-1, 2], model.spectrum.variance_nm2)
+        tried[:, 2] = np.linspace(low, high, NOISES)
+    return [
+        (replace(model, noise_variance_nm2=float(variance), noise_prior_nm=None), float(pull))
+        for variance, pull in zip(model.noise_nm2(tried), model.noise_pull(tried), strict=True)
+    ]
+
+
+def _likeliest(model: TraceModel, ln_tau: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """For each relaxation time, friction over stiffness, (n,): the likeliest ln stiffness, −2 ln L
+    of it, and its standard error, (n,) each. Noise is known."""
+    theta = np.zeros((len(ln_tau), 3))
+    theta[:, 1] = ln_tau
+    shape = replace(model, noise_variance_nm2=0.0).expected(theta)
+    theta[:, 2] = model.noise_variance_nm2
+    noise = model.expected(theta) - shape
+    power = np.maximum(model.spectrum.power - noise, 0.02 * model.spectrum.power)
+    theta[:, :2] -= np.log((power / shape) @ model.ordinates / model.ordinates.sum())[:, None]
+    rows = model.residuals(theta)
+    step = np.array([STEP, STEP, 0.0])  # of the stiffness, at the same relaxation time
     for _ in range(ITERATIONS):
-        here = model.residuals(moved)
-        shifted = np.repeat(moved[None], len(others), axis=0)
-        shifted[:, :, free] += STEP * others[:, None]
-        slopes = np.stack([(model.residuals(one) - here) / STEP for one in shifted], axis=-1)
-        normal = np.einsum("nbi,nbj->nij", slopes, slopes)
-        # where nothing else matters any more, nothing else moves
-        ridge = 1e-9 * np.trace(normal, axis1=1, axis2=2) + 1e-12
-        normal += ridge[:, None, None] * np.eye(len(others))
-        wanted = -np.linalg.solve(normal, np.einsum("nbi,nb->ni", slopes, here)[..., None])[..., 0]
-        moved[:, free] += np.clip(wanted, -1.0, 1.0) @ others
-        moved[:, :2] = np.clip(moved[:, :2], *most)
-        _bound(model, moved)
-    rise = np.sum(model.residuals(moved) ** 2, axis=1)
-    rise -= float(np.sum(model.residuals(theta[None]) ** 2))
-    return _crossing(rise[:POINTS]), _crossing(rise[POINTS:])
-
-
-def _distances() -> FloatArray:
-    return np.geomspace(NEAREST, PRIOR_HALF_WIDTH, POINTS)
-
-
-def _bound(model: TraceModel, theta: FloatArray) -> None:
-    if not model.noise_is_log and model.noise_variance_nm2 is None:
-        theta[:, 2] = np.maximum(theta[:, 2], 0.0)
-
-
-def _crossing(rise: FloatArray) -> float:
-    """Where −2 ln L has risen by 1; its root is nearly straight."""
-    beyond = np.flatnonzero(~(rise < 1.0))
-    if not len(beyond):
-        return float("inf")
-    i = int(beyond[0])
-    root = np.sqrt(np.maximum(np.concatenate([[0.0], rise[: i + 1]]), 0.0))
-    distance = np.concatenate([[0.0], _distances()[: i + 1]])
-    share = (1.0 - root[-2]) / (root[-1] - root[-2])
-    return float(distance[-2] + share * (distance[-1] - distance[-2]))
+        slope = (model.residuals(theta + step) - rows) / STEP
+        curvature = np.sum(slope**2, axis=1)
+        wanted = np.clip(-np.sum(slope * rows, axis=1) / curvature, -1.0, 1.0)
+        theta[:, :2] += wanted[:, None]
+        rows = model.residuals(theta)
+        if np.all(np.abs(wanted) < MOVED):
+            break
+    return theta[:, 0], np.sum(rows**2, axis=1), 1 / np.sqrt(curvature)

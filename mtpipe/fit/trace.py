@@ -38,6 +38,8 @@ NOT_TOLD_LN = 2.0
 AT_ZERO = 1e-7
 # All coordinates are of order one; a larger covariance is lmfit's way of saying undetermined.
 SENSIBLE_COVARIANCE = 1e6
+# What ln stiffness, ln friction and ln corner frequency are of the first two.
+SHARES = np.array([[1.0, 0.0], [0.0, 1.0], [1.0, -1.0]])
 METHOD = "spectrum, maximum likelihood"
 # A valley of the deviance is followed in so many steps.
 VALLEY_STEPS = 4
@@ -287,22 +289,24 @@ def describe(
     together = tied(covariance, model.free)
     parabola = fitted is not None or not told or is_parabola(model, theta, free_covariance)
 
-    def estimate(along: tuple[float, float], less: float, unit: str) -> Estimate:
-        weights = np.array([*along, 0.0])
+    reach = None if parabola else profile_reach(model, theta, SHARES)
+
+    def estimate(number: int, less: float, unit: str) -> Estimate:
+        weights = np.array([*SHARES[number], 0.0])
         return logarithmic(
             float(weights @ theta) - less,
             float(weights @ covariance @ weights),
             unit,
             METHOD,
             tied_to=together,
-            reach=None if parabola else profile_reach(model, theta, free_covariance, along),
+            reach=None if reach is None else reach[number],
         )
 
     return TraceFit(
-        stiffness=estimate((1.0, 0.0), 0.0, "pN/nm"),
-        friction=estimate((0.0, 1.0), 0.0, "pN s/nm"),
+        stiffness=estimate(0, 0.0, "pN/nm"),
+        friction=estimate(1, 0.0, "pN s/nm"),
         noise=_noise(model, theta[2], covariance[2, 2]),
-        corner_frequency=estimate((1.0, -1.0), math.log(2 * math.pi), "Hz"),
+        corner_frequency=estimate(2, math.log(2 * math.pi), "Hz"),
         theta=theta,
         covariance=covariance,
         model=model,
