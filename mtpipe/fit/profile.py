@@ -121,7 +121,8 @@ def _likeliest(model: TraceModel, ln_tau: FloatArray) -> tuple[FloatArray, Float
     theta[:, 1] = ln_tau
     shape = replace(model, noise_variance_nm2=0.0).expected(theta)
     theta[:, 2] = model.noise_variance_nm2
-    noise = model.expected(theta) - shape
+    window = model.spectrum.window
+    noise = 2 * window.frame_s * window.white * theta[0, 2]
     power = np.maximum(model.spectrum.power - noise, 0.02 * model.spectrum.power)
     theta[:, :2] -= np.log((power / shape) @ model.ordinates / model.ordinates.sum())[:, None]
     rows = model.residuals(theta)
@@ -130,8 +131,8 @@ def _likeliest(model: TraceModel, ln_tau: FloatArray) -> tuple[FloatArray, Float
         slope = (model.residuals(theta + step) - rows) / STEP
         curvature = np.sum(slope**2, axis=1)
         wanted = np.clip(-np.sum(slope * rows, axis=1) / curvature, -1.0, 1.0)
-        theta[:, :2] += wanted[:, None]
-        rows = model.residuals(theta)
         if np.all(np.abs(wanted) < MOVED):
             break
+        theta[:, :2] += wanted[:, None]
+        rows = model.residuals(theta)
     return theta[:, 0], np.sum(rows**2, axis=1), 1 / np.sqrt(curvature)
