@@ -2,6 +2,7 @@
 
 import dataclasses
 import itertools
+import re
 
 import numpy as np
 import pytest
@@ -10,15 +11,17 @@ from hypothesis import strategies as st
 
 from mtpipe.errors import FitError, SetupError
 from mtpipe.experiment.description import (
+    Allowance,
     Bead,
     Experiment,
     Fluid,
+    Magnets,
     Rest,
     Stage,
     Tracker,
 )
 from mtpipe.experiment.from_setup import experiment_of, magnets_mm
-from mtpipe.experiment.state import bead_state, expected_spectrum
+from mtpipe.experiment.state import bead_state, bead_states, expected_spectrum
 from mtpipe.experiment.tethers import _tethers
 from mtpipe.physics.camera import Camera, power_spectrum
 from mtpipe.physics.modes import rotating_bead
@@ -263,3 +266,38 @@ def test_tethers_worked_out_together_are_those_worked_out_alone():
             np.testing.assert_allclose(one.deviation, alone.deviation, rtol=1e-9, atol=1e-12)
             assert one.weight @ one.deviation == pytest.approx(0.0, abs=1e-12)
             assert one.weight @ one.deviation**2 == pytest.approx(1.0)
+
+
+@pytest.mark.parametrize(
+    ("changes", "some_refused"),
+    [
+        ({}, True),
+        ({"anharmonic": True}, False),
+        ({"bead": Bead(500.0, offset_nm=200.0), "magnets": Magnets(3000.0)}, True),
+        ({"bead": Bead(500.0, turns=False), "allowance": Allowance(1.02, 0.97)}, False),
+    ],
+    ids=["turning", "whole motion", "tilting", "stiff and softer"],
+)
+def test_states_worked_out_together_are_those_worked_out_alone(changes, some_refused):
+    """At all forces, low and high; where there is none, it says the same, and takes no other."""
+    here = dataclasses.replace(experiment(), **changes)
+    forces = np.geomspace(0.001, 80.0, 12).tolist()
+    frequency = np.geomspace(0.1, 60.0, 30)
+    refused = 0
+    for force, one in zip(forces, bead_states(here, forces), strict=True):
+        if isinstance(one, FitError):
+            refused += 1
+            with pytest.raises(FitError, match=re.escape(str(one))):
+                bead_state(here, force)
+            continue
+        alone = bead_state(here, force)
+        assert one.force_pN == force
+        assert (one.stepped is None) == (alone.stepped is None)
+        assert one.extension_nm == pytest.approx(alone.extension_nm, rel=1e-9)
+        np.testing.assert_allclose(one.modes.tau_s, alone.modes.tau_s, rtol=1e-9)
+        for axis in range(3):
+            together, by_itself = (
+                expected_spectrum(frequency, state, here, axis) for state in (one, alone)
+            )
+            np.testing.assert_allclose(together, by_itself, rtol=1e-8)
+    assert 0 < refused < 6 if some_refused else refused == 0

@@ -7,6 +7,7 @@ or are none of the motion's: what was computed is kept for a while.
 from __future__ import annotations
 
 import functools
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -24,8 +25,7 @@ from mtpipe.experiment.description import (
     Tracker,
 )
 from mtpipe.experiment.readout import force_course, readout, recorded_height_nm
-from mtpipe.experiment.state import BeadState, bead_state, recorded_modes
-from mtpipe.experiment.tethers import know_tethers
+from mtpipe.experiment.state import BeadState, bead_state, bead_states, recorded_modes
 from mtpipe.physics.camera import Camera, FloatArray, power_spectrum
 from mtpipe.spectrum import Window
 
@@ -36,6 +36,8 @@ LEAST_POWER = 1e-6
 # So many forces stand for a plateau during which the force changes; of spectra their mean alone
 # where it changes by less than so much.
 COURSE_POINTS, SMALL_CHANGE = 5, 0.1
+# Descriptions of which states are kept.
+MOST_KNOWN = 256
 
 
 @dataclass(frozen=True)
@@ -120,10 +122,8 @@ def _expectation(
 ) -> Expectation:
     if course.relative_change == 0:
         return _at_steady_force(data, subtraction, steady, force_pN)
-    relative = force_course(course, round(data.duration_s / steady.camera.frame_s))
-    nodes = np.linspace(relative.min(), relative.max(), COURSE_POINTS)
-    forces = [float(force_pN * (1 + node)) for node in nodes]
-    know_tethers(steady.chain, forces)
+    relative, nodes = _course_nodes(data, course, steady.camera.frame_s)
+    forces = (force_pN * (1 + nodes)).tolist()
     # heights bend with ln of the force, far less than they rise with it
     rising = np.polynomial.Polynomial.fit(
         np.log1p(nodes), [_height_nm(steady, force) for force in forces], COURSE_POINTS - 1
@@ -143,6 +143,15 @@ def _expectation(
         float(share @ [one.extension_stderr_nm for one in each]),
         course_of(data, data.spectrum.transform_of(heights, 2)),
     )
+
+
+@functools.lru_cache(maxsize=256)
+def _course_nodes(
+    data: PlateauData, course: ForceCourse, frame_s: float
+) -> tuple[FloatArray, FloatArray]:
+    """Force over its mean, less 1: of each frame, and at the nodes that stand for all of them."""
+    relative = force_course(course, round(data.duration_s / frame_s))
+    return relative, np.linspace(relative.min(), relative.max(), COURSE_POINTS)
 
 
 def _height_nm(experiment: Experiment, force_pN: float) -> float:
@@ -296,9 +305,48 @@ def changed_spectra(
     return changes
 
 
-@functools.lru_cache(maxsize=4096)
+# States of the bead that are known, by the description of its motion and the force.
+_KNOWN: dict[Experiment, dict[float, BeadState]] = {}
+
+
+def know_states(
+    data: Sequence[PlateauData], experiment: Experiment, forces_pN: Sequence[Sequence[float]]
+) -> None:
+    """Work out the bead's states that expectations will ask for.
+
+    All at once cost little more than one.
+
+    Parameters
+    ----------
+    data : of each plateau. forces_pN : at which each will be asked for.
+    """
+    states: list[float] = []
+    for plateau, (one, forces) in enumerate(zip(data, forces_pN, strict=True)):
+        states += forces
+        course = experiment.magnets.course(plateau)
+        if course.relative_change != 0:
+            nodes = _course_nodes(one, course, experiment.camera.frame_s)[1]
+            states += np.multiply.outer(forces, 1 + nodes).ravel().tolist()
+    _know(_core(experiment), list(dict.fromkeys(states)))
+
+
+def _know(core: Experiment, forces_pN: Sequence[float]) -> dict[float, BeadState]:
+    known = _KNOWN.get(core)
+    if known is None:
+        if len(_KNOWN) > MOST_KNOWN:
+            _KNOWN.clear()
+        known = _KNOWN[core] = {}
+    missing = [force for force in forces_pN if force not in known]
+    if missing:
+        for force, state in zip(missing, bead_states(core, missing), strict=True):
+            if isinstance(state, BeadState):
+                known[force] = state
+    return known
+
+
 def _state(core: Experiment, force_pN: float) -> BeadState:
-    return bead_state(core, force_pN)
+    # one that is not found is asked for again, to say why
+    return _know(core, [force_pN]).get(force_pN) or bead_state(core, force_pN)
 
 
 def _moving(experiment: Experiment) -> Experiment:

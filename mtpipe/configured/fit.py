@@ -7,6 +7,7 @@ coordinates at a bound that the step would leave are held there.
 
 from __future__ import annotations
 
+import contextlib
 import functools
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
@@ -15,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mtpipe.configured.data import PlateauData
-from mtpipe.configured.expectation import DIFFERENCE, Course, Expectation, course_of
+from mtpipe.configured.expectation import DIFFERENCE, Course, Expectation, course_of, know_states
 from mtpipe.configured.model import (
     ConfiguredModel,
     heights_missed_nm,
@@ -26,7 +27,6 @@ from mtpipe.configured.spectra import Transform
 from mtpipe.errors import FitError
 from mtpipe.experiment.description import Experiment
 from mtpipe.experiment.parameter import Parameter
-from mtpipe.experiment.tethers import know_tethers
 from mtpipe.physics.camera import FloatArray
 
 MOST_ROUNDS = 15
@@ -34,7 +34,7 @@ MOST_ROUNDS = 15
 ARRIVED = 1e-3
 # One step changes ln of a power by no more than this, and leaves axes no more correlated than that.
 MOST_MOVED, MOST_CORRELATED = 2.0, 0.999
-FORCE_GRID_PN = np.geomspace(0.01, 150.0, 45)
+FORCE_GRID_PN, GRID_STRIDE = np.geomspace(0.01, 150.0, 45), 3
 
 
 @dataclass(frozen=True, eq=False)
@@ -182,34 +182,43 @@ def first_guess(model: ConfiguredModel) -> FloatArray:
     shared = np.array([p.start for p in model.parameters])
     theta = np.concatenate([np.zeros(model.plateaus), shared])
     experiment = model.described(theta)
+    know_states(model.data, experiment, [FORCE_GRID_PN.tolist()] * model.plateaus)
     for i in range(model.plateaus):
         theta[i] = np.log(_best_of_grid(model, experiment, i))
     return theta
 
 
 def _best_of_grid(model: ConfiguredModel, experiment: Experiment, plateau: int) -> float:
-    """The force of the grid that suits a plateau best, in pN.
+    """The force of the grid that suits a plateau best, in pN: first of a part of the grid, then of
+    what is left out about it.
 
     Heights are known far better than they change from one force of the grid to the next, so they
     count only as exactly as that.
     """
     data = model.data[plateau]
-    forces, spectral, heights, stderr = [], [], [], []
-    for force in FORCE_GRID_PN:
-        try:
-            expected = model.expected(experiment, plateau, float(force))
-        except (FitError, ValueError):
-            continue
-        forces.append(force)
-        spectral.append(float(np.sum(spectral_log_likelihood(data, expected))))
-        heights.append(expected.extension_nm)
-        stderr.append(expected.extension_stderr_nm)
-    if len(forces) < 2 or not np.any(np.isfinite(spectral)):
-        raise FitError("no force makes the configured experiment agree with this recording at all")
-    coarse = np.hypot(stderr, np.gradient(heights))
-    pull = (data.mean_nm[2] - np.array(heights)) / coarse
-    value = np.array(spectral) - 0.5 * pull**2 - np.log(coarse)
-    return float(forces[int(np.nanargmax(value))])
+    found: dict[int, Expectation] = {}
+    best = 0
+    for tried in (range(0, len(FORCE_GRID_PN), GRID_STRIDE), range(1 - GRID_STRIDE, GRID_STRIDE)):
+        for i in (best + step for step in tried):
+            if i in found or not 0 <= i < len(FORCE_GRID_PN):
+                continue
+            with contextlib.suppress(FitError, ValueError):
+                found[i] = model.expected(experiment, plateau, float(FORCE_GRID_PN[i]))
+        places = sorted(found)
+        if len(places) < 2:
+            break
+        heights = np.array([found[i].extension_nm for i in places])
+        stderr = np.array([found[i].extension_stderr_nm for i in places])
+        coarse = np.hypot(stderr, np.gradient(heights, places))
+        spectral = [float(np.sum(spectral_log_likelihood(data, found[i]))) for i in places]
+        value = np.array(spectral) - 0.5 * ((data.mean_nm[2] - heights) / coarse) ** 2
+        value -= np.log(coarse)
+        if not np.any(np.isfinite(value)):
+            break
+        best = places[int(np.nanargmax(value))]
+    else:
+        return float(FORCE_GRID_PN[best])
+    raise FitError("no force makes the configured experiment agree with this recording at all")
 
 
 @dataclass(frozen=True, eq=False)
@@ -256,9 +265,9 @@ def slopes(model: ConfiguredModel, theta: FloatArray, expected: list[Expectation
         shifted.append((step, model.described(moved)))
     forces = [rest.force_pN for rest in experiment.rests]
     larger = [force * float(np.exp(DIFFERENCE)) for force in forces]
-    know_tethers(experiment.chain, larger)
+    know_states(model.data, experiment, [[force] for force in larger])
     for _, other in shifted:
-        know_tethers(other.chain, forces)
+        know_states(model.data, other, [[force] for force in forces])
     found = []
     for i, here in enumerate(expected):
         force = forces[i]

@@ -22,11 +22,10 @@ import numpy as np
 from scipy import linalg
 
 from mtpipe.configured.data import PlateauData
-from mtpipe.configured.expectation import Expectation, Subtraction, expectation
+from mtpipe.configured.expectation import Expectation, Subtraction, expectation, know_states
 from mtpipe.experiment.description import Experiment, Rest
 from mtpipe.experiment.known_force import KnownForce
 from mtpipe.experiment.parameter import Parameter
-from mtpipe.experiment.tethers import know_tethers
 from mtpipe.physics.camera import FloatArray
 
 
@@ -86,7 +85,7 @@ class ConfiguredModel:
     def all_expected(self, theta: FloatArray) -> list[Expectation]:
         """What all plateaus' data should be at θ."""
         experiment = self.described(theta)
-        know_tethers(experiment.chain, [rest.force_pN for rest in experiment.rests])
+        know_states(self.data, experiment, [[rest.force_pN] for rest in experiment.rests])
         return [
             self.expected(experiment, i, rest.force_pN) for i, rest in enumerate(experiment.rests)
         ]

@@ -14,7 +14,7 @@ LEAST_HEIGHT_NM = 1.0
 
 
 def frictions_at(experiment: Experiment, height_nm: FloatArray, coordinates: int) -> FloatArray:
-    """(coordinates, n) friction at heights (n,) of the bead's lowest point.
+    """(coordinates, …) friction at heights (…) of the bead's lowest point.
 
     Along the surface twice and away from it, pN s/nm; then of as many angles as there are, pN nm s.
     """

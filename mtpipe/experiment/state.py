@@ -21,6 +21,7 @@ is described by expansion alone, which is what it leaves out.
 from __future__ import annotations
 
 import functools
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -29,7 +30,7 @@ from numpy.typing import ArrayLike
 from mtpipe.errors import FitError
 from mtpipe.experiment.description import Experiment
 from mtpipe.experiment.frictions import LEAST_HEIGHT_NM, frictions_at
-from mtpipe.experiment.tethers import Tether, tether_at
+from mtpipe.experiment.tethers import Tether, know_tethers, tether_at
 from mtpipe.experiment.whole_motion import whole_motion
 from mtpipe.physics.axial import AxialMotion
 from mtpipe.physics.camera import FloatArray, power_spectrum
@@ -104,51 +105,113 @@ def bead_state(experiment: Experiment, force_pN: float) -> BeadState:
     ------
     FitError : the force is too small to keep the bead off the surface.
     """
-    energy = experiment.fluid.thermal_energy_pN_nm
-    tether = tether_at(experiment.chain, force_pN)
-    end, variance = tether.end_nm, tether.variance_nm2
-    aside = force_pN * experiment.magnets.sideways_per_nm
-    lateral = _lateral(experiment, force_pN, end, aside)
-    extension, _ = _hanging(experiment, force_pN, end, lateral)
-    low, whole = low_share(experiment, force_pN), None
-    if low > 0 and experiment.anharmonic and has_whole_motion(experiment):
-        mean, whole = _whole(experiment, tether, force_pN)
-        extension = mean if low == 1 else low * mean + (1 - low) * extension
-    if not extension > 0:
-        raise FitError(
-            f"at {force_pN:g} pN the tether does not hold the bead off the surface "
-            f"(mean extension {extension:.0f} nm)"
+    (found,) = bead_states(experiment, [force_pN])
+    if isinstance(found, FitError):
+        raise found
+    return found
+
+
+def bead_states(experiment: Experiment, forces_pN: Sequence[float]) -> list[BeadState | FitError]:
+    """States of the experiment's bead at several forces, or why there is none at one.
+
+    All at once cost little more than one.
+    """
+    know_tethers(experiment.chain, forces_pN)
+    tethers = [tether_at(experiment.chain, force) for force in forces_pN]
+    force, end = np.array(forces_pN), np.array([tether.end_nm for tether in tethers])
+    lateral = _lateral(experiment, force, end, force * experiment.magnets.sideways_per_nm)
+    extension = _hanging(experiment, force, end, lateral)[0]
+    whole: dict[int, RecordedModes] = {}
+    found: dict[int, BeadState | FitError] = {}
+    if experiment.anharmonic and has_whole_motion(experiment):
+        for i, low in enumerate(_low_shares(experiment, force, end)):
+            if low > 0:
+                try:
+                    mean, whole[i] = _whole(experiment, tethers[i], forces_pN[i])
+                except FitError as error:
+                    found[i] = error
+                    continue
+                extension[i] = mean if low == 1 else low * mean + (1 - low) * extension[i]
+    for i in np.flatnonzero(~(extension > 0)).tolist():
+        found[i] = FitError(
+            f"at {forces_pN[i]:g} pN the tether does not hold the bead off the surface "
+            f"(mean extension {extension[i]:.0f} nm)"
         )
+    held = [i for i in range(len(forces_pN)) if i not in found]
+    if held:
+        states = _held(
+            experiment,
+            force[held],
+            [tethers[i] for i in held],
+            extension[held],
+            [whole.get(i) for i in held],
+        )
+        found.update(zip(held, states, strict=True))
+    return [found[i] for i in range(len(forces_pN))]
+
+
+def _held(
+    experiment: Experiment,
+    force_pN: FloatArray,
+    tethers: Sequence[Tether],
+    extension_nm: FloatArray,
+    whole: Sequence[RecordedModes | None],
+) -> list[BeadState]:
+    """States at forces that hold the bead off the surface, (n,) as all that is asked for.
+
+    Parameters
+    ----------
+    extension_nm : mean heights. whole : motion through the whole potential, where that is taken.
+    """
+    energy = experiment.fluid.thermal_energy_pN_nm
+    end = np.array([tether.end_nm for tether in tethers])
+    variance = np.array([tether.variance_nm2 for tether in tethers])
+    aside = force_pN * experiment.magnets.sideways_per_nm
     # a tilted tether is pulled by F cos only, and gives way by so much where the tilt is slow; as
     # it is about as fast as the tether's own length, half of it is taken
-    gives = 1 + min(0.5 * force_pN * variance / (end * energy), MOST_GIVING)
+    gives = 1 + np.minimum(0.5 * force_pN * variance / (end * energy), MOST_GIVING)
     # each way of swinging scatters by ½ (kT/F)² in equilibrium, and that of a tilted chain's length
     # is in it: what they have beyond is not the straight chain's
     tilted = (energy / force_pN) ** 2 * (gives**2 - 1)
-    straight = max(variance - tilted, LEAST_STRAIGHT * variance)
-    stiffness, swing, turn = lateral
-    stiffness[UP, UP] = energy / straight
-    readout = np.zeros((3, len(stiffness)))
+    straight = np.maximum(variance - tilted, LEAST_STRAIGHT * variance)
+    stiffness, swing, turn = _lateral(experiment, force_pN, end, aside)
+    stiffness[:, UP, UP] = energy / straight
+    coordinates = stiffness.shape[-1]
+    readout = np.zeros((3, coordinates))
     readout[experiment.along, ALONG] = readout[1 - experiment.along, ACROSS] = readout[2, UP] = 1
     # heights where the bead spends its time; the outermost are not below the surface
-    heights = np.maximum(extension + np.sqrt(variance) * _HEIGHTS, LEAST_SHARE * extension)
-    motion = LinearMotion(stiffness, _friction(experiment, heights, len(stiffness)), readout)
+    spread, middle = np.sqrt(variance)[:, None], extension_nm[:, None]
+    heights = np.maximum(middle + spread * _HEIGHTS, LEAST_SHARE * middle)
+    motion = LinearMotion(stiffness, _friction(experiment, heights, coordinates), readout)
     modes = normal_modes(motion, energy)
     allowed = straight * experiment.allowance.upward_variance
-    axial = _axial(experiment, tether, extension, allowed)
-    bending = -gives * swing - turn
-    if low == 0:
-        moved = _closed(experiment, tether, force_pN, extension, modes)
-    else:
-        moved = whole or _joined(modes, pair_modes(bending, modes), axial.modes)
-        if low < 1:
-            closed = _closed(experiment, tether, force_pN, extension, modes)
-            moved = _mixed(moved, low, closed)
+    axial = _axial(experiment, tethers, extension_nm, allowed)
+    bending = -gives[:, None, None] * swing - turn
+    closed = _closed(experiment, tethers, force_pN, extension_nm, modes)
     # a share of memory is all of it with a shorter time
     fluid = experiment.fluid
     memory_s = fluid.memory**2 * memory_time_s(experiment.bead.radius_nm, fluid.viscosity_mPa_s)
-    stepped = None if whole is None else experiment
-    return BeadState(force_pN, extension, motion, modes, bending, axial, moved, stepped, memory_s)
+    found = []
+    for i, low in enumerate(_low_shares(experiment, force_pN, end)):
+        of_one, moved, by_itself = modes.of(i), closed[i], axial.of(i)
+        if low > 0:
+            lowest = whole[i] or _joined(of_one, pair_modes(bending[i], of_one), by_itself.modes)
+            moved = lowest if low == 1 else _mixed(lowest, low, moved)
+        stepped = None if whole[i] is None else experiment
+        found.append(
+            BeadState(
+                float(force_pN[i]),
+                float(extension_nm[i]),
+                motion.of(i),
+                of_one,
+                bending[i],
+                by_itself,
+                moved,
+                stepped,
+                memory_s,
+            )
+        )
+    return found
 
 
 def has_whole_motion(experiment: Experiment) -> bool:
@@ -164,10 +227,14 @@ def has_whole_motion(experiment: Experiment) -> bool:
 
 def low_share(experiment: Experiment, force_pN: float) -> float:
     """How low a force is: 0 where the closed form of z holds, 1 where it is not taken any more."""
-    end_nm = tether_at(experiment.chain, force_pN).end_nm
+    end = np.array([tether_at(experiment.chain, force_pN).end_nm])
+    return float(_low_shares(experiment, np.array([force_pN]), end)[0])
+
+
+def _low_shares(experiment: Experiment, force_pN: FloatArray, end_nm: FloatArray) -> FloatArray:
     tilt = experiment.fluid.thermal_energy_pN_nm / (force_pN * end_nm)
     least, most = LOW_TILT if has_whole_motion(experiment) else SLACK_TILT
-    return min(max((tilt - least) / (most - least), 0.0), 1.0)
+    return np.clip((tilt - least) / (most - least), 0.0, 1.0)
 
 
 def _mixed(one: RecordedModes, share: float, other: RecordedModes) -> RecordedModes:
@@ -232,50 +299,57 @@ def _joined(modes: NormalModes, *of_z: tuple[FloatArray, FloatArray]) -> Recorde
 
 def _closed(
     experiment: Experiment,
-    tether: Tether,
-    force_pN: float,
-    extension_nm: float,
+    tethers: Sequence[Tether],
+    force_pN: FloatArray,
+    extension_nm: FloatArray,
     modes: NormalModes,
-) -> RecordedModes:
-    """Modes of x, y and z, the swinging and the length of the tether being one motion.
+) -> list[RecordedModes]:
+    """Modes of x, y and z at each force, the swinging and the length of the tether being one
+    motion.
 
     What force does to a mean, times kT, is the covariance with the height it pulls at.
     """
     energy = experiment.fluid.thermal_energy_pN_nm
     aside, step = force_pN * experiment.magnets.sideways_per_nm, DIFFERENCE * force_pN
-    rises = tether.end_variance_nm2 / energy
+    rises = np.array([tether.end_variance_nm2 for tether in tethers]) / energy
+    end = np.array([tether.end_nm for tether in tethers])
     each = []
     for change in (step, -step):
-        force, end = force_pN + change, tether.end_nm + rises * change
-        lateral = _lateral(experiment, force, end, aside)
-        each.append(_hanging(experiment, force, end, lateral))
+        force, there = force_pN + change, end + rises * change
+        each.append(_hanging(experiment, force, there, _lateral(experiment, force, there, aside)))
     (higher, more), (lower, less) = each
     # a force at which the surface holds the tether's end up changes its height by less than theory
-    least = LEAST_STRAIGHT * tether.variance_nm2
-    variance = max(energy * (higher - lower) / (2 * step), least)
-    with_height = energy * (more - less) / (2 * step)
-    height = _axial(experiment, tether, extension_nm, variance)
-    return _softer(_joined(modes, coupled_height_modes(height, modes, with_height)), experiment)
+    least = LEAST_STRAIGHT * np.array([tether.variance_nm2 for tether in tethers])
+    variance = np.maximum(energy * (higher - lower) / (2 * step), least)
+    with_height = energy * (more - less) / (2 * step)[:, None, None]
+    height = _axial(experiment, tethers, extension_nm, variance)
+    of_z = coupled_height_modes(height, modes, with_height)
+    return [
+        _softer(_joined(modes.of(i), one), experiment)
+        for i, one in enumerate(zip(*of_z, strict=True))
+    ]
 
 
 def _hanging(
     experiment: Experiment,
-    force_pN: float,
-    end_nm: float,
+    force_pN: FloatArray,
+    end_nm: FloatArray,
     lateral: tuple[FloatArray, FloatArray, FloatArray],
-) -> tuple[float, FloatArray]:
-    """Mean height of the bead's lowest point, and (d, d) covariance of its lateral coordinates.
+) -> tuple[FloatArray, FloatArray]:
+    """Mean height (n,) of the bead's lowest point, and (n, d, d) covariance of its lateral
+    coordinates.
 
     Parameters
     ----------
-    end_nm : mean height of the tether's end. lateral : as `_lateral` has it there.
+    end_nm : (n,) mean heights of the tether's end. lateral : as `_lateral` has it there.
     """
     energy, bead = experiment.fluid.thermal_energy_pN_nm, experiment.bead
     stiffness, swing, turn = lateral
-    sideways = np.ix_(*2 * [np.delete(np.arange(len(stiffness)), UP)])
+    sideways = np.delete(np.arange(stiffness.shape[-1]), UP)
+    block = (slice(None), sideways[:, None], sideways)
     covariance = np.zeros_like(stiffness)
-    covariance[sideways] = energy * np.linalg.inv(stiffness[sideways])
-    sinks = float(np.sum((swing + turn) * covariance)) / 2
+    covariance[block] = energy * np.linalg.inv(stiffness[block])
+    sinks = np.sum((swing + turn) * covariance, axis=(1, 2)) / 2
     # the chain's mean height has the swinging of a free end in it, kT/F; what this bead's swinging
     # and tilting lowers it by stands in its place. A tether that is attached beside the bead's
     # lowest point ends above it
@@ -297,11 +371,16 @@ def expected_spectrum(
 
 
 def _axial(
-    experiment: Experiment, tether: Tether, extension_nm: float, variance_nm2: float
+    experiment: Experiment,
+    tethers: Sequence[Tether],
+    extension_nm: FloatArray,
+    variance_nm2: FloatArray,
 ) -> AxialMotion:
-    """Heights of this variance that scatter as the tether's length does, and the friction there."""
+    """Heights of these variances (n,) that scatter as the tether's length does, and the friction
+    there, (n, nodes)."""
     fluid = experiment.fluid
-    height = extension_nm + np.sqrt(variance_nm2) * tether.deviation
+    deviation = np.array([tether.deviation for tether in tethers])
+    height = extension_nm[:, None] + np.sqrt(variance_nm2)[:, None] * deviation
     friction = friction_pN_s_per_nm(
         np.maximum(height, LEAST_HEIGHT_NM),
         experiment.bead.radius_nm,
@@ -311,16 +390,17 @@ def _axial(
     )
     friction = friction * experiment.allowance.upward_friction
     mobility = np.array(np.broadcast_to(1 / friction, height.shape))
-    density = tether.weight / (height[1] - height[0])
+    weight = np.array([tether.weight for tether in tethers])
+    density = weight / (height[:, 1] - height[:, 0])[:, None]
     return AxialMotion(height, density, mobility, fluid.thermal_energy_pN_nm)
 
 
 def _lateral(
-    experiment: Experiment, force_pN: float, end_nm: float, aside_pN_per_nm: float
+    experiment: Experiment, force_pN: FloatArray, end_nm: FloatArray, aside_pN_per_nm: FloatArray
 ) -> tuple[FloatArray, FloatArray, FloatArray]:
     """Stiffness of x, y and the bead's angles (z's is 0), and how they lower the bead: twice the
-    forms by which the tether's swinging does, and the bead's turning. PHYSICS section 2, E3, E15
-    and E20.
+    forms by which the tether's swinging does, and the bead's turning; (n, d, d), the last (d, d).
+    PHYSICS section 2, E3, E15 and E20.
 
     With an angle φ the tether's end is at y − aφ, a the bead's lever; bead and end sink by aφ²/2 +
     (y − aφ)²/2L. Without one the bead hangs stiffly on its tether (across) or keeps upright
@@ -328,34 +408,41 @@ def _lateral(
 
     Parameters
     ----------
-    aside_pN_per_nm : lateral stiffness that the magnets add.
+    force_pN, end_nm : (n,), the mean heights of the tether's end.
+    aside_pN_per_nm : (n,) lateral stiffness that the magnets add.
     """
     lever, magnets = experiment.bead.lever_nm, experiment.magnets
     turns, tilts = experiment.bead.turns, magnets.alignment_pN_nm is not None
-    swing = np.zeros((3 + turns + tilts, 3 + turns + tilts))
-    turn = np.zeros_like(swing)
+    coordinates = 3 + turns + tilts
+    swing = np.zeros((len(force_pN), coordinates, coordinates))
+    turn = np.zeros((coordinates, coordinates))
     angles = {ACROSS: ANGLE} if turns else {}
     if tilts:
         angles[ALONG] = ANGLE + turns
     for sideways, length in ((ALONG, end_nm), (ACROSS, end_nm + lever)):
         if sideways not in angles:
-            swing[sideways, sideways] = 1 / length
+            swing[:, sideways, sideways] = 1 / length
             continue
-        both = np.ix_([sideways, angles[sideways]], [sideways, angles[sideways]])
-        swing[both] = np.array([[1, -lever], [-lever, lever**2]]) / end_nm
-        turn[both] = np.array([[0, 0], [0, lever]])
-    stiffness = force_pN * (swing + turn)
-    stiffness[ALONG, ALONG] += aside_pN_per_nm
-    stiffness[ACROSS, ACROSS] += aside_pN_per_nm
+        angle = angles[sideways]
+        both = np.array([sideways, angle])
+        swing[:, both[:, None], both] = (
+            np.array([[1, -lever], [-lever, lever**2]]) / end_nm[:, None, None]
+        )
+        turn[angle, angle] = lever
+    stiffness = force_pN[:, None, None] * (swing + turn)
+    stiffness[:, ALONG, ALONG] += aside_pN_per_nm
+    stiffness[:, ACROSS, ACROSS] += aside_pN_per_nm
     if magnets.alignment_pN_nm is not None:
-        stiffness[angles[ALONG], angles[ALONG]] += magnets.alignment_pN_nm
+        stiffness[:, angles[ALONG], angles[ALONG]] += magnets.alignment_pN_nm
     return stiffness, swing, turn
 
 
 def _friction(experiment: Experiment, heights_nm: FloatArray, coordinates: int) -> FloatArray:
-    """Friction matrix: the inverse of the mean mobility over the heights the bead visits.
+    """Friction matrices (n, d, d): the inverse of the mean mobility over the heights (n, nodes)
+    that the bead visits.
 
     It is the mean mobility that sets how a correlation begins to fall (the first cumulant).
     """
     each = frictions_at(experiment, heights_nm, coordinates)
-    return np.diag(1 / ((1 / each) @ _HEIGHT_WEIGHTS))
+    mean = 1 / ((1 / each) @ _HEIGHT_WEIGHTS)
+    return np.asarray(mean.T[:, :, None] * np.eye(coordinates))

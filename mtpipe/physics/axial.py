@@ -22,7 +22,8 @@ MODES = 4
 
 @dataclass(frozen=True, eq=False)
 class AxialMotion:
-    """Where the bead's height is found, and how it moves there.
+    """Where the bead's height is found, and how it moves there; all of it of many beads with a
+    first dimension more.
 
     Attributes
     ----------
@@ -35,6 +36,15 @@ class AxialMotion:
     density: FloatArray
     mobility_nm_per_s_pN: FloatArray
     thermal_energy_pN_nm: float
+
+    def of(self, i: int) -> AxialMotion:
+        """One of many."""
+        return AxialMotion(
+            self.height_nm[i],
+            self.density[i],
+            self.mobility_nm_per_s_pN[i],
+            self.thermal_energy_pN_nm,
+        )
 
     @property
     def step_nm(self) -> float:

@@ -25,42 +25,49 @@ ROUNDING = 1e-9
 def coupled_height_modes(
     height: AxialMotion, modes: NormalModes, with_height_nm: FloatArray
 ) -> tuple[FloatArray, FloatArray]:
-    """Relaxation of the height.
+    """Relaxation of the heights of n beads of one kind.
 
     Parameters
     ----------
-    height : the equilibrium of the height, swinging included, and the mobility at each.
-    modes : of the lateral coordinates, and of others that do not matter here.
-    with_height_nm : (d, d) equilibrium covariance of products of two coordinates with the height,
-        the coordinates' units times nm.
+    height : of each, the equilibrium of the height, swinging included, and the mobility there.
+    modes : of each, of the lateral coordinates and of others that do not matter here.
+    with_height_nm : (n, d, d) equilibrium covariance of products of two coordinates with the
+        height, the coordinates' units times nm.
 
     Returns
     -------
-    Relaxation times (k,) in s, slowest first, and variances (k,) in nm².
+    Relaxation times (n, k) in s, slowest first, and variances (n, k) in nm², of which some may be 0
+    (`mtpipe.physics.relaxation.modes_of_first`).
     """
-    weight = height.density / height.density.sum()
-    deviation = height.height_nm - weight @ height.height_nm
-    spread = np.sqrt(weight @ deviation**2)
+    weight = height.density / height.density.sum(axis=-1, keepdims=True)
+    deviation = height.height_nm - np.sum(weight * height.height_nm, axis=-1, keepdims=True)
+    spread = np.sqrt(np.sum(weight * deviation**2, axis=-1))[:, None, None]
     exponent = np.arange(1, POWERS + 1)[:, None]
-    powers = (deviation / spread) ** exponent
-    slopes = exponent * (deviation / spread) ** (exponent - 1) / spread
-    powers -= (powers @ weight)[:, None]
+    unit, weight = deviation[:, None] / spread, weight[:, None]
+    powers = unit**exponent
+    slopes = exponent * unit ** (exponent - 1) / spread
+    powers -= np.sum(powers * weight, axis=-1, keepdims=True)
     back = np.linalg.inv(modes.shape)
-    with_height = back @ with_height_nm @ back.T / spread
-    first, second = np.triu_indices(len(with_height))
-    with_height = with_height[first, second]
-    there = np.abs(with_height) > ROUNDING * np.max(np.abs(with_height), initial=0.0)
-    first, second, with_height = first[there], second[there], with_height[there]
+    with_height = back @ with_height_nm @ np.swapaxes(back, 1, 2) / spread
+    first, second = np.triu_indices(with_height.shape[1])
+    with_height = with_height[:, first, second]
+    least = ROUNDING * np.max(np.abs(with_height), axis=1, initial=0.0)
+    there = np.any(np.abs(with_height) > least[:, None], axis=0)
+    first, second, with_height = first[there], second[there], with_height[:, there]
     variance = np.where(first == second, 2.0, 1.0)
-    covariance = np.diag(np.append(np.zeros(POWERS), variance))
-    rate = np.diag(
-        np.append(np.zeros(POWERS), variance * (1 / modes.tau_s)[[first, second]].sum(0))
+    covariance = np.zeros((len(weight), *2 * [POWERS + len(variance)]))
+    rate = np.zeros_like(covariance)
+    products = np.arange(POWERS, POWERS + len(variance))
+    covariance[:, products, products] = variance
+    rate[:, products, products] = variance * (
+        1 / modes.tau_s[:, first] + 1 / modes.tau_s[:, second]
     )
-    covariance[:POWERS, :POWERS] = (powers * weight) @ powers.T
-    diffusivity = height.thermal_energy_pN_nm * height.mobility_nm_per_s_pN
-    rate[:POWERS, :POWERS] = (slopes * (weight * diffusivity)) @ slopes.T
+    covariance[:, :POWERS, :POWERS] = (powers * weight) @ np.swapaxes(powers, 1, 2)
+    diffusivity = height.thermal_energy_pN_nm * height.mobility_nm_per_s_pN[:, None]
+    rate[:, :POWERS, :POWERS] = (slopes * weight * diffusivity) @ np.swapaxes(slopes, 1, 2)
     # what of a power does not go with the height itself does not go with the products either
-    covariance[:POWERS, POWERS:] = np.outer(covariance[:POWERS, 0], with_height)
-    covariance[POWERS:, :POWERS] = covariance[:POWERS, POWERS:].T
+    mixed = covariance[:, :POWERS, :1] * with_height[:, None]
+    covariance[:, :POWERS, POWERS:] = mixed
+    covariance[:, POWERS:, :POWERS] = np.swapaxes(mixed, 1, 2)
     tau_s, share = modes_of_first(covariance, rate)
-    return tau_s, spread**2 * share
+    return tau_s, spread[:, 0] ** 2 * share

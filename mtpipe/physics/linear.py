@@ -20,16 +20,24 @@ from mtpipe.physics.camera import FloatArray
 
 @dataclass(frozen=True, eq=False)
 class LinearMotion:
-    """Stiffness K (d, d), friction Γ (d, d) and readout (m, d): recorded = readout · X."""
+    """Stiffness K (d, d), friction Γ (d, d) and readout (m, d): recorded = readout · X.
+
+    Many at once have a first dimension more in K and Γ.
+    """
 
     stiffness: FloatArray
     friction: FloatArray
     readout: FloatArray
 
+    def of(self, i: int) -> LinearMotion:
+        """One of many."""
+        return LinearMotion(self.stiffness[i], self.friction[i], self.readout)
+
 
 @dataclass(frozen=True, eq=False)
 class NormalModes:
-    """Independent modes of a linear motion in thermal equilibrium.
+    """Independent modes of a linear motion in thermal equilibrium; of many with a first dimension
+    more.
 
     Attributes
     ----------
@@ -42,6 +50,10 @@ class NormalModes:
     amplitude_nm: FloatArray
     shape: FloatArray
 
+    def of(self, i: int) -> NormalModes:
+        """One of many."""
+        return NormalModes(self.tau_s[i], self.amplitude_nm[i], self.shape[i])
+
     def covariance_nm2(self) -> FloatArray:
         """(m, m) covariance of the readouts, kT · readout K⁻¹ readoutᵀ (equipartition)."""
         return np.asarray(self.amplitude_nm @ self.amplitude_nm.T)
@@ -52,23 +64,23 @@ class NormalModes:
 
 
 def normal_modes(motion: LinearMotion, thermal_energy_pN_nm: float) -> NormalModes:
-    """Modes of a linear motion.
+    """Modes of a linear motion, or of many at once.
 
     Raises
     ------
     ValueError : stiffness or friction is not positive definite; nothing would hold the bead.
     """
     values, vectors = np.linalg.eigh(motion.friction)
-    if not values[0] > 0:
+    if not np.all(values > 0):
         raise ValueError("the friction matrix is not positive definite")
-    root = vectors @ np.diag(values**-0.5) @ vectors.T
+    root = (vectors * values[..., None, :] ** -0.5) @ np.swapaxes(vectors, -1, -2)
     rates, modes = np.linalg.eigh(root @ motion.stiffness @ root)
-    if not rates[0] > 0:
+    if not np.all(rates > 0):
         raise ValueError("the stiffness matrix is not positive definite")
-    shape = root @ modes * np.sqrt(thermal_energy_pN_nm / rates)
+    shape = root @ modes * np.sqrt(thermal_energy_pN_nm / rates)[..., None, :]
     # an eigenvector's sign is the library's choice: fixed here, so that a seed means one motion
-    largest = np.take_along_axis(shape, np.argmax(np.abs(shape), axis=0)[None], axis=0)
-    shape = shape * np.sign(largest)
+    at = np.argmax(np.abs(shape), axis=-2, keepdims=True)
+    shape = shape * np.sign(np.take_along_axis(shape, at, axis=-2))
     return NormalModes(1 / rates, motion.readout @ shape, shape)
 
 

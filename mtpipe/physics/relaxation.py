@@ -31,8 +31,7 @@ def relaxation_modes(
 
     Returns
     -------
-    Relaxation times (k,) in s, slowest first, and (k,) the variance that the first function has in
-    each; k is at most m.
+    As of `modes_of_first`.
     """
     covariance = (functions * weight) @ functions.T
     rate = np.zeros_like(covariance)
@@ -42,21 +41,28 @@ def relaxation_modes(
 
 
 def modes_of_first(covariance: FloatArray, rate: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Relaxation of the first of several functions.
+    """Relaxation of the first of several functions, of one motion or of many at once.
 
     Parameters
     ----------
-    covariance, rate : (m, m) of the functions, and how fast their correlations begin to fall.
+    covariance, rate : (…, m, m) of the functions, and how fast their correlations begin to fall.
 
     Returns
     -------
-    Relaxation times (k,) in s, slowest first, and (k,) the variance that the first function has in
-    each; k is at most m.
+    Relaxation times (…, m) in s, slowest first, and (…, m) the variance that the first function has
+    in each: 0 for as many as there are combinations of functions that say nothing.
     """
-    scale = 1 / np.sqrt(np.diag(covariance))
-    values, vectors = np.linalg.eigh(covariance * np.outer(scale, scale))
-    there = values > ROUNDING * values[-1]
-    independent = scale[:, None] * vectors[:, there] / np.sqrt(values[there])
-    rates, modes = np.linalg.eigh(independent.T @ rate @ independent)
-    amplitude = covariance[0] @ independent @ modes
+    scale = 1 / np.sqrt(np.diagonal(covariance, axis1=-2, axis2=-1))
+    values, vectors = np.linalg.eigh(covariance * scale[..., :, None] * scale[..., None, :])
+    there = values > ROUNDING * values[..., -1:]
+    size = np.where(there, 1 / np.sqrt(np.where(there, values, 1.0)), 0.0)
+    independent = scale[..., :, None] * vectors * size[..., None, :]
+    turned = np.swapaxes(independent, -1, -2)
+    within = turned @ rate @ independent
+    # what says nothing is faster than all that does
+    fastest = 1 + np.trace(within, axis1=-2, axis2=-1)[..., None]
+    diagonal = np.arange(within.shape[-1])
+    within[..., diagonal, diagonal] += np.where(there, 0.0, fastest)
+    rates, modes = np.linalg.eigh(within)
+    amplitude = (covariance[..., :1, :] @ independent @ modes)[..., 0, :]
     return 1 / rates, np.asarray(amplitude**2)
