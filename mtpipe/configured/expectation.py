@@ -15,6 +15,7 @@ import numpy as np
 from mtpipe.configured.data import PlateauData
 from mtpipe.configured.spectra import Transform
 from mtpipe.drift.lowpass import response
+from mtpipe.errors import FitError
 from mtpipe.experiment.description import (
     Clock,
     Experiment,
@@ -25,7 +26,7 @@ from mtpipe.experiment.description import (
     Tracker,
 )
 from mtpipe.experiment.readout import force_course, readout, recorded_height_nm
-from mtpipe.experiment.state import BeadState, bead_state, bead_states, recorded_modes
+from mtpipe.experiment.state import BeadState, bead_states, recorded_modes
 from mtpipe.physics.camera import Camera, FloatArray, power_spectrum
 from mtpipe.spectrum import Window
 
@@ -33,9 +34,9 @@ from mtpipe.spectrum import Window
 LEAST_HEIGHT_STDERR_NM = 0.1
 DIFFERENCE = 1e-3
 LEAST_POWER = 1e-6
-# So many forces stand for a plateau during which the force changes; of spectra their mean alone
-# where it changes by less than so much.
-COURSE_POINTS, SMALL_CHANGE = 5, 0.1
+# So many forces stand for a plateau during which the force changes; fewer, and of spectra their
+# mean alone, where it changes by less than so much.
+COURSE_POINTS, FEWER_POINTS, SMALL_CHANGE = 5, 3, 0.1
 # Descriptions of which states are kept.
 MOST_KNOWN = 256
 
@@ -126,14 +127,14 @@ def _expectation(
     forces = (force_pN * (1 + nodes)).tolist()
     # heights bend with ln of the force, far less than they rise with it
     rising = np.polynomial.Polynomial.fit(
-        np.log1p(nodes), [_height_nm(steady, force) for force in forces], COURSE_POINTS - 1
+        np.log1p(nodes), [_height_nm(steady, force) for force in forces], len(nodes) - 1
     )
     heights = rising(np.log1p(np.clip(relative, nodes[0], nodes[-1])))
     if np.ptp(relative) < SMALL_CHANGE:
         forces, share = [force_pN], np.ones(1)
     else:
         # of the time that counts for each node, linear between them; a step needs its two ends
-        share = np.array([np.interp(relative, nodes, row).mean() for row in np.eye(COURSE_POINTS)])
+        share = np.array([np.interp(relative, nodes, row).mean() for row in np.eye(len(nodes))])
         counts = share > 1e-3
         forces, share = np.array(forces)[counts].tolist(), share[counts] / share[counts].sum()
     each = [_at_steady_force(data, subtraction, steady, force) for force in forces]
@@ -151,7 +152,8 @@ def _course_nodes(
 ) -> tuple[FloatArray, FloatArray]:
     """Force over its mean, less 1: of each frame, and at the nodes that stand for all of them."""
     relative = force_course(course, round(data.duration_s / frame_s))
-    return relative, np.linspace(relative.min(), relative.max(), COURSE_POINTS)
+    points = FEWER_POINTS if np.ptp(relative) < SMALL_CHANGE else COURSE_POINTS
+    return relative, np.linspace(relative.min(), relative.max(), points)
 
 
 def _height_nm(experiment: Experiment, force_pN: float) -> float:
@@ -305,8 +307,9 @@ def changed_spectra(
     return changes
 
 
-# States of the bead that are known, by the description of its motion and the force.
-_KNOWN: dict[Experiment, dict[float, BeadState]] = {}
+# States of the bead that are known, or why there is none, by the description of its motion and the
+# force.
+_KNOWN: dict[Experiment, dict[float, BeadState | FitError]] = {}
 
 
 def know_states(
@@ -330,7 +333,7 @@ def know_states(
     _know(_core(experiment), list(dict.fromkeys(states)))
 
 
-def _know(core: Experiment, forces_pN: Sequence[float]) -> dict[float, BeadState]:
+def _know(core: Experiment, forces_pN: Sequence[float]) -> dict[float, BeadState | FitError]:
     known = _KNOWN.get(core)
     if known is None:
         if len(_KNOWN) > MOST_KNOWN:
@@ -338,15 +341,15 @@ def _know(core: Experiment, forces_pN: Sequence[float]) -> dict[float, BeadState
         known = _KNOWN[core] = {}
     missing = [force for force in forces_pN if force not in known]
     if missing:
-        for force, state in zip(missing, bead_states(core, missing), strict=True):
-            if isinstance(state, BeadState):
-                known[force] = state
+        known.update(zip(missing, bead_states(core, missing), strict=True))
     return known
 
 
 def _state(core: Experiment, force_pN: float) -> BeadState:
-    # one that is not found is asked for again, to say why
-    return _know(core, [force_pN]).get(force_pN) or bead_state(core, force_pN)
+    found = _know(core, [force_pN])[force_pN]
+    if isinstance(found, FitError):
+        raise found.with_traceback(None)
+    return found
 
 
 def _moving(experiment: Experiment) -> Experiment:

@@ -8,6 +8,7 @@ several modes are sums. Spectra are one-sided, per Hz. All functions broadcast o
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 
 import numpy as np
@@ -17,6 +18,8 @@ FloatArray = NDArray[np.float64]
 
 # Exposure over relaxation time beyond which there is no telling.
 LONGEST = 1e30
+# Coefficients of `white_deficit`, of α, α³, α⁵, …
+_DEFICIT = tuple(2 / math.factorial(2 * j + 3) for j in range(10))
 
 
 @dataclass(frozen=True)
@@ -84,10 +87,11 @@ def white_deficit(alpha: ArrayLike) -> FloatArray:
     a = np.asarray(alpha, dtype=float)
     square = a * a
     # 2 Σ α^(2j+1)/(2j+3)!: the closed form cancels for short exposures
-    series = np.ones_like(a)
-    for j in range(9, 0, -1):
-        series = 1 + square / ((2 * j + 2) * (2 * j + 3)) * series
-    return np.asarray(a / 3 * series)
+    series = np.full_like(a, _DEFICIT[-1])
+    for factor in _DEFICIT[-2::-1]:
+        series *= square
+        series += factor
+    return np.asarray(a * series)
 
 
 def edge_gain(alpha: ArrayLike) -> FloatArray:
