@@ -129,14 +129,16 @@ def bead_states(experiment: Experiment, forces_pN: Sequence[float]) -> list[Bead
                 try:
                     mean, whole[i] = _whole(experiment, tethers[i], forces_pN[i])
                 except FitError as error:
-                    found[i] = error
+                    # its traceback would keep all that was worked out on the way
+                    found[i] = error.with_traceback(None)
                     continue
                 extension[i] = mean if low == 1 else low * mean + (1 - low) * extension[i]
     for i in np.flatnonzero(~(extension > 0)).tolist():
-        found[i] = FitError(
+        message = (
             f"at {forces_pN[i]:g} pN the tether does not hold the bead off the surface "
             f"(mean extension {extension[i]:.0f} nm)"
         )
+        found.setdefault(i, FitError(message))
     held = [i for i in range(len(forces_pN)) if i not in found]
     if held:
         states = _held(
@@ -157,11 +159,12 @@ def _held(
     extension_nm: FloatArray,
     whole: Sequence[RecordedModes | None],
 ) -> list[BeadState]:
-    """States at forces that hold the bead off the surface, (n,) as all that is asked for.
+    """States at forces that hold the bead off the surface.
 
     Parameters
     ----------
-    extension_nm : mean heights. whole : motion through the whole potential, where that is taken.
+    force_pN, tethers, extension_nm : n of each, the mean heights.
+    whole : n, motion through the whole potential, None where that is not taken.
     """
     energy = experiment.fluid.thermal_energy_pN_nm
     end = np.array([tether.end_nm for tether in tethers])
