@@ -56,7 +56,9 @@ def blur_factor(alpha: ArrayLike) -> FloatArray:
     a = np.minimum(np.asarray(alpha, dtype=float), LONGEST)
     small = a < 0.1
     safe = np.where(small, 1.0, a)
-    exact = 2 * (safe + np.expm1(-safe)) / safe**2
+    exact = np.asarray(2 * (safe + np.expm1(-safe)) / safe**2)
+    if not small.any():
+        return exact
     # 2 Σ (−α)^j/(j+2)!: the closed form cancels for short exposures
     series = 1 - a / 3 * (1 - a / 4 * (1 - a / 5 * (1 - a / 6 * (1 - a / 7 * (1 - a / 8)))))
     return np.asarray(np.where(small, series, exact))
