@@ -2,9 +2,9 @@
 
 Where the bead relaxes within a frame, successive frames hardly correlate, and the likelihood is no
 parabola: one side of it may be open though the curvature at its maximum looks sharp. There its
-profile is followed (Cox & Hinkley 1974, Theoretical Statistics, section 9.3): the interval of 68 %
-holds what some other parameters raise −2 ln L by less than 1 with. The likelihood of traces of few
-relaxation times is no parabola either, but intervals by its curvature cover there
+profile is followed (Cox & Hinkley 1974, Theoretical Statistics, section 9.3): a value is in the
+interval of 68 % if, all else adapting, −2 ln L rises by less than 1. The likelihood of traces of
+few relaxation times is no parabola either, but intervals by its curvature cover there
 (docs/validation.md).
 
 Stiffness and friction are told together and their ratio badly, so that the profile is followed in
