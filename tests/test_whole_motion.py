@@ -26,7 +26,7 @@ from mtpipe.experiment.state import (
     followed_modes,
     recorded_modes,
 )
-from mtpipe.experiment.tethers import tether_at
+from mtpipe.experiment.tethers import tethers_at
 from mtpipe.experiment.whole_motion import whole_motion
 from mtpipe.physics.camera import Camera, power_spectrum
 from mtpipe.physics.relaxation import relaxation_modes
@@ -178,7 +178,7 @@ def test_at_higher_forces_the_closed_form_is_the_whole_motion(contour_nm, radius
         force = force_at(here, tilt)
         state = bead_state(replace(here, anharmonic=False), force)
         assert state.stepped is None
-        tether = tether_at(here.chain, force)
+        (tether,) = tethers_at(here.chain, [force])
         mean, tau_s, covariance = whole_motion(here, force, tether.distance_nm, tether.weight)
         of_z = covariance[:, 2, 2]
         assert state.extension_nm == pytest.approx(mean, abs=0.02 * math.sqrt(of_z.sum()))

@@ -37,7 +37,7 @@ LEAST_POWER = 1e-6
 # So many forces stand for a plateau during which the force changes; fewer, and of spectra their
 # mean alone, where it changes by less than so much.
 COURSE_POINTS, FEWER_POINTS, SMALL_CHANGE = 5, 3, 0.1
-# Descriptions of which states are kept.
+# Of so many descriptions states are kept.
 MOST_KNOWN = 256
 
 

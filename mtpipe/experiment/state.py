@@ -30,7 +30,7 @@ from numpy.typing import ArrayLike
 from mtpipe.errors import FitError
 from mtpipe.experiment.description import Experiment
 from mtpipe.experiment.frictions import LEAST_HEIGHT_NM, frictions_at
-from mtpipe.experiment.tethers import Tether, know_tethers, tether_at
+from mtpipe.experiment.tethers import Tether, tethers_at
 from mtpipe.experiment.whole_motion import whole_motion
 from mtpipe.physics.axial import AxialMotion
 from mtpipe.physics.camera import FloatArray, power_spectrum
@@ -116,8 +116,7 @@ def bead_states(experiment: Experiment, forces_pN: Sequence[float]) -> list[Bead
 
     All at once cost little more than one.
     """
-    know_tethers(experiment.chain, forces_pN)
-    tethers = [tether_at(experiment.chain, force) for force in forces_pN]
+    tethers = tethers_at(experiment.chain, forces_pN)
     force, end = np.array(forces_pN), np.array([tether.end_nm for tether in tethers])
     lateral = _lateral(experiment, force, end, force * experiment.magnets.sideways_per_nm)
     extension = _hanging(experiment, force, end, lateral)[0]
@@ -230,8 +229,8 @@ def has_whole_motion(experiment: Experiment) -> bool:
 
 def low_share(experiment: Experiment, force_pN: float) -> float:
     """How low a force is: 0 where the closed form of z holds, 1 where it is not taken any more."""
-    end = np.array([tether_at(experiment.chain, force_pN).end_nm])
-    return float(_low_shares(experiment, np.array([force_pN]), end)[0])
+    (tether,) = tethers_at(experiment.chain, [force_pN])
+    return float(_low_shares(experiment, np.array([force_pN]), np.array([tether.end_nm]))[0])
 
 
 def _low_shares(experiment: Experiment, force_pN: FloatArray, end_nm: FloatArray) -> FloatArray:

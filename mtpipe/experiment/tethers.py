@@ -34,26 +34,19 @@ class Tether:
 _KNOWN: dict[tuple[Chain, float], Tether] = {}
 
 
-def know_tethers(chain: Chain, forces_pN: Sequence[float]) -> None:
-    """Work out a tether at several forces, to be known when states are asked for.
+def tethers_at(chain: Chain, forces_pN: Sequence[float]) -> list[Tether]:
+    """A chain at several forces; those that are not known are worked out all at once.
 
-    All at once costs hardly more than one.
+    That costs hardly more than one.
     """
     missing = [force for force in forces_pN if (chain, force) not in _KNOWN]
     if missing:
         if len(_KNOWN) > MOST_KNOWN:
             _KNOWN.clear()
+            missing = list(forces_pN)
         found = _tethers(chain, np.array(missing))
         _KNOWN.update(((chain, force), one) for force, one in zip(missing, found, strict=True))
-
-
-def tether_at(chain: Chain, force_pN: float) -> Tether:
-    """A chain at a force, worked out if it is not known."""
-    known = _KNOWN.get((chain, force_pN))
-    if known is None:
-        know_tethers(chain, [force_pN])
-        known = _KNOWN[chain, force_pN]
-    return known
+    return [_KNOWN[chain, force] for force in forces_pN]
 
 
 def _tethers(chain: Chain, force_pN: FloatArray) -> list[Tether]:
