@@ -29,12 +29,15 @@ from scipy import fft, interpolate
 from mtpipe.errors import FitError
 from mtpipe.physics import camera as cam
 from mtpipe.physics.camera import Camera, FloatArray
+from mtpipe.window_power import unit_power
 
 # Bins grow to this ratio of frequencies: the spectrum of a mode changes by at most 8 % across one.
 BIN_GROWTH = 1.04
 # τ < D: powers of e^{−D/τ} ≤ 1/e; 36 terms leave 2e-16. τ ≥ D: spline in ln τ.
 SHORT_LAGS = 36
 LN_TAU_STEP = 0.2
+# Modes that relax within a smaller share of a frame are as white as this one.
+SHORTEST = 1e-9
 MINIMUM_FRAMES = 64
 # φ below this changes the spectrum by less than a factor of two.
 LEAST_PHI = 0.1
@@ -162,6 +165,17 @@ def periodogram(
 
 
 @dataclass(frozen=True, eq=False)
+class RecordedModes:
+    """Modes of unit variance seen by a camera: relaxation times over D, white and correlated part
+    (`mtpipe.physics.camera.recorded_parts`), (n,) of each.
+    """
+
+    tau: FloatArray
+    white: FloatArray
+    correlated: FloatArray
+
+
+@dataclass(frozen=True, eq=False)
 class Window:
     """Expectation of a binned periodogram of the frames that are present.
 
@@ -202,23 +216,21 @@ class Window:
 
         Source: PHYSICS section 1, forms A and B with the window's lag weights.
         """
-        camera = Camera(self.frame_s, exposure_s)
-        tau = np.clip(tau_s, 1e-9 * self.frame_s, self.frame_s * np.exp(self.slow.x[-1]))
-        out = np.empty((len(tau), len(self.white)))
-        slow = tau >= self.frame_s
-        if slow.any():
-            alpha = (exposure_s / tau[slow])[:, None]
-            kernel = np.exp(self.slow(np.log(tau[slow] / self.frame_s)))
-            level = cam.edge_gain(alpha) * kernel - cam.white_deficit(alpha) * self.white
-            out[slow] = variance[slow, None] * level
-        fast = ~slow
-        if fast.any():
-            q = np.exp(-self.frame_s / tau[fast])[:, None]
-            lags = np.power(q, np.arange(SHORT_LAGS)) @ self.short
-            c0 = cam.frame_variance(variance[fast], tau[fast], camera)[:, None]
-            c1 = cam.lag_one_covariance(variance[fast], tau[fast], camera)[:, None]
-            out[fast] = c0 * self.white + c1 * lags
-        return 2 * self.frame_s * out
+        modes = self.recorded(tau_s, exposure_s)
+        return np.asarray(np.asarray(variance)[:, None] * self.unit_power(modes))
+
+    def recorded(self, tau_s: FloatArray, exposure_s: float) -> RecordedModes:
+        """Modes (n,) as the camera sees them; the same for all windows of one length."""
+        longest = self.frame_s * np.exp(self.slow.x[-1])
+        tau = np.clip(tau_s, SHORTEST * self.frame_s, longest)
+        parts = cam.recorded_parts(tau, Camera(self.frame_s, exposure_s))
+        return RecordedModes(tau / self.frame_s, *parts)
+
+    def unit_power(self, modes: RecordedModes) -> FloatArray:
+        """(n, n_bins) expected power of modes of unit variance, per Hz, one-sided."""
+        of_window = (self.white, self.short, self.slow.x, self.slow.c)
+        power = unit_power(modes.tau, modes.white, modes.correlated, *of_window)
+        return np.multiply(power, 2 * self.frame_s, out=power)
 
 
 @functools.lru_cache(maxsize=256)

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import functools
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
@@ -24,11 +24,11 @@ from mtpipe.experiment.description import (
     Optics,
     Stage,
     Tracker,
+    Triple,
 )
 from mtpipe.experiment.readout import force_course, readout, recorded_height_nm
 from mtpipe.experiment.state import BeadState, bead_states, recorded_modes
 from mtpipe.physics.camera import Camera, FloatArray, power_spectrum
-from mtpipe.spectrum import Window
 
 # Heights are not believed better than this: rounding, interpolated formulas, time steps.
 LEAST_HEIGHT_STDERR_NM = 0.1
@@ -37,8 +37,9 @@ LEAST_POWER = 1e-6
 # So many forces stand for a plateau during which the force changes; fewer, and of spectra their
 # mean alone, where it changes by less than so much.
 COURSE_POINTS, FEWER_POINTS, SMALL_CHANGE = 5, 3, 0.1
-# Of so many descriptions states are kept.
-MOST_KNOWN = 256
+# So many descriptions are kept, with the states of the bead.
+MOST_KNOWN = 512
+DIAGONAL = np.arange(3)
 
 
 @dataclass(frozen=True)
@@ -108,22 +109,20 @@ def expectation(
     FitError : the force is too small to keep the bead off the surface.
     """
     course = experiment.magnets.course(plateau)
-    magnets = replace(experiment.magnets, courses=())
-    steady = replace(experiment, rests=(), magnets=magnets)
-    return _expectation(data, subtraction, steady, course, force_pN)
+    return _expectation(data, subtraction, _steady(experiment), course, force_pN)
 
 
 @functools.lru_cache(maxsize=2048)
 def _expectation(
     data: PlateauData,
     subtraction: Subtraction,
-    steady: Experiment,
+    steady: _Steady,
     course: ForceCourse,
     force_pN: float,
 ) -> Expectation:
     if course.relative_change == 0:
         return _at_steady_force(data, subtraction, steady, force_pN)
-    relative, nodes = _course_nodes(data, course, steady.camera.frame_s)
+    relative, nodes = _course_nodes(data, course, steady.experiment.camera.frame_s)
     forces = (force_pN * (1 + nodes)).tolist()
     # heights bend with ln of the force, far less than they rise with it
     rising = np.polynomial.Polynomial.fit(
@@ -156,8 +155,8 @@ def _course_nodes(
     return relative, np.linspace(relative.min(), relative.max(), points)
 
 
-def _height_nm(experiment: Experiment, force_pN: float) -> float:
-    return recorded_height_nm(experiment, _state(_core(experiment), force_pN))
+def _height_nm(steady: _Steady, force_pN: float) -> float:
+    return recorded_height_nm(steady.experiment, steady.moving.core.state(force_pN))
 
 
 def course_of(data: PlateauData, transform: Transform) -> Course:
@@ -166,16 +165,17 @@ def course_of(data: PlateauData, transform: Transform) -> Course:
 
 
 def _at_steady_force(
-    data: PlateauData, subtraction: Subtraction, experiment: Experiment, force_pN: float
+    data: PlateauData, subtraction: Subtraction, steady: _Steady, force_pN: float
 ) -> Expectation:
-    stage = experiment.stage
-    motion = _motion(data, _moving(experiment), force_pN)
-    power, level = motion.power.copy(), 2 * experiment.camera.frame_s
-    for axis, noise_nm in enumerate(experiment.tracker.noise_nm):
-        added_nm2 = noise_nm**2 + _passed(subtraction, experiment, axis, data)
-        own = power[:, axis, axis] + level * data.spectrum.windows[axis].white * added_nm2
-        # dropped frames take white power away; what is left is never none
-        power[:, axis, axis] = np.maximum(own, LEAST_POWER * own.max())
+    experiment = steady.experiment
+    stage, camera = experiment.stage, experiment.camera
+    motion = _motion(data, steady.moving, force_pN)
+    power = motion.power.copy()
+    passed = _passed(data, subtraction, stage.reference_nm, stage.reference_s, camera)
+    added_nm2 = np.square(experiment.tracker.noise_nm) + passed
+    own = power[:, DIAGONAL, DIAGONAL] + 2 * camera.frame_s * _white(data) * added_nm2
+    # dropped frames take white power away; what is left is never none
+    power[:, DIAGONAL, DIAGONAL] = np.maximum(own, LEAST_POWER * own.max(axis=0))
     for line in stage.lines:
         _add_line(power, line, data)
     # what is slow in the reference passes the subtraction whole
@@ -202,17 +202,12 @@ class _Motion:
 
 
 @functools.lru_cache(maxsize=4096)
-def _motion(data: PlateauData, experiment: Experiment, force_pN: float) -> _Motion:
-    camera = experiment.camera
-    parts = readout(experiment, _state(_core(experiment), force_pN), data.duration_s)
+def _motion(data: PlateauData, moving: _Moving, force_pN: float) -> _Motion:
+    camera = moving.experiment.camera
+    parts = readout(moving.experiment, moving.core.state(force_pN), data.duration_s)
     windows = data.spectrum.windows
-    kernels: list[FloatArray] = []
-    for axis in range(3):
-        moved = np.flatnonzero(parts.covariance_nm2[:, axis, axis])
-        kernel = np.zeros((len(parts.tau_s), len(data.spectrum.frequency_hz)))
-        known_by = parts.tau_s[moved].tobytes()
-        kernel[moved] = _unit_power(windows[axis], known_by, camera.exposure_s)
-        kernels.append(kernel)
+    modes = windows[0].recorded(parts.tau_s, camera.exposure_s)
+    kernels = [window.unit_power(modes) for window in windows]
     power = np.zeros((len(data.spectrum.frequency_hz), 3, 3))
     level = 2 * camera.frame_s
     for a in range(3):
@@ -230,17 +225,31 @@ def _motion(data: PlateauData, experiment: Experiment, force_pN: float) -> _Moti
     return _Motion(power, parts.extension_nm, height_variance)
 
 
+@functools.lru_cache(maxsize=256)
+def _white(data: PlateauData) -> FloatArray:
+    """(n_bins, 3) what the windows make of white noise."""
+    return np.column_stack([window.white for window in data.spectrum.windows])
+
+
+@functools.lru_cache(maxsize=1024)
 def _passed(
-    subtraction: Subtraction, experiment: Experiment, axis: int, data: PlateauData
+    data: PlateauData,
+    subtraction: Subtraction,
+    reference_nm: Triple,
+    reference_s: float,
+    camera: Camera,
 ) -> FloatArray:
-    """Variance per frame of the reference's noise and motion that subtraction passes on."""
-    size, variance = experiment.stage.reference_nm[axis], subtraction.noise_nm[axis] ** 2
-    if size == 0 and variance == 0:
-        return np.zeros_like(data.spectrum.frequency_hz)
-    own: FloatArray | float = 0.0
-    if size > 0:
-        own = size**2 * _unit_reference(data, experiment.stage.reference_s, experiment.camera)
-    return np.asarray(_subtraction_gain(data, subtraction.cutoff_hz[axis]) * (variance + own))
+    """(n_bins, 3) variance per frame of the reference's noise and motion that subtraction passes
+    on.
+    """
+    passed = np.zeros((len(data.spectrum.frequency_hz), 3))
+    for axis, size_nm in enumerate(reference_nm):
+        added: FloatArray | float = subtraction.noise_nm[axis] ** 2
+        if size_nm > 0:
+            added = added + size_nm**2 * _unit_reference(data, reference_s, camera)
+        if np.any(added):
+            passed[:, axis] = _subtraction_gain(data, subtraction.cutoff_hz[axis]) * added
+    return passed
 
 
 @functools.lru_cache(maxsize=1024)
@@ -253,13 +262,6 @@ def _unit_reference(data: PlateauData, relaxation_s: float, camera: Camera) -> F
 @functools.lru_cache(maxsize=1024)
 def _subtraction_gain(data: PlateauData, cutoff_hz: float | None) -> FloatArray:
     return np.asarray(response(data.spectrum.frequency_hz, cutoff_hz) ** 2)
-
-
-@functools.lru_cache(maxsize=1024)
-def _unit_power(window: Window, tau_s: bytes, exposure_s: float) -> FloatArray:
-    """(modes, n_bins) expected power of modes of unit variance."""
-    tau = np.frombuffer(tau_s)
-    return window.expected(np.ones(len(tau)), tau, exposure_s)
 
 
 def _add_line(power: FloatArray, line: Line, data: PlateauData) -> None:
@@ -285,7 +287,7 @@ def changed_spectra(
     ----------
     here : (n_bins, 3, 3) expected power.
     """
-    parts = recorded_modes(_state(_core(experiment), force_pN))
+    parts = recorded_modes(_steady(experiment).moving.core.state(force_pN))
     changes = np.empty((3, 2, len(here)))
     for axis in range(3):
         window = data.spectrum.windows[axis]
@@ -307,11 +309,6 @@ def changed_spectra(
     return changes
 
 
-# States of the bead that are known, or why there is none, by the description of its motion and the
-# force.
-_KNOWN: dict[Experiment, dict[float, BeadState | FitError]] = {}
-
-
 def know_states(
     data: Sequence[PlateauData], experiment: Experiment, forces_pN: Sequence[Sequence[float]]
 ) -> None:
@@ -330,44 +327,70 @@ def know_states(
         if course.relative_change != 0:
             nodes = _course_nodes(one, course, experiment.camera.frame_s)[1]
             states += np.multiply.outer(forces, 1 + nodes).ravel().tolist()
-    _know(_core(experiment), list(dict.fromkeys(states)))
+    _steady(experiment).moving.core.know(list(dict.fromkeys(states)))
 
 
-def _know(core: Experiment, forces_pN: Sequence[float]) -> dict[float, BeadState | FitError]:
-    known = _KNOWN.get(core)
-    if known is None:
-        if len(_KNOWN) > MOST_KNOWN:
-            _KNOWN.clear()
-        known = _KNOWN[core] = {}
-    missing = [force for force in forces_pN if force not in known]
-    if missing:
-        known.update(zip(missing, bead_states(core, missing), strict=True))
-    return known
+@dataclass(frozen=True, eq=False)
+class _Core:
+    """The part of a description that the bead's motion depends on, and states of the bead that are
+    known by force, or why there is none.
+    """
+
+    experiment: Experiment
+    known: dict[float, BeadState | FitError] = field(default_factory=dict)
+
+    def know(self, forces_pN: Sequence[float]) -> None:
+        missing = [force for force in forces_pN if force not in self.known]
+        if missing:
+            self.known.update(zip(missing, bead_states(self.experiment, missing), strict=True))
+
+    def state(self, force_pN: float) -> BeadState:
+        self.know([force_pN])
+        found = self.known[force_pN]
+        if isinstance(found, FitError):
+            raise found.with_traceback(None)
+        return found
 
 
-def _state(core: Experiment, force_pN: float) -> BeadState:
-    found = _know(core, [force_pN])[force_pN]
-    if isinstance(found, FitError):
-        raise found.with_traceback(None)
-    return found
+@dataclass(frozen=True, eq=False)
+class _Moving:
+    """The part of a description that the recorded motion depends on, noise and lines apart."""
+
+    experiment: Experiment
+    core: _Core
 
 
-def _moving(experiment: Experiment) -> Experiment:
-    """The part of the description that the recorded motion depends on, noise and lines apart."""
+@dataclass(frozen=True, eq=False)
+class _Steady:
+    """A description at a steady force."""
+
+    experiment: Experiment
+    moving: _Moving
+
+
+# Of equal parts of descriptions there is one object, so that what is kept is found by that.
+
+
+@functools.lru_cache(maxsize=MOST_KNOWN)
+def _steady(experiment: Experiment) -> _Steady:
+    if experiment.rests or experiment.magnets.courses:
+        magnets = replace(experiment.magnets, courses=())
+        return _steady(replace(experiment, rests=(), magnets=magnets))
+    return _Steady(experiment, _moving(experiment))
+
+
+def _moving(experiment: Experiment) -> _Moving:
     left = Stage(unsubtracted_nm_per_root_s=experiment.stage.unsubtracted_nm_per_root_s)
     optics = replace(experiment.optics, z_zero_nm=0.0)
-    return replace(experiment, tracker=Tracker(), stage=left, optics=optics)
+    return _the_moving(replace(experiment, tracker=Tracker(), stage=left, optics=optics))
 
 
-def _core(experiment: Experiment) -> Experiment:
-    """The part of the description that the bead's motion depends on."""
-    return replace(
-        experiment,
-        rests=(),
-        tracker=Tracker(),
-        stage=Stage(),
-        optics=Optics(),
-        clock=Clock(),
-        hopping=None,
-        magnets=replace(experiment.magnets, courses=()),
-    )
+@functools.lru_cache(maxsize=MOST_KNOWN)
+def _the_moving(experiment: Experiment) -> _Moving:
+    core = replace(experiment, stage=Stage(), optics=Optics(), clock=Clock(), hopping=None)
+    return _Moving(experiment, _the_core(core))
+
+
+@functools.lru_cache(maxsize=MOST_KNOWN)
+def _the_core(experiment: Experiment) -> _Core:
+    return _Core(experiment)

@@ -103,6 +103,22 @@ def edge_gain(alpha: ArrayLike) -> FloatArray:
     return np.where(half == 0, 1.0, np.sinh(safe) / safe) ** 2
 
 
+def recorded_parts(tau_s: ArrayLike, camera: Camera) -> tuple[FloatArray, FloatArray]:
+    """How much of a recorded mode of unit variance is white, and how much is correlated.
+
+    A mode that outlasts a frame, τ ≥ D, is recorded as the second times e^{−|m|D/τ} at all lags m
+    (form B); a faster one as the second times e^{−(|m|−1)D/τ} at all lags but 0 (form A).
+    """
+    tau = np.asarray(tau_s, dtype=float)
+    slow = tau >= camera.frame_s
+    alpha = np.where(slow, camera.exposure_s / tau, 0.0)
+    white, correlated = -white_deficit(alpha), edge_gain(alpha)
+    if not slow.all():
+        white = np.where(slow, white, frame_variance(1.0, tau, camera))
+        correlated = np.where(slow, correlated, lag_one_covariance(1.0, tau, camera))
+    return white, correlated
+
+
 def power_spectrum(
     frequency_hz: ArrayLike, variance: ArrayLike, tau_s: ArrayLike, camera: Camera
 ) -> FloatArray:
@@ -124,14 +140,13 @@ def power_spectrum(
     f, s2, tau = np.broadcast_arrays(
         np.asarray(frequency_hz, dtype=float), np.asarray(variance, dtype=float), np.asarray(tau_s)
     )
-    slow = tau >= camera.frame_s
     half_sine = np.sin(np.pi * f * camera.frame_s) ** 2
     decay = -camera.frame_s / tau
     q, one_minus_q = np.exp(decay), -np.expm1(decay)
     denominator = one_minus_q**2 + 4 * q * half_sine
-    alpha = np.where(slow, camera.exposure_s / tau, 0.0)
-    correlated = edge_gain(alpha) * -np.expm1(2 * decay) / denominator
-    form_b = s2 * (correlated - white_deficit(alpha))
-    geometric = (one_minus_q - 2 * half_sine) / denominator
-    form_a = frame_variance(s2, tau, camera) + 2 * geometric * lag_one_covariance(s2, tau, camera)
-    return np.asarray(2 * camera.frame_s * np.where(slow, form_b, form_a))
+    decaying = np.where(
+        tau >= camera.frame_s, -np.expm1(2 * decay), 2 * (one_minus_q - 2 * half_sine)
+    )
+    white, correlated = recorded_parts(tau, camera)
+    power = white + correlated * decaying / denominator
+    return np.asarray(2 * camera.frame_s * s2 * power)
