@@ -19,6 +19,7 @@ from __future__ import annotations
 
 import functools
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -29,7 +30,7 @@ from scipy import fft, interpolate
 from mtpipe.errors import FitError
 from mtpipe.physics import camera as cam
 from mtpipe.physics.camera import Camera, FloatArray
-from mtpipe.window_power import unit_power
+from mtpipe.window_power import power_matrix, powers_of_modes
 
 # Bins grow to this ratio of frequencies: the spectrum of a mode changes by at most 8 % across one.
 BIN_GROWTH = 1.04
@@ -165,17 +166,6 @@ def periodogram(
 
 
 @dataclass(frozen=True, eq=False)
-class RecordedModes:
-    """Modes of unit variance seen by a camera: relaxation times over D, white and correlated part
-    (`mtpipe.physics.camera.recorded_parts`), (n,) of each.
-    """
-
-    tau: FloatArray
-    white: FloatArray
-    correlated: FloatArray
-
-
-@dataclass(frozen=True, eq=False)
 class Window:
     """Expectation of a binned periodogram of the frames that are present.
 
@@ -217,20 +207,46 @@ class Window:
         Source: PHYSICS section 1, forms A and B with the window's lag weights.
         """
         modes = self.recorded(tau_s, exposure_s)
-        return np.asarray(np.asarray(variance)[:, None] * self.unit_power(modes))
+        of_window = (self.white, self.short, self.slow.x, self.slow.c)
+        unit = powers_of_modes(*modes, *of_window)
+        return np.asarray((2 * self.frame_s * np.asarray(variance))[:, None] * unit)
 
-    def recorded(self, tau_s: FloatArray, exposure_s: float) -> RecordedModes:
-        """Modes (n,) as the camera sees them; the same for all windows of one length."""
+    def recorded(
+        self, tau_s: FloatArray, exposure_s: float
+    ) -> tuple[FloatArray, FloatArray, FloatArray]:
+        """Relaxation times over D, white and correlated part (`camera.recorded_parts`) of modes.
+
+        (n,) of each; the same for all windows of one length.
+        """
         longest = self.frame_s * np.exp(self.slow.x[-1])
         tau = np.clip(tau_s, SHORTEST * self.frame_s, longest)
-        parts = cam.recorded_parts(tau, Camera(self.frame_s, exposure_s))
-        return RecordedModes(tau / self.frame_s, *parts)
+        return tau / self.frame_s, *cam.recorded_parts(tau, Camera(self.frame_s, exposure_s))
 
-    def unit_power(self, modes: RecordedModes) -> FloatArray:
-        """(n, n_bins) expected power of modes of unit variance, per Hz, one-sided."""
-        of_window = (self.white, self.short, self.slow.x, self.slow.c)
-        power = unit_power(modes.tau, modes.white, modes.correlated, *of_window)
-        return np.multiply(power, 2 * self.frame_s, out=power)
+
+def expected_matrix(
+    windows: Sequence[Window], tau_s: FloatArray, covariance: FloatArray, exposure_s: float
+) -> FloatArray:
+    """Expected power matrices of modes that move several axes.
+
+    What two axes have in common is of the geometric mean of their windows.
+
+    Parameters
+    ----------
+    windows : one per axis, of the same frames. tau_s : (n,). covariance : (n, axes, axes) in nm².
+
+    Returns
+    -------
+    (n_bins, axes, axes) nm²/Hz, one-sided.
+    """
+    power = power_matrix(
+        *windows[0].recorded(tau_s, exposure_s),
+        covariance,
+        tuple(window.white for window in windows),
+        tuple(window.short for window in windows),
+        tuple(window.slow.x for window in windows),
+        tuple(window.slow.c for window in windows),
+    )
+    return np.multiply(power, 2 * windows[0].frame_s, out=power)
 
 
 @functools.lru_cache(maxsize=256)

@@ -14,7 +14,49 @@ from mtpipe.physics.camera import FloatArray
 
 
 @compiled
-def unit_power(
+def of_one_mode(
+    tau: float,
+    white: float,
+    correlated: float,
+    of_white: FloatArray,
+    of_lag: FloatArray,
+    knots: FloatArray,
+    cubics: FloatArray,
+    power: FloatArray,
+) -> None:
+    """Expected binned periodogram, over 2D, of a mode of unit variance, into `power` (n_bins,).
+
+    Parameters
+    ----------
+    tau : relaxation time over the frame interval.
+    white, correlated : how much of the mode is which (`physics.camera.recorded_parts`).
+    of_white : (n_bins,) what a window makes of white noise.
+    of_lag : (lags, n_bins) what it makes of unit covariance at lag ±1, ±2, …
+    knots, cubics : (k + 1,) and (4, k, n_bins) of the spline over ln τ, in equal steps, of the
+        logarithm of what it makes of the covariance e^{−|m|/τ}.
+    """
+    bins = len(of_white)
+    if tau >= 1:
+        x = math.log(tau)
+        at = int((x - knots[0]) / (knots[1] - knots[0]))
+        at = min(max(at, 0), cubics.shape[1] - 1)
+        x -= knots[at]
+        for i in range(bins):
+            ln = (cubics[0, at, i] * x + cubics[1, at, i]) * x + cubics[2, at, i]
+            decaying = math.exp(ln * x + cubics[3, at, i])
+            power[i] = white * of_white[i] + correlated * decaying
+        return
+    for i in range(bins):
+        power[i] = white * of_white[i]
+    decay, left = math.exp(-1 / tau), correlated
+    for lag in range(len(of_lag)):
+        for i in range(bins):
+            power[i] += left * of_lag[lag, i]
+        left *= decay
+
+
+@compiled
+def powers_of_modes(
     tau: FloatArray,
     white: FloatArray,
     correlated: FloatArray,
@@ -23,39 +65,50 @@ def unit_power(
     knots: FloatArray,
     cubics: FloatArray,
 ) -> FloatArray:
-    """Expected binned periodogram, over 2D, of modes of unit variance.
+    """(n, n_bins) expected binned periodograms, over 2D, of n modes of unit variance.
 
-    Parameters
-    ----------
-    tau : (n,) relaxation times over the frame interval.
-    white, correlated : (n,) how much of each mode is which (`physics.camera.recorded_parts`).
-    of_white : (n_bins,) what a window makes of white noise.
-    of_lag : (lags, n_bins) what it makes of unit covariance at lag ±1, ±2, …
-    knots, cubics : (k + 1,) and (4, k, n_bins) of the spline over ln τ, in equal steps, of the
-        logarithm of what it makes of the covariance e^{−|m|/τ}.
-
-    Returns
-    -------
-    (n, n_bins).
+    Parameters: as of `of_one_mode`, the first three (n,).
     """
-    bins = len(of_white)
-    power = np.empty((len(tau), bins))
-    for mode in range(len(tau)):
-        if tau[mode] >= 1:
-            x = math.log(tau[mode])
-            at = int((x - knots[0]) / (knots[1] - knots[0]))
-            at = min(max(at, 0), cubics.shape[1] - 1)
-            x -= knots[at]
-            for i in range(bins):
-                ln = (cubics[0, at, i] * x + cubics[1, at, i]) * x + cubics[2, at, i]
-                decaying = math.exp(ln * x + cubics[3, at, i])
-                power[mode, i] = white[mode] * of_white[i] + correlated[mode] * decaying
-        else:
-            for i in range(bins):
-                power[mode, i] = white[mode] * of_white[i]
-            decay, left = math.exp(-1 / tau[mode]), correlated[mode]
-            for lag in range(len(of_lag)):
+    powers = np.empty((len(tau), len(of_white)))
+    for k in range(len(tau)):
+        of_one_mode(tau[k], white[k], correlated[k], of_white, of_lag, knots, cubics, powers[k])
+    return powers
+
+
+@compiled
+def power_matrix(
+    tau: FloatArray,
+    white: FloatArray,
+    correlated: FloatArray,
+    covariance: FloatArray,
+    of_white: tuple[FloatArray, ...],
+    of_lag: tuple[FloatArray, ...],
+    knots: tuple[FloatArray, ...],
+    cubics: tuple[FloatArray, ...],
+) -> FloatArray:
+    """(n_bins, axes, axes) expected binned periodograms and what is common to two axes, over 2D.
+
+    Parameters: as of `of_one_mode`, the first three (n,), the last four per axis.
+    covariance : (n, axes, axes) of each mode.
+    """
+    bins, axes = len(of_white[0]), covariance.shape[1]
+    power = np.zeros((bins, axes, axes))
+    unit = np.empty((axes, bins))
+    for k in range(len(tau)):
+        for a in range(axes):
+            if covariance[k, a, a] != 0:
+                of_one_mode(
+                    tau[k], white[k], correlated[k], of_white[a], of_lag[a], knots[a], cubics[a],
+                    unit[a],
+                )  # fmt: skip
                 for i in range(bins):
-                    power[mode, i] += left * of_lag[lag, i]
-                left *= decay
+                    power[i, a, a] += covariance[k, a, a] * unit[a, i]
+        for a in range(axes):
+            for b in range(a):
+                if covariance[k, a, b] != 0:
+                    for i in range(bins):
+                        power[i, a, b] += covariance[k, a, b] * math.sqrt(unit[a, i] * unit[b, i])
+    for a in range(axes):
+        for b in range(a):
+            power[:, b, a] = power[:, a, b]
     return power

@@ -15,6 +15,7 @@ from mtpipe.configured.data import plateau_data
 from mtpipe.configured.fit import fit_configured, gradient_of, nearby_fit, slopes
 from mtpipe.configured.model import ConfiguredModel, heights_missed_nm
 from mtpipe.configured.spectra import matrix_periodogram
+from mtpipe.configured.three_axes import inverses
 from mtpipe.crosschecking.case import described, prepare
 from mtpipe.crosschecking.twin import TwinMaker
 from mtpipe.drift import subtract_drift
@@ -57,6 +58,19 @@ def test_white_noise_in_common_to_two_axes_is_their_cross_spectrum():
     own = np.average(found.power[:, 1, 1] / found.gain(1), weights=found.ordinates)
     assert cross == pytest.approx(-2 * level, rel=0.04)
     assert own == pytest.approx(5 * level, rel=0.04)
+
+
+def test_inverses_and_determinants_are_those_of_lapack():
+    root = np.random.default_rng(2).normal(size=(50, 3, 3)) * [[1.0], [1e3], [1e-3]]
+    power = root @ np.swapaxes(root, 1, 2)
+    inverse, log_determinant = inverses(power)
+    size = 1 / np.sqrt(np.diagonal(power, axis1=1, axis2=2))
+    error = (inverse - np.linalg.inv(power)) / (size[:, :, None] * size[:, None, :])
+    assert np.max(np.abs(error)) < 1e-6
+    assert log_determinant == pytest.approx(np.linalg.slogdet(power)[1], abs=1e-8)
+    none, ln_none = inverses(np.zeros((1, 3, 3)))
+    assert np.isnan(none).all()
+    assert np.isnan(ln_none).all()
 
 
 def test_forces_are_found_with_the_errors_stated(fitted):

@@ -8,7 +8,7 @@ import pytest
 from mtpipe.errors import FitError
 from mtpipe.physics.camera import Camera, frame_variance, lag_one_covariance, power_spectrum
 from mtpipe.physics.langevin import simulate_mode
-from mtpipe.spectrum import bin_edges, periodogram, prewhitening
+from mtpipe.spectrum import bin_edges, expected_matrix, periodogram, prewhitening
 
 CAMERA = Camera(1 / 100, 0.6 / 100)
 
@@ -118,6 +118,24 @@ def test_gaps_do_not_bias_the_periodogram(gaps):
     high = slice(len(bare) // 2, None)
     n = spectrum.ordinates[high]
     assert abs(n @ (ratio / bare - 1)[high] / n.sum()) * np.sqrt(repeats * n.sum()) > 8
+
+
+def test_modes_that_move_several_axes_are_the_sum_of_their_covariances():
+    """Fast and slow modes; what two axes have in common is of the mean of their windows."""
+    random = np.random.default_rng(3)
+    x = np.cumsum(random.normal(size=(1024, 3)), axis=0)
+    windows = [
+        periodogram(x[:, axis], CAMERA.frame_s, phi=phi).window
+        for axis, phi in enumerate((0.0, 0.5, 0.9))
+    ]
+    tau_s = CAMERA.frame_s * np.array([0.05, 0.7, 1.0, 8.0, 1e9])
+    amplitude = random.normal(size=(len(tau_s), 3))
+    amplitude[1, 2] = amplitude[3, 0] = 0.0
+    covariance = amplitude[:, :, None] * amplitude[:, None, :]
+    found = expected_matrix(windows, tau_s, covariance, CAMERA.exposure_s)
+    unit = np.array([one.expected(np.ones(5), tau_s, CAMERA.exposure_s) for one in windows])
+    expected = np.einsum("mab,amf,bmf->fab", covariance, np.sqrt(unit), np.sqrt(unit))
+    assert found == pytest.approx(expected, rel=1e-12, abs=1e-12 * np.abs(expected).max())
 
 
 def test_low_frequencies_and_short_traces_are_refused_in_words():

@@ -7,6 +7,7 @@ or are none of the motion's: what was computed is kept for a while.
 from __future__ import annotations
 
 import functools
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 
@@ -29,6 +30,7 @@ from mtpipe.experiment.description import (
 from mtpipe.experiment.readout import force_course, readout, recorded_height_nm
 from mtpipe.experiment.state import BeadState, bead_states, recorded_modes
 from mtpipe.physics.camera import Camera, FloatArray, power_spectrum
+from mtpipe.spectrum import expected_matrix
 
 # Heights are not believed better than this: rounding, interpolated formulas, time steps.
 LEAST_HEIGHT_STDERR_NM = 0.1
@@ -173,7 +175,10 @@ def _at_steady_force(
     power = motion.power.copy()
     passed = _passed(data, subtraction, stage.reference_nm, stage.reference_s, camera)
     added_nm2 = np.square(experiment.tracker.noise_nm) + passed
-    own = power[:, DIAGONAL, DIAGONAL] + 2 * camera.frame_s * _white(data) * added_nm2
+    own = (
+        power[:, DIAGONAL, DIAGONAL]
+        + 2 * camera.frame_s * _white(data)[:, DIAGONAL, DIAGONAL] * added_nm2
+    )
     # dropped frames take white power away; what is left is never none
     power[:, DIAGONAL, DIAGONAL] = np.maximum(own, LEAST_POWER * own.max(axis=0))
     for line in stage.lines:
@@ -205,30 +210,22 @@ class _Motion:
 def _motion(data: PlateauData, moving: _Moving, force_pN: float) -> _Motion:
     camera = moving.experiment.camera
     parts = readout(moving.experiment, moving.core.state(force_pN), data.duration_s)
-    windows = data.spectrum.windows
-    modes = windows[0].recorded(parts.tau_s, camera.exposure_s)
-    kernels = [window.unit_power(modes) for window in windows]
-    power = np.zeros((len(data.spectrum.frequency_hz), 3, 3))
-    level = 2 * camera.frame_s
-    for a in range(3):
-        for b in range(a, 3):
-            variance, white = parts.covariance_nm2[:, a, b], parts.white_nm2[a, b]
-            if not variance.any() and white == 0:
-                continue
-            kernel = kernels[a] if a == b else np.sqrt(kernels[a] * kernels[b])
-            flat = np.sqrt(windows[a].white * windows[b].white)
-            power[:, a, b] = power[:, b, a] = variance @ kernel + level * white * flat
+    covariance = parts.covariance_nm2
+    power = expected_matrix(data.spectrum.windows, parts.tau_s, covariance, camera.exposure_s)
+    if parts.white_nm2.any():
+        power += 2 * camera.frame_s * parts.white_nm2 * _white(data)
     # a walk moves the heights of all later plateaus: that is the model's business
     steady = slice(-1) if parts.walks else slice(None)
-    variance, tau_s = parts.covariance_nm2[steady, 2, 2], parts.tau_s[steady]
+    variance, tau_s = covariance[steady, 2, 2], parts.tau_s[steady]
     height_variance = min(2 * float(variance @ tau_s) / data.duration_s, float(variance.sum()))
     return _Motion(power, parts.extension_nm, height_variance)
 
 
 @functools.lru_cache(maxsize=256)
 def _white(data: PlateauData) -> FloatArray:
-    """(n_bins, 3) what the windows make of white noise."""
-    return np.column_stack([window.white for window in data.spectrum.windows])
+    """(n_bins, 3, 3) what the windows make of white noise of each axis, and common to two."""
+    root = np.sqrt([window.white for window in data.spectrum.windows])
+    return np.asarray(np.einsum("af,bf->fab", root, root))
 
 
 @functools.lru_cache(maxsize=1024)
@@ -307,6 +304,11 @@ def changed_spectra(
             ]
             changes[axis, kind] = (spectra[0] - spectra[1]) / DIFFERENCE / here[:, axis, axis]
     return changes
+
+
+def larger_pN(force_pN: float) -> float:
+    """The force at which it is seen how expectations follow it."""
+    return force_pN * math.exp(DIFFERENCE)
 
 
 def know_states(

@@ -16,7 +16,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mtpipe.configured.data import PlateauData
-from mtpipe.configured.expectation import DIFFERENCE, Course, Expectation, course_of, know_states
+from mtpipe.configured.expectation import (
+    DIFFERENCE,
+    Course,
+    Expectation,
+    course_of,
+    know_states,
+    larger_pN,
+)
 from mtpipe.configured.model import (
     ConfiguredModel,
     heights_missed_nm,
@@ -24,6 +31,7 @@ from mtpipe.configured.model import (
     spectral_log_likelihood,
 )
 from mtpipe.configured.spectra import Transform
+from mtpipe.configured.three_axes import inverses
 from mtpipe.errors import FitError
 from mtpipe.experiment.description import Experiment
 from mtpipe.experiment.parameter import Parameter
@@ -264,14 +272,12 @@ def slopes(model: ConfiguredModel, theta: FloatArray, expected: list[Expectation
         moved[plateaus + k] += step
         shifted.append((step, model.described(moved)))
     forces = [rest.force_pN for rest in experiment.rests]
-    larger = [force * float(np.exp(DIFFERENCE)) for force in forces]
-    know_states(model.data, experiment, [[force] for force in larger])
     for _, other in shifted:
         know_states(model.data, other, [[force] for force in forces])
     found = []
     for i, here in enumerate(expected):
         force = forces[i]
-        others = [(DIFFERENCE, model.expected(experiment, i, larger[i]))]
+        others = [(DIFFERENCE, model.expected(experiment, i, larger_pN(force)))]
         for k, (step, other) in enumerate(shifted):
             try:
                 others.append((step, model.expected(other, i, force)))
@@ -280,7 +286,7 @@ def slopes(model: ConfiguredModel, theta: FloatArray, expected: list[Expectation
                 back = theta.copy()
                 back[plateaus + k] -= step
                 others.append((-step, model.expected(model.described(back), i, force)))
-        inverse = np.asarray(np.linalg.inv(here.random_power))
+        inverse, _ = inverses(here.random_power)
         power = np.array([(o.random_power - here.random_power) / step for step, o in others])
         height = np.array([(o.extension_nm - here.extension_nm) / step for step, o in others])
         whitened = np.asarray(inverse @ power)

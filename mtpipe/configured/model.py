@@ -22,7 +22,14 @@ import numpy as np
 from scipy import linalg
 
 from mtpipe.configured.data import PlateauData
-from mtpipe.configured.expectation import Expectation, Subtraction, expectation, know_states
+from mtpipe.configured.expectation import (
+    Expectation,
+    Subtraction,
+    expectation,
+    know_states,
+    larger_pN,
+)
+from mtpipe.configured.three_axes import inverses
 from mtpipe.experiment.description import Experiment, Rest
 from mtpipe.experiment.known_force import KnownForce
 from mtpipe.experiment.parameter import Parameter
@@ -85,7 +92,9 @@ class ConfiguredModel:
     def all_expected(self, theta: FloatArray) -> list[Expectation]:
         """What all plateaus' data should be at θ."""
         experiment = self.described(theta)
-        know_states(self.data, experiment, [[rest.force_pN] for rest in experiment.rests])
+        # slopes will ask for the second
+        forces = [[rest.force_pN, larger_pN(rest.force_pN)] for rest in experiment.rests]
+        know_states(self.data, experiment, forces)
         return [
             self.expected(experiment, i, rest.force_pN) for i, rest in enumerate(experiment.rests)
         ]
@@ -169,6 +178,6 @@ def power_about_course(data: PlateauData, expected: Expectation) -> FloatArray:
 
 def spectral_log_likelihood(data: PlateauData, expected: Expectation) -> FloatArray:
     """(n_bins,) −n (ln det S + tr S⁻¹P) of each bin, about the height's course."""
-    power = expected.random_power
-    trace = np.einsum("fab,fba->f", np.linalg.inv(power), power_about_course(data, expected))
-    return np.asarray(-data.spectrum.ordinates * (np.linalg.slogdet(power)[1] + trace))
+    inverse, log_determinant = inverses(expected.random_power)
+    trace = np.einsum("fab,fba->f", inverse, power_about_course(data, expected))
+    return np.asarray(-data.spectrum.ordinates * (log_determinant + trace))
