@@ -9,26 +9,22 @@ from __future__ import annotations
 import functools
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass
 
 import numpy as np
 
 from mtpipe.configured.data import PlateauData
+from mtpipe.configured.layers import Moving, Steady, steady_of
 from mtpipe.configured.spectra import Transform
 from mtpipe.drift.lowpass import response
-from mtpipe.errors import FitError
 from mtpipe.experiment.description import (
-    Clock,
     Experiment,
     ForceCourse,
     Line,
-    Optics,
-    Stage,
-    Tracker,
     Triple,
 )
 from mtpipe.experiment.readout import force_course, readout, recorded_height_nm
-from mtpipe.experiment.state import BeadState, bead_states, recorded_modes
+from mtpipe.experiment.state import recorded_modes
 from mtpipe.physics.camera import Camera, FloatArray, power_spectrum
 from mtpipe.spectrum import expected_matrix
 
@@ -39,8 +35,6 @@ LEAST_POWER = 1e-6
 # So many forces stand for a plateau during which the force changes; fewer, and of spectra their
 # mean alone, where it changes by less than so much.
 COURSE_POINTS, FEWER_POINTS, SMALL_CHANGE = 5, 3, 0.1
-# So many descriptions are kept, with the states of the bead.
-MOST_KNOWN = 512
 DIAGONAL = np.arange(3)
 
 
@@ -111,14 +105,14 @@ def expectation(
     FitError : the force is too small to keep the bead off the surface.
     """
     course = experiment.magnets.course(plateau)
-    return _expectation(data, subtraction, _steady(experiment), course, force_pN)
+    return _expectation(data, subtraction, steady_of(experiment), course, force_pN)
 
 
 @functools.lru_cache(maxsize=2048)
 def _expectation(
     data: PlateauData,
     subtraction: Subtraction,
-    steady: _Steady,
+    steady: Steady,
     course: ForceCourse,
     force_pN: float,
 ) -> Expectation:
@@ -157,7 +151,7 @@ def _course_nodes(
     return relative, np.linspace(relative.min(), relative.max(), points)
 
 
-def _height_nm(steady: _Steady, force_pN: float) -> float:
+def _height_nm(steady: Steady, force_pN: float) -> float:
     return recorded_height_nm(steady.experiment, steady.moving.core.state(force_pN))
 
 
@@ -167,7 +161,7 @@ def course_of(data: PlateauData, transform: Transform) -> Course:
 
 
 def _at_steady_force(
-    data: PlateauData, subtraction: Subtraction, steady: _Steady, force_pN: float
+    data: PlateauData, subtraction: Subtraction, steady: Steady, force_pN: float
 ) -> Expectation:
     experiment = steady.experiment
     stage, camera = experiment.stage, experiment.camera
@@ -175,10 +169,8 @@ def _at_steady_force(
     power = motion.power.copy()
     passed = _passed(data, subtraction, stage.reference_nm, stage.reference_s, camera)
     added_nm2 = np.square(experiment.tracker.noise_nm) + passed
-    own = (
-        power[:, DIAGONAL, DIAGONAL]
-        + 2 * camera.frame_s * _white(data)[:, DIAGONAL, DIAGONAL] * added_nm2
-    )
+    white = 2 * camera.frame_s * _white(data)[:, DIAGONAL, DIAGONAL]
+    own = power[:, DIAGONAL, DIAGONAL] + white * added_nm2
     # dropped frames take white power away; what is left is never none
     power[:, DIAGONAL, DIAGONAL] = np.maximum(own, LEAST_POWER * own.max(axis=0))
     for line in stage.lines:
@@ -207,7 +199,7 @@ class _Motion:
 
 
 @functools.lru_cache(maxsize=4096)
-def _motion(data: PlateauData, moving: _Moving, force_pN: float) -> _Motion:
+def _motion(data: PlateauData, moving: Moving, force_pN: float) -> _Motion:
     camera = moving.experiment.camera
     parts = readout(moving.experiment, moving.core.state(force_pN), data.duration_s)
     covariance = parts.covariance_nm2
@@ -284,7 +276,7 @@ def changed_spectra(
     ----------
     here : (n_bins, 3, 3) expected power.
     """
-    parts = recorded_modes(_steady(experiment).moving.core.state(force_pN))
+    parts = recorded_modes(steady_of(experiment).moving.core.state(force_pN))
     changes = np.empty((3, 2, len(here)))
     for axis in range(3):
         window = data.spectrum.windows[axis]
@@ -329,70 +321,4 @@ def know_states(
         if course.relative_change != 0:
             nodes = _course_nodes(one, course, experiment.camera.frame_s)[1]
             states += np.multiply.outer(forces, 1 + nodes).ravel().tolist()
-    _steady(experiment).moving.core.know(list(dict.fromkeys(states)))
-
-
-@dataclass(frozen=True, eq=False)
-class _Core:
-    """The part of a description that the bead's motion depends on, and states of the bead that are
-    known by force, or why there is none.
-    """
-
-    experiment: Experiment
-    known: dict[float, BeadState | FitError] = field(default_factory=dict)
-
-    def know(self, forces_pN: Sequence[float]) -> None:
-        missing = [force for force in forces_pN if force not in self.known]
-        if missing:
-            self.known.update(zip(missing, bead_states(self.experiment, missing), strict=True))
-
-    def state(self, force_pN: float) -> BeadState:
-        self.know([force_pN])
-        found = self.known[force_pN]
-        if isinstance(found, FitError):
-            raise found.with_traceback(None)
-        return found
-
-
-@dataclass(frozen=True, eq=False)
-class _Moving:
-    """The part of a description that the recorded motion depends on, noise and lines apart."""
-
-    experiment: Experiment
-    core: _Core
-
-
-@dataclass(frozen=True, eq=False)
-class _Steady:
-    """A description at a steady force."""
-
-    experiment: Experiment
-    moving: _Moving
-
-
-# Of equal parts of descriptions there is one object, so that what is kept is found by that.
-
-
-@functools.lru_cache(maxsize=MOST_KNOWN)
-def _steady(experiment: Experiment) -> _Steady:
-    if experiment.rests or experiment.magnets.courses:
-        magnets = replace(experiment.magnets, courses=())
-        return _steady(replace(experiment, rests=(), magnets=magnets))
-    return _Steady(experiment, _moving(experiment))
-
-
-def _moving(experiment: Experiment) -> _Moving:
-    left = Stage(unsubtracted_nm_per_root_s=experiment.stage.unsubtracted_nm_per_root_s)
-    optics = replace(experiment.optics, z_zero_nm=0.0)
-    return _the_moving(replace(experiment, tracker=Tracker(), stage=left, optics=optics))
-
-
-@functools.lru_cache(maxsize=MOST_KNOWN)
-def _the_moving(experiment: Experiment) -> _Moving:
-    core = replace(experiment, stage=Stage(), optics=Optics(), clock=Clock(), hopping=None)
-    return _Moving(experiment, _the_core(core))
-
-
-@functools.lru_cache(maxsize=MOST_KNOWN)
-def _the_core(experiment: Experiment) -> _Core:
-    return _Core(experiment)
+    steady_of(experiment).moving.core.know(list(dict.fromkeys(states)))
