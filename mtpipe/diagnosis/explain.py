@@ -64,8 +64,9 @@ THIRD_NATS = 100.0
 # larger than this many times what it was.
 MOST_CANDIDATES, MORE_ODD = 3, 1.25
 # An effect is named beside an unexplained rest only if it explains so much of the misfit, in ln
-# likelihood and in ln p.
-MOST_OF_IT = 0.7
+# likelihood and in ln p: what no name describes looks like something that one does, but for a fifth
+# or more of it.
+MOST_OF_IT = 0.9
 # A p-value of 120 simulations differs tenfold from one set of them to the next where it is small.
 SURE_SIMULATIONS = 400
 Progress = Callable[[str], None]
