@@ -9,13 +9,14 @@ from __future__ import annotations
 import functools
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 
 from mtpipe.configured.data import PlateauData
 from mtpipe.configured.layers import Moving, Steady, steady_of
 from mtpipe.configured.spectra import Transform
+from mtpipe.configured.walk import line_of
 from mtpipe.drift.lowpass import response
 from mtpipe.experiment.description import (
     Experiment,
@@ -69,20 +70,27 @@ class Expectation:
     extension_nm, extension_stderr_nm : mean height and its standard error, apart from what a random
         walk has moved the bead by since the recording began.
     course : of the height, which is not left to chance; None where the force is steady.
+    walked_nm2 : (3,) variance of how far a random walk ends from where it began; `random_power` has
+        what is apart from the line between. line_power : (n_bins, 3, 3) of such lines, per nm².
     """
 
     random_power: FloatArray
     extension_nm: float
     extension_stderr_nm: float
     course: Course | None = None
+    walked_nm2: FloatArray = field(default_factory=lambda: np.zeros(3))
+    line_power: FloatArray | None = None
 
     @functools.cached_property
     def power(self) -> FloatArray:
         """(n_bins, 3, 3) power matrix per bin that a recording should have."""
-        if self.course is None:
+        if self.course is None and self.line_power is None:
             return self.random_power
         power = self.random_power.copy()
-        power[:, 2, 2] += self.course.power
+        if self.line_power is not None:
+            power[:, DIAGONAL, DIAGONAL] += self.walked_nm2 * self.line_power[:, DIAGONAL, DIAGONAL]
+        if self.course is not None:
+            power[:, 2, 2] += self.course.power
         return power
 
 
@@ -138,6 +146,8 @@ def _expectation(
         float(heights.mean()),
         float(share @ [one.extension_stderr_nm for one in each]),
         course_of(data, data.spectrum.transform_of(heights, 2)),
+        each[0].walked_nm2,
+        each[0].line_power,
     )
 
 
@@ -181,6 +191,9 @@ def _at_steady_force(
         power,
         motion.extension_nm + experiment.optics.z_zero_nm,
         float(np.hypot(np.sqrt(motion.height_variance_nm2 + slow), LEAST_HEIGHT_STDERR_NM)),
+        None,
+        motion.walked_nm2,
+        line_of(data).power if motion.walked_nm2.any() else None,
     )
 
 
@@ -191,11 +204,13 @@ class _Motion:
     Attributes
     ----------
     power : (n_bins, 3, 3). height_variance_nm2 : of the mean height, apart from a random walk's.
+    walked_nm2 : (3,) as of `Expectation`.
     """
 
     power: FloatArray
     extension_nm: float
     height_variance_nm2: float
+    walked_nm2: FloatArray
 
 
 @functools.lru_cache(maxsize=4096)
@@ -210,7 +225,14 @@ def _motion(data: PlateauData, moving: Moving, force_pN: float) -> _Motion:
     steady = slice(-1) if parts.walks else slice(None)
     variance, tau_s = covariance[steady, 2, 2], parts.tau_s[steady]
     height_variance = min(2 * float(variance @ tau_s) / data.duration_s, float(variance.sum()))
-    return _Motion(power, parts.extension_nm, height_variance)
+    walked_nm2 = np.zeros(3)
+    # of longer recordings spectra are means of several, whose lines are not one
+    if parts.walks and len(data.spectrum.used) == 1:
+        gone = -np.expm1(-data.duration_s / parts.tau_s[-1])
+        walked_nm2 = 2 * np.diag(covariance[-1]) * gone
+        line = line_of(data).power[:, DIAGONAL, DIAGONAL]
+        power[:, DIAGONAL, DIAGONAL] -= walked_nm2 * line
+    return _Motion(power, parts.extension_nm, height_variance, walked_nm2)
 
 
 @functools.lru_cache(maxsize=256)

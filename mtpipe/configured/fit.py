@@ -27,11 +27,12 @@ from mtpipe.configured.expectation import (
 from mtpipe.configured.model import (
     ConfiguredModel,
     heights_missed_nm,
-    power_about_course,
+    random_part,
     spectral_log_likelihood,
 )
 from mtpipe.configured.spectra import Transform
 from mtpipe.configured.three_axes import inverses
+from mtpipe.configured.walk import Walked, line_of, walked
 from mtpipe.errors import FitError
 from mtpipe.experiment.description import Experiment
 from mtpipe.experiment.parameter import Parameter
@@ -218,7 +219,7 @@ def _best_of_grid(model: ConfiguredModel, experiment: Experiment, plateau: int) 
         heights = np.array([found[i].extension_nm for i in places])
         stderr = np.array([found[i].extension_stderr_nm for i in places])
         coarse = np.hypot(stderr, np.gradient(heights, places))
-        spectral = [float(np.sum(spectral_log_likelihood(data, found[i]))) for i in places]
+        spectral = [spectral_log_likelihood(data, found[i]) for i in places]
         value = np.array(spectral) - 0.5 * ((data.mean_nm[2] - heights) / coarse) ** 2
         value -= np.log(coarse)
         if not np.any(np.isfinite(value)):
@@ -246,6 +247,7 @@ class Slopes:
     rows : (k,) which coordinates move it. power : (k, n_bins, 3, 3) of what is left to chance and
         extension_nm : (k,) per unit of each.
     inverse : (n_bins, 3, 3) inverse of that power. whitened : inverse · power slopes.
+    walked : (k, 3) of the variance of where a walk ends.
     course : (k,) transforms of the height's course per unit of each; empty: none has one.
     """
 
@@ -254,6 +256,7 @@ class Slopes:
     extension_nm: FloatArray
     inverse: FloatArray
     whitened: FloatArray
+    walked: FloatArray
     course: Sequence[Transform] = ()
 
 
@@ -290,8 +293,10 @@ def slopes(model: ConfiguredModel, theta: FloatArray, expected: list[Expectation
         power = np.array([(o.random_power - here.random_power) / step for step, o in others])
         height = np.array([(o.extension_nm - here.extension_nm) / step for step, o in others])
         whitened = np.asarray(inverse @ power)
+        ends = np.array([(o.walked_nm2 - here.walked_nm2) / step for step, o in others])
         course = _course_slopes(here, others)
-        found.append(Slopes([i, *range(plateaus, n)], power, height, inverse, whitened, course))
+        rows = [i, *range(plateaus, n)]
+        found.append(Slopes(rows, power, height, inverse, whitened, ends, course))
     return found
 
 
@@ -319,9 +324,13 @@ def gradient_of(
     """Gradient of ln likelihood × prior at θ, for any data of the same shape."""
     gradient = np.zeros(len(theta))
     for one, here, slope in zip(data, expected, derivatives, strict=True):
-        excess = np.einsum("fab,fbc->fac", slope.inverse, power_about_course(one, here)) - np.eye(3)
+        recorded = random_part(one, here, slope.inverse)
+        excess = np.einsum("fab,fbc->fac", slope.inverse, recorded) - np.eye(3)
         weighted = excess * one.spectrum.ordinates[:, None, None]
         gradient[slope.rows] += np.einsum("kfab,fba->k", slope.whitened, weighted)
+        if slope.walked.any():
+            ends = _ends(one, here, slope)
+            gradient[slope.rows] += 0.5 * slope.walked @ (ends.pull**2 - np.diag(ends.seen))
         if slope.course:
             gradient[slope.rows] += _course_gradient(one, here, slope)
     whitening = model.height_whitening(expected, theta)
@@ -339,12 +348,21 @@ def gradient_of(
     return gradient
 
 
+def _ends(data: PlateauData, here: Expectation, slope: Slopes) -> Walked:
+    course = None if here.course is None else here.course.transform
+    return walked(data, slope.inverse, here.walked_nm2, course)
+
+
 def _course_gradient(data: PlateauData, here: Expectation, slope: Slopes) -> FloatArray:
     """(k,) how ln likelihood follows the height's course alone."""
     spectrum = data.spectrum
     rest = list(spectrum.transforms)
     if here.course is not None:
         rest[2] = rest[2] - here.course.transform
+    if here.walked_nm2.any():
+        ends = _ends(data, here, slope).mean_nm
+        lines = line_of(data).transforms
+        rest = [one - end * line for one, end, line in zip(rest, ends, lines, strict=True)]
     found = np.zeros(len(slope.course))
     for axis, transform in enumerate(rest):
         weight = 2 * spectrum.ordinates * slope.inverse[:, 2, axis]
@@ -386,11 +404,15 @@ def information_of(
     """Expected information about θ, priors included."""
     n = model.plateaus + len(model.parameters)
     information = np.zeros((n, n))
-    for data, slope in zip(model.data, derivatives, strict=True):
+    for data, here, slope in zip(model.data, expected, derivatives, strict=True):
         flat = slope.whitened.reshape(len(slope.rows), -1)
         turned = np.swapaxes(slope.whitened, 2, 3)
         weighted = (turned * data.spectrum.ordinates[:, None, None]).reshape(len(slope.rows), -1)
         information[np.ix_(slope.rows, slope.rows)] += flat @ weighted.T
+        if slope.walked.any():
+            seen = _ends(data, here, slope).seen
+            of_ends = 0.5 * slope.walked @ seen**2 @ slope.walked.T
+            information[np.ix_(slope.rows, slope.rows)] += of_ends
         if slope.course:
             information[np.ix_(slope.rows, slope.rows)] += _course_information(data, slope)
     whitening = model.height_whitening(expected, theta)
@@ -430,6 +452,8 @@ def nearby_fit(fit: ConfiguredFit, data: Sequence[PlateauData]) -> NearbyFit:
             random_power=_moved(here.random_power, np.tensordot(change[s.rows], s.power, 1)),
             extension_nm=here.extension_nm + float(change[s.rows] @ s.extension_nm),
             course=_moved_course(one, here.course, s, change[s.rows]),
+            walked_nm2=np.maximum(here.walked_nm2 + change[s.rows] @ s.walked, 0.0),
+            line_power=line_of(one).power if s.walked.any() else None,
         )
         for one, here, s in zip(data, fit.expected, fit.slopes, strict=True)
     ]

@@ -9,7 +9,8 @@ Per bin the power matrix of n ordinates is complex Wishart about its expectation
 Brillinger 1981, theorem 7.2.4), −n (ln det S + tr S⁻¹P), and what a force that changes does to the
 height is taken off z before; the mean height is Gaussian about the chain's with the variance that S
 has at zero frequency. Where the bead walks off, as effects may have it, the heights of later
-plateaus have wandered with it, and their errors are correlated.
+plateaus have wandered with it, and their errors are correlated; how far it has gone at the end of a
+plateau is in all ordinates at once, and is integrated out (`mtpipe.configured.walk`).
 """
 
 from __future__ import annotations
@@ -30,6 +31,7 @@ from mtpipe.configured.expectation import (
     larger_pN,
 )
 from mtpipe.configured.three_axes import inverses
+from mtpipe.configured.walk import Walked, power_without, walked
 from mtpipe.experiment.description import Experiment, Rest
 from mtpipe.experiment.known_force import KnownForce
 from mtpipe.experiment.parameter import Parameter
@@ -103,7 +105,7 @@ class ConfiguredModel:
         """ln likelihood × prior, up to a constant."""
         total = -0.5 * float(np.sum(self.pulls(theta) ** 2))
         for data, model in zip(self.data, expected, strict=True):
-            total += float(np.sum(spectral_log_likelihood(data, model)))
+            total += spectral_log_likelihood(data, model)
         whitening = self.height_whitening(expected, theta)
         pulls = whitening @ heights_missed_nm(self.data, expected)
         return total - 0.5 * float(pulls @ pulls) + float(np.sum(np.log(np.diag(whitening))))
@@ -176,8 +178,40 @@ def power_about_course(data: PlateauData, expected: Expectation) -> FloatArray:
     return data.spectrum.power_about(expected.course.transform, 2)
 
 
-def spectral_log_likelihood(data: PlateauData, expected: Expectation) -> FloatArray:
-    """(n_bins,) −n (ln det S + tr S⁻¹P) of each bin, about the height's course."""
+def ends_of(data: PlateauData, expected: Expectation, inverse: FloatArray) -> Walked | None:
+    """Where a bead that walks has ended; None where it does not.
+
+    Parameters
+    ----------
+    inverse : of the expected random power.
+    """
+    if not expected.walked_nm2.any():
+        return None
+    course = None if expected.course is None else expected.course.transform
+    return walked(data, inverse, expected.walked_nm2, course)
+
+
+def random_part(data: PlateauData, expected: Expectation, inverse: FloatArray) -> FloatArray:
+    """(n_bins, 3, 3) recorded power apart from the course of the height and the line of a walk.
+
+    Parameters
+    ----------
+    inverse : of the expected random power.
+    """
+    power = power_about_course(data, expected)
+    ends = ends_of(data, expected, inverse)
+    if ends is None:
+        return power
+    course = None if expected.course is None else expected.course.transform
+    return power_without(data, power, ends, course)
+
+
+def spectral_log_likelihood(data: PlateauData, expected: Expectation) -> float:
+    """−Σ n (ln det S + tr S⁻¹P) over bins, about the height's course, and what the ends add of a
+    bead that walks.
+    """
     inverse, log_determinant = inverses(expected.random_power)
     trace = np.einsum("fab,fba->f", inverse, power_about_course(data, expected))
-    return np.asarray(-data.spectrum.ordinates * (log_determinant + trace))
+    ends = ends_of(data, expected, inverse)
+    nats = -float(data.spectrum.ordinates @ (log_determinant + trace))
+    return nats if ends is None else nats + ends.nats

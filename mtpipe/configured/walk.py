@@ -1,0 +1,123 @@
+"""How far a bead has walked off in the end of a plateau, and what spectra are apart from that.
+
+A random walk is a bridge, which ends where it began, and a straight line to where it ends. Both
+are independent, and so are the bridge's ordinates (Watson 1961, Biometrika 48:109); the line is in
+all of them at once. Power matrices S are expected of all but the line; its three unknown ends X,
+Gaussian with variances σ², are integrated out, which leaves Gaussian ends with a mean and a
+covariance.
+"""
+
+from __future__ import annotations
+
+import functools
+from dataclasses import dataclass
+
+import numpy as np
+
+from mtpipe.configured.data import PlateauData
+from mtpipe.configured.spectra import Transform
+from mtpipe.physics.camera import FloatArray
+
+
+@dataclass(frozen=True, eq=False)
+class Line:
+    """A straight line from 0 to 1 nm through a plateau, along each axis.
+
+    Attributes
+    ----------
+    transforms : per axis, as of the recorded ones.
+    power : (n_bins, 3, 3) of two lines in common; with_data : of each line and each recorded axis.
+    """
+
+    transforms: tuple[Transform, ...]
+    power: FloatArray
+    with_data: FloatArray
+
+
+@functools.lru_cache(maxsize=64)
+def line_of(data: PlateauData) -> Line:
+    """The line of a plateau."""
+    spectrum = data.spectrum
+    frames = spectrum.used.size + 1
+    rising = np.arange(frames) / frames
+    transforms = tuple(spectrum.transform_of(rising, axis) for axis in range(3))
+    return Line(
+        transforms,
+        _in_common(data, transforms, transforms),
+        _in_common(data, transforms, spectrum.transforms),
+    )
+
+
+def _in_common(
+    data: PlateauData, first: tuple[Transform, ...], second: tuple[Transform, ...]
+) -> FloatArray:
+    rows = [[data.spectrum.common_power(a, b) for b in second] for a in first]
+    return np.moveaxis(np.array(rows), -1, 0)
+
+
+@dataclass(frozen=True, eq=False)
+class Walked:
+    """What a plateau's spectra tell of its ends.
+
+    Attributes
+    ----------
+    mean_nm : (3,). covariance_nm2 : (3, 3).
+    nats : of ln likelihood, over that with no line.
+    seen : (3, 3) inverse covariance of the ends as they are seen, σ² included.
+    pull : (3,) of the ends in units of σ².
+    """
+
+    mean_nm: FloatArray
+    covariance_nm2: FloatArray
+    nats: float
+    seen: FloatArray
+    pull: FloatArray
+
+
+def walked(
+    data: PlateauData, inverse: FloatArray, variance_nm2: FloatArray, course: Transform | None
+) -> Walked:
+    """The ends of a plateau.
+
+    Parameters
+    ----------
+    inverse : (n_bins, 3, 3) of the power matrices apart from the line. variance_nm2 : (3,) σ².
+    course : what is known to be in z.
+    """
+    line = line_of(data)
+    weighted = data.spectrum.ordinates[:, None, None] * inverse
+    sharpness = np.einsum("fab,fab->ab", weighted, line.power)
+    towards = np.einsum("fab,fab->a", weighted, _about(data, line, course))
+    grown = np.eye(3) + 2 * sharpness * variance_nm2
+    pull = 2 * np.linalg.solve(grown, towards)
+    mean = variance_nm2 * pull
+    covariance = np.linalg.solve(grown.T, np.diag(variance_nm2)).T
+    nats = float(towards @ mean) - 0.5 * float(np.linalg.slogdet(grown)[1])
+    seen = 2 * np.linalg.solve(grown, sharpness)
+    return Walked(mean, (covariance + covariance.T) / 2, nats, seen, pull)
+
+
+def _about(data: PlateauData, line: Line, course: Transform | None) -> FloatArray:
+    """(n_bins, 3, 3) of each line and each recorded axis, z about its course."""
+    if course is None:
+        return line.with_data
+    found = line.with_data.copy()
+    rest = data.spectrum.transforms[2] - course
+    for axis, transform in enumerate(line.transforms):
+        found[:, axis, 2] = data.spectrum.common_power(transform, rest)
+    return found
+
+
+def power_without(
+    data: PlateauData, power: FloatArray, ends: Walked, course: Transform | None
+) -> FloatArray:
+    """(n_bins, 3, 3) recorded power apart from the line, as expected over its ends.
+
+    Parameters
+    ----------
+    power : recorded, about the course. course : that was taken off.
+    """
+    line = line_of(data)
+    crossed = ends.mean_nm[:, None] * _about(data, line, course)
+    square = np.outer(ends.mean_nm, ends.mean_nm) + ends.covariance_nm2
+    return np.asarray(power - crossed - np.swapaxes(crossed, 1, 2) + square * line.power)
