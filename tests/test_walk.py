@@ -1,12 +1,13 @@
-"""Likelihood of spectra of a bead that walks off, against the law of all positions together."""
+"""Likelihood of a bead that walks off, against the law of all its positions together."""
 
 from dataclasses import replace
 
 import numpy as np
+from scipy import linalg
 
 from mtpipe.configured.data import plateau_data, whitening
-from mtpipe.configured.expectation import Subtraction, expectation
-from mtpipe.configured.model import spectral_log_likelihood
+from mtpipe.configured.expectation import LEAST_HEIGHT_STDERR_NM, Subtraction
+from mtpipe.configured.model import ConfiguredModel
 from mtpipe.experiment.changes import with_stage
 from mtpipe.experiment.from_setup import experiment_of
 from mtpipe.experiment.readout import readout
@@ -14,59 +15,76 @@ from mtpipe.experiment.state import bead_state
 from mtpipe.physics.camera import frame_variance, lag_one_covariance
 from tests.small_case import generator, setup
 
-FRAME_S, FRAMES, FORCE_PN, NOISE_NM = 1 / 120, 1024, 1.0, 2.0
+FRAME_S, FRAMES, FORCES_PN, NOISE_NM = 1 / 120, 512, (1.0, 4.0), 2.0
 NOTHING = Subtraction((None, None, None), (0.0, 0.0, 0.0))
+SIZES = 0.3, 0.6, 1.2, 2.4, 4.8
 
 
 def walking(nm_per_root_s):
-    experiment, _ = experiment_of(setup(), [FORCE_PN], FRAMES)
+    """An experiment in which z walks off."""
+    experiment, _ = experiment_of(setup(), FORCES_PN, FRAMES)
     tracker = replace(experiment.tracker, noise_nm=(NOISE_NM,) * 3)
-    stage = (nm_per_root_s, 0.0, 0.0)
-    return with_stage(replace(experiment, tracker=tracker), unsubtracted_nm_per_root_s=stage)
+    walk = (0.0, 0.0, nm_per_root_s)
+    return with_stage(replace(experiment, tracker=tracker), unsubtracted_nm_per_root_s=walk)
 
 
-def covariance_of(nm_per_root_s):
-    """Of x in all frames: the bead's modes, its walk and noise."""
+def law_of(nm_per_root_s):
+    """Mean of z in all frames of two plateaus, of which one follows the other, and a root of its
+    covariance.
+    """
     experiment = walking(0.0)
-    parts = readout(experiment, bead_state(experiment, FORCE_PN), FRAMES * FRAME_S)
     lag = np.abs(np.subtract.outer(np.arange(FRAMES), np.arange(FRAMES)))
-    found = nm_per_root_s**2 * FRAME_S * np.minimum.outer(np.arange(FRAMES), np.arange(FRAMES))
-    found = found + NOISE_NM**2 * (lag == 0)
-    for tau_s, variance in zip(parts.tau_s, parts.covariance_nm2[:, 0, 0], strict=True):
-        own = frame_variance(variance, tau_s, experiment.camera)
-        one = lag_one_covariance(variance, tau_s, experiment.camera)
-        found += np.where(lag == 0, own, one * np.exp(-(lag - 1.0) * FRAME_S / tau_s))
-    return found
+    frame = np.arange(2 * FRAMES)
+    mean = np.empty(2 * FRAMES)
+    covariance = nm_per_root_s**2 * FRAME_S * np.minimum.outer(frame, frame)
+    covariance += NOISE_NM**2 * np.eye(2 * FRAMES)
+    for i, force_pN in enumerate(FORCES_PN):
+        parts = readout(experiment, bead_state(experiment, force_pN), FRAMES * FRAME_S)
+        here = slice(i * FRAMES, (i + 1) * FRAMES)
+        mean[here] = parts.extension_nm
+        covariance[here, here] += LEAST_HEIGHT_STDERR_NM**2
+        for tau_s, variance in zip(parts.tau_s, parts.covariance_nm2[:, 2, 2], strict=True):
+            own = frame_variance(variance, tau_s, experiment.camera)
+            one = lag_one_covariance(variance, tau_s, experiment.camera)
+            decay = np.exp(-np.maximum(lag - 1, 0) * FRAME_S / tau_s)
+            covariance[here, here] += np.where(lag == 0, own, one * decay)
+    return mean, np.linalg.cholesky(covariance)
 
 
-def log_density(x, covariance):
-    """ln density of all differences of successive positions: they do not know the mean."""
-    apart = np.diff(np.eye(len(x)), axis=0)
-    root = np.linalg.cholesky(apart @ covariance @ apart.T)
-    return -0.5 * np.sum(np.linalg.solve(root, apart @ x) ** 2) - np.sum(np.log(np.diag(root)))
+def log_density(z, mean, root):
+    pulls = linalg.solve_triangular(root, z - mean, lower=True)
+    return -0.5 * np.sum(pulls**2) - np.sum(np.log(np.diag(root)))
 
 
 def test_likelihood_of_a_walk_is_that_of_all_positions():
-    """How much likelier one size of a walk is than another; negative control: ordinates taken for
-    independent.
+    """How much likelier the true size of a walk is than half and twice of it; negative control:
+    ordinates and heights taken for independent.
     """
-    sizes = 0.0, 4.0, 12.0, 40.0
-    law = {size: covariance_of(size) for size in sizes}
-    experiments = {size: walking(size) for size in sizes}
-    wrong: list[list[float]] = [[], []]
-    for seed, size in enumerate(sizes[1:] * 4):
+    laws = [law_of(size) for size in SIZES]
+    wrong = [[], []]
+    for seed, true in enumerate([1, 2, 3] * 5):
         random = generator(seed)
-        x = np.linalg.cholesky(law[size]) @ random.normal(size=FRAMES)
-        xyz = np.column_stack([x, *random.normal(scale=10.0, size=(2, FRAMES))])
-        data = plateau_data(xyz, FRAME_S, whitening(xyz, FRAME_S))
+        z = laws[true][0] + laws[true][1] @ random.normal(size=2 * FRAMES)
+        xyz = np.column_stack([*random.normal(scale=10.0, size=(2, 2 * FRAMES)), z])
+        halves = xyz[:FRAMES], xyz[FRAMES:]
+        data = tuple(plateau_data(half, FRAME_S, whitening(half, FRAME_S)) for half in halves)
         found = []
-        for one in experiments.values():
-            here = expectation(data, NOTHING, one, 0, FORCE_PN)
-            independent = replace(here, random_power=here.power, walked_nm2=np.zeros(3))
-            found.append([spectral_log_likelihood(data, e) for e in (here, independent)])
-        exact = np.array([log_density(x, law[other]) for other in sizes])
+        for size, law in zip(SIZES, laws, strict=True):
+            model = ConfiguredModel(data, walking(size), (), NOTHING)
+            theta = np.log(FORCES_PN)
+            here = model.all_expected(theta)
+            independent = [
+                replace(one, random_power=one.power, walked_nm2=np.zeros(3), line_power=None)
+                for one in here
+            ]
+            found.append(
+                [
+                    model.log_likelihood(here, theta) - log_density(z, *law),
+                    model.log_likelihood(independent, theta) - log_density(z, *law),
+                ]
+            )
         for each, values in zip(wrong, np.transpose(found), strict=True):
-            each += (values - exact - (values - exact)[sizes.index(size)]).tolist()
-    root_mean_square = np.sqrt(np.mean(np.square(wrong), axis=1))
-    assert root_mean_square[0] < 0.3
-    assert root_mean_square[1] > 0.6
+            each += [values[other] - values[true] for other in (true - 1, true + 1)]
+    exact, independent = np.sqrt(np.mean(np.square(wrong), axis=1))
+    assert exact < 0.25
+    assert independent > 0.5

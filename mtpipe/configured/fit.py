@@ -26,7 +26,6 @@ from mtpipe.configured.expectation import (
 )
 from mtpipe.configured.model import (
     ConfiguredModel,
-    heights_missed_nm,
     random_part,
     spectral_log_likelihood,
 )
@@ -75,14 +74,13 @@ class ConfiguredFit:
     @property
     def height_pulls(self) -> FloatArray:
         """(plateaus,) missed mean heights, independent and in standard errors."""
-        missed = heights_missed_nm(self.model.data, self.expected)
-        return np.asarray(self.model.height_whitening(self.expected, self.theta) @ missed)
+        return self.model.heights(self.model.data, self.expected, self.theta).pulls
 
     @property
     def height_pull_slopes(self) -> FloatArray:
         """(plateaus, coordinates) how these follow θ, the wandering as it is."""
-        whitening = self.model.height_whitening(self.expected, self.theta)
-        return np.asarray(-whitening @ height_slopes(self.slopes, len(self.theta)))
+        heights = self.model.heights(self.model.data, self.expected, self.theta)
+        return np.asarray(-heights.whitening @ height_slopes(self.slopes, len(self.theta)))
 
     @property
     def covariance(self) -> FloatArray:
@@ -323,23 +321,26 @@ def gradient_of(
 ) -> FloatArray:
     """Gradient of ln likelihood × prior at θ, for any data of the same shape."""
     gradient = np.zeros(len(theta))
-    for one, here, slope in zip(data, expected, derivatives, strict=True):
-        recorded = random_part(one, here, slope.inverse)
+    heights = model.heights(data, expected, theta)
+    for i, (one, here, slope) in enumerate(zip(data, expected, derivatives, strict=True)):
+        ends = heights.ends[i]
+        recorded = random_part(one, here, ends)
         excess = np.einsum("fab,fbc->fac", slope.inverse, recorded) - np.eye(3)
         weighted = excess * one.spectrum.ordinates[:, None, None]
         gradient[slope.rows] += np.einsum("kfab,fba->k", slope.whitened, weighted)
         if slope.walked.any():
-            ends = _ends(one, here, slope)
-            gradient[slope.rows] += 0.5 * slope.walked @ (ends.pull**2 - np.diag(ends.seen))
+            say = float(heights.end_pulls[i]), float(heights.end_sharpness[i])
+            known = ends or _ends(one, here, slope).with_heights(*say, here.walked_nm2)
+            gradient[slope.rows] += 0.5 * slope.walked @ (known.pull**2 - np.diag(known.seen))
         if slope.course:
-            gradient[slope.rows] += _course_gradient(one, here, slope)
-    whitening = model.height_whitening(expected, theta)
-    whitened = whitening.T @ (whitening @ heights_missed_nm(data, expected))
+            gradient[slope.rows] += _course_gradient(one, here, slope, ends)
+    whitening = heights.whitening
+    whitened = whitening.T @ heights.pulls
     gradient += height_slopes(derivatives, len(theta)).T @ whitened
     walks = walk_slopes(model, theta)
     if walks.any():
-        gained = whitened @ model.wandering_s @ whitened
-        gained -= np.sum((whitening.T @ whitening) * model.wandering_s)
+        gained = whitened @ model.wandering_beside_s @ whitened
+        gained -= np.sum((whitening.T @ whitening) * model.wandering_beside_s)
         gradient += 0.5 * gained * walks
     pulls = model.pulls(theta)
     for k, parameter in enumerate(model.parameters):
@@ -353,16 +354,17 @@ def _ends(data: PlateauData, here: Expectation, slope: Slopes) -> Walked:
     return walked(data, slope.inverse, here.walked_nm2, course)
 
 
-def _course_gradient(data: PlateauData, here: Expectation, slope: Slopes) -> FloatArray:
+def _course_gradient(
+    data: PlateauData, here: Expectation, slope: Slopes, ends: Walked | None
+) -> FloatArray:
     """(k,) how ln likelihood follows the height's course alone."""
     spectrum = data.spectrum
     rest = list(spectrum.transforms)
     if here.course is not None:
         rest[2] = rest[2] - here.course.transform
-    if here.walked_nm2.any():
-        ends = _ends(data, here, slope).mean_nm
+    if ends is not None:
         lines = line_of(data).transforms
-        rest = [one - end * line for one, end, line in zip(rest, ends, lines, strict=True)]
+        rest = [one - end * line for one, end, line in zip(rest, ends.mean_nm, lines, strict=True)]
     found = np.zeros(len(slope.course))
     for axis, transform in enumerate(rest):
         weight = 2 * spectrum.ordinates * slope.inverse[:, 2, axis]
@@ -415,12 +417,12 @@ def information_of(
             information[np.ix_(slope.rows, slope.rows)] += of_ends
         if slope.course:
             information[np.ix_(slope.rows, slope.rows)] += _course_information(data, slope)
-    whitening = model.height_whitening(expected, theta)
+    whitening = model.heights(model.data, expected, theta).whitening
     heights = whitening @ height_slopes(derivatives, n)
     information += heights.T @ heights
     walks = walk_slopes(model, theta)
     if walks.any():
-        wandering = whitening @ model.wandering_s @ whitening.T
+        wandering = whitening @ model.wandering_beside_s @ whitening.T
         information += 0.5 * float(np.sum(wandering**2)) * np.outer(walks, walks)
     for k, parameter in enumerate(model.parameters):
         if parameter.prior is not None:

@@ -106,9 +106,9 @@ class ConfiguredModel:
         total = -0.5 * float(np.sum(self.pulls(theta) ** 2))
         for data, model in zip(self.data, expected, strict=True):
             total += spectral_log_likelihood(data, model)
-        whitening = self.height_whitening(expected, theta)
-        pulls = whitening @ heights_missed_nm(self.data, expected)
-        return total - 0.5 * float(pulls @ pulls) + float(np.sum(np.log(np.diag(whitening))))
+        heights = self.heights(self.data, expected, theta)
+        total += float(np.sum(np.log(np.diag(heights.whitening))))
+        return total - 0.5 * float(np.sum(heights.pulls**2))
 
     @functools.cached_property
     def wandering_s(self) -> FloatArray:
@@ -118,6 +118,18 @@ class ConfiguredModel:
         middles = begins + lasts / 2
         apart = np.minimum.outer(middles, middles)
         return np.asarray(np.where(np.eye(len(lasts)) > 0, begins + lasts / 3, apart))
+
+    @functools.cached_property
+    def moved_by_ends(self) -> FloatArray:
+        """(plateaus, plateaus) how mean heights follow the way that a walk goes in each plateau."""
+        return np.tri(self.plateaus, k=-1) + np.eye(self.plateaus) / 2
+
+    @functools.cached_property
+    def wandering_beside_s(self) -> FloatArray:
+        """(plateaus, plateaus) as `wandering_s`, the way in each plateau given."""
+        lasts = np.array([data.duration_s for data in self.data])
+        by_ends = (self.moved_by_ends * lasts) @ self.moved_by_ends.T
+        return np.asarray(self.wandering_s - by_ends)
 
     def walk_nm2_per_s(self, theta: FloatArray) -> float:
         """Square of the random walk of z that subtraction has left, at θ."""
@@ -137,15 +149,48 @@ class ConfiguredModel:
                 found.append(k)
         return tuple(found)
 
-    def height_whitening(self, expected: Sequence[Expectation], theta: FloatArray) -> FloatArray:
-        """(plateaus, plateaus) triangular matrix that makes missed heights independent pulls."""
+    def heights(
+        self, data: Sequence[PlateauData], expected: Sequence[Expectation], theta: FloatArray
+    ) -> Heights:
+        """Mean heights beside the expected ones.
+
+        Parameters
+        ----------
+        data : the model's, or others like them.
+        """
         stderr = np.array([one.extension_stderr_nm for one in expected])
         stderr = np.hypot(stderr, self.height_scatter_nm)
-        walk = self.walk_nm2_per_s(theta)
-        if walk == 0:
-            return np.diag(1 / stderr)
-        root = np.linalg.cholesky(np.diag(stderr**2) + walk * self.wandering_s)
-        return np.asarray(linalg.solve_triangular(root, np.eye(len(root)), lower=True))
+        missed = np.array(
+            [
+                float(one.mean_nm[2]) - here.extension_nm
+                for one, here in zip(data, expected, strict=True)
+            ]
+        )
+        ends = [
+            ends_of(one, here, inverses(here.random_power)[0]) if here.walked_nm2.any() else None
+            for one, here in zip(data, expected, strict=True)
+        ]
+        walk, follows = self.walk_nm2_per_s(theta), self.moved_by_ends
+        whitening = np.diag(1 / stderr)
+        if walk > 0:
+            gone = np.array([0.0 if end is None else end.mean_nm[2] for end in ends])
+            unknown = np.array(
+                [
+                    walk * one.duration_s if end is None else end.covariance_nm2[2, 2]
+                    for one, end in zip(data, ends, strict=True)
+                ]
+            )
+            missed = missed - follows @ gone
+            covariance = np.diag(stderr**2) + walk * self.wandering_beside_s
+            root = np.linalg.cholesky(covariance + (follows * unknown) @ follows.T)
+            whitening = np.asarray(linalg.solve_triangular(root, np.eye(len(root)), lower=True))
+        say = whitening @ follows
+        pulls, sharpness = say.T @ (whitening @ missed), np.sum(say**2, axis=0)
+        together = [
+            None if end is None else end.with_heights(pull, sharp, here.walked_nm2)
+            for end, pull, sharp, here in zip(ends, pulls, sharpness, expected, strict=True)
+        ]
+        return Heights(missed, whitening, together, pulls, sharpness)
 
     def pulls(self, theta: FloatArray) -> FloatArray:
         """Distances of the parameters from their priors, in standard errors; 0 without one."""
@@ -161,14 +206,28 @@ def _walk_nm2_per_s(experiment: Experiment) -> float:
     return float(experiment.stage.unsubtracted_nm_per_root_s[2] ** 2)
 
 
-def heights_missed_nm(data: Sequence[PlateauData], expected: Sequence[Expectation]) -> FloatArray:
-    """(plateaus,) recorded mean height less the expected."""
-    return np.array(
-        [
-            float(one.mean_nm[2]) - here.extension_nm
-            for one, here in zip(data, expected, strict=True)
-        ]
-    )
+@dataclass(frozen=True, eq=False)
+class Heights:
+    """Mean heights beside the expected ones.
+
+    Attributes
+    ----------
+    missed_nm : (plateaus,) recorded less expected, where the bead walks, less how far spectra see
+        it gone. whitening : (plateaus, plateaus) triangular, makes these independent pulls.
+    ends : per plateau, where a walk has gone by spectra and heights; None where there is none.
+    end_pulls, end_sharpness : (plateaus,) what heights have to say of these (`with_heights`).
+    """
+
+    missed_nm: FloatArray
+    whitening: FloatArray
+    ends: list[Walked | None]
+    end_pulls: FloatArray
+    end_sharpness: FloatArray
+
+    @property
+    def pulls(self) -> FloatArray:
+        """(plateaus,) missed heights, independent and in standard errors."""
+        return self.whitening @ self.missed_nm
 
 
 def power_about_course(data: PlateauData, expected: Expectation) -> FloatArray:
@@ -191,15 +250,9 @@ def ends_of(data: PlateauData, expected: Expectation, inverse: FloatArray) -> Wa
     return walked(data, inverse, expected.walked_nm2, course)
 
 
-def random_part(data: PlateauData, expected: Expectation, inverse: FloatArray) -> FloatArray:
-    """(n_bins, 3, 3) recorded power apart from the course of the height and the line of a walk.
-
-    Parameters
-    ----------
-    inverse : of the expected random power.
-    """
+def random_part(data: PlateauData, expected: Expectation, ends: Walked | None) -> FloatArray:
+    """(n_bins, 3, 3) recorded power apart from the course of the height and the line of a walk."""
     power = power_about_course(data, expected)
-    ends = ends_of(data, expected, inverse)
     if ends is None:
         return power
     course = None if expected.course is None else expected.course.transform

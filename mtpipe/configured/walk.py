@@ -10,7 +10,7 @@ covariance.
 from __future__ import annotations
 
 import functools
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -63,15 +63,36 @@ class Walked:
     ----------
     mean_nm : (3,). covariance_nm2 : (3, 3).
     nats : of ln likelihood, over that with no line.
-    seen : (3, 3) inverse covariance of the ends as they are seen, σ² included.
-    pull : (3,) of the ends in units of σ².
+    pull : (3,) the mean over σ². seen : (3, 3) what the covariance has lost of σ², over σ⁴.
+    left : (3, 3) the covariance over σ² of the first axis.
     """
 
     mean_nm: FloatArray
     covariance_nm2: FloatArray
     nats: float
-    seen: FloatArray
     pull: FloatArray
+    seen: FloatArray
+    left: FloatArray
+
+    def with_heights(self, pull: float, sharpness: float, variance_nm2: FloatArray) -> Walked:
+        """The same when mean heights have their say about the end in z.
+
+        Parameters
+        ----------
+        pull, sharpness : slope and curvature of their ln likelihood where the end is expected by
+            spectra alone, all that is not known of other ends included. variance_nm2 : (3,) σ².
+        """
+        left = self.left[:, 2]
+        lost = sharpness * np.outer(left, left)
+        both = self.pull + left * pull
+        covariance = self.covariance_nm2 - lost * np.outer(variance_nm2, variance_nm2)
+        return replace(
+            self,
+            mean_nm=variance_nm2 * both,
+            covariance_nm2=covariance,
+            pull=both,
+            seen=self.seen + lost,
+        )
 
 
 def walked(
@@ -89,12 +110,11 @@ def walked(
     sharpness = np.einsum("fab,fab->ab", weighted, line.power)
     towards = np.einsum("fab,fab->a", weighted, _about(data, line, course))
     grown = np.eye(3) + 2 * sharpness * variance_nm2
-    pull = 2 * np.linalg.solve(grown, towards)
+    left = np.linalg.inv(grown)
+    pull = 2 * left @ towards
     mean = variance_nm2 * pull
-    covariance = np.linalg.solve(grown.T, np.diag(variance_nm2)).T
     nats = float(towards @ mean) - 0.5 * float(np.linalg.slogdet(grown)[1])
-    seen = 2 * np.linalg.solve(grown, sharpness)
-    return Walked(mean, (covariance + covariance.T) / 2, nats, seen, pull)
+    return Walked(mean, variance_nm2[:, None] * left, nats, pull, 2 * left @ sharpness, left)
 
 
 def _about(data: PlateauData, line: Line, course: Transform | None) -> FloatArray:

@@ -10,7 +10,6 @@ from scipy import special
 from mtpipe.configured.data import PlateauData, plateau_data
 from mtpipe.configured.fit import ConfiguredFit, fit_configured
 from mtpipe.configured.model import ConfiguredModel, random_part
-from mtpipe.configured.three_axes import inverses
 from mtpipe.crosschecking.case import Case
 from mtpipe.crosschecking.check import BeadCheck
 from mtpipe.errors import FitError
@@ -18,10 +17,11 @@ from mtpipe.errors import FitError
 
 def excess(fit: ConfiguredFit) -> float:
     """ln likelihood that is missing to a spectrum that fits as well as chance allows."""
-    total = 0.5 * float(np.sum(fit.height_pulls**2 - 1))
-    for data, model in zip(fit.model.data, fit.expected, strict=True):
+    heights = fit.model.heights(fit.model.data, fit.expected, fit.theta)
+    total = 0.5 * float(np.sum(heights.pulls**2 - 1))
+    for data, model, ends in zip(fit.model.data, fit.expected, heights.ends, strict=True):
         n, expected = data.spectrum.ordinates[:, None], model.random_power
-        recorded = random_part(data, model, inverses(expected)[0])
+        recorded = random_part(data, model, ends)
         power = np.diagonal(recorded, axis1=1, axis2=2)
         ratio = power / np.diagonal(expected, axis1=1, axis2=2)
         missing = n * (ratio - 1 - np.log(np.maximum(ratio, 1e-12)))
