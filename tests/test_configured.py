@@ -10,11 +10,13 @@ from functools import partial
 import numpy as np
 import pytest
 
+from mtpipe.configured import spectra
 from mtpipe.configured.data import plateau_data
 from mtpipe.configured.fit import fit_configured, gradient_of, nearby_fit, slopes
 from mtpipe.configured.model import ConfiguredModel
 from mtpipe.configured.spectra import matrix_periodogram
 from mtpipe.configured.three_axes import inverses
+from mtpipe.configured.walk import sees_walks
 from mtpipe.crosschecking.case import described, prepare
 from mtpipe.crosschecking.twin import TwinMaker
 from mtpipe.drift import subtract_drift
@@ -169,8 +171,16 @@ def test_heights_wander_as_the_mean_of_a_random_walk_does(fitted):
 
 
 @pytest.mark.parametrize("begins_s", [(), (5.0, 30.0, 60.0)])
-def test_gradient_follows_the_walk(fitted, begins_s):
+@pytest.mark.parametrize("long", [False, True])
+def test_gradient_follows_the_walk(fitted, begins_s, long, monkeypatch):
+    # of plateaus as long as this their spectra are means of several, and see no walk's end
+    monkeypatch.setattr(spectra, "LONGEST_SEGMENT", 600 if long else 2**16)
+    one = fitted[0]
+    plateaus = zip(one.positions_nm, one.phi, strict=True)
+    data = tuple(plateau_data(x, FRAME_S, phi) for x, phi in plateaus)
+    assert sees_walks(data[0]) is not long
     model, theta = walking(fitted, begins_s)
+    model = replace(model, data=data)
     expected = model.all_expected(theta)
     gradient = gradient_of(model, model.data, theta, expected, slopes(model, theta, expected))
     for k in (*range(model.plateaus), -3, -2, -1):

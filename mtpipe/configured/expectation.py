@@ -16,7 +16,7 @@ import numpy as np
 from mtpipe.configured.data import PlateauData
 from mtpipe.configured.layers import Moving, Steady, steady_of
 from mtpipe.configured.spectra import Transform
-from mtpipe.configured.walk import line_of
+from mtpipe.configured.walk import line_of, sees_walks
 from mtpipe.drift.lowpass import response
 from mtpipe.experiment.description import (
     Experiment,
@@ -226,8 +226,7 @@ def _motion(data: PlateauData, moving: Moving, force_pN: float) -> _Motion:
     variance, tau_s = covariance[steady, 2, 2], parts.tau_s[steady]
     height_variance = min(2 * float(variance @ tau_s) / data.duration_s, float(variance.sum()))
     walked_nm2 = np.zeros(3)
-    # of longer recordings spectra are means of several, whose lines are not one
-    if parts.walks and len(data.spectrum.used) == 1:
+    if parts.walks and sees_walks(data):
         gone = -np.expm1(-data.duration_s / parts.tau_s[-1])
         walked_nm2 = 2 * np.diag(covariance[-1]) * gone
         line = line_of(data).power[:, DIAGONAL, DIAGONAL]

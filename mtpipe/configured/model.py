@@ -31,7 +31,7 @@ from mtpipe.configured.expectation import (
     larger_pN,
 )
 from mtpipe.configured.three_axes import inverses
-from mtpipe.configured.walk import Walked, power_without, walked
+from mtpipe.configured.walk import Walked, power_without, sees_walks, walked
 from mtpipe.experiment.description import Experiment, Rest
 from mtpipe.experiment.known_force import KnownForce
 from mtpipe.experiment.parameter import Parameter
@@ -126,9 +126,9 @@ class ConfiguredModel:
 
     @functools.cached_property
     def wandering_beside_s(self) -> FloatArray:
-        """(plateaus, plateaus) as `wandering_s`, the way in each plateau given."""
-        lasts = np.array([data.duration_s for data in self.data])
-        by_ends = (self.moved_by_ends * lasts) @ self.moved_by_ends.T
+        """(plateaus, plateaus) as `wandering_s`, the way in plateaus that see it given."""
+        seen_s = np.array([one.duration_s if sees_walks(one) else 0.0 for one in self.data])
+        by_ends = (self.moved_by_ends * seen_s) @ self.moved_by_ends.T
         return np.asarray(self.wandering_s - by_ends)
 
     def walk_nm2_per_s(self, theta: FloatArray) -> float:
@@ -174,12 +174,7 @@ class ConfiguredModel:
         whitening = np.diag(1 / stderr)
         if walk > 0:
             gone = np.array([0.0 if end is None else end.mean_nm[2] for end in ends])
-            unknown = np.array(
-                [
-                    walk * one.duration_s if end is None else end.covariance_nm2[2, 2]
-                    for one, end in zip(data, ends, strict=True)
-                ]
-            )
+            unknown = np.array([0.0 if end is None else end.covariance_nm2[2, 2] for end in ends])
             missed = missed - follows @ gone
             covariance = np.diag(stderr**2) + walk * self.wandering_beside_s
             root = np.linalg.cholesky(covariance + (follows * unknown) @ follows.T)

@@ -34,6 +34,13 @@ class Line:
     with_data: FloatArray
 
 
+def sees_walks(data: PlateauData) -> bool:
+    """Whether lines are told apart: of longer recordings spectra are means of several, whose lines
+    are not one.
+    """
+    return len(data.spectrum.used) == 1
+
+
 @functools.lru_cache(maxsize=64)
 def line_of(data: PlateauData) -> Line:
     """The line of a plateau."""
