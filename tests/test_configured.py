@@ -23,6 +23,8 @@ from mtpipe.drift import subtract_drift
 from mtpipe.effects.catalogue import OWN
 from mtpipe.effects.effect import Evidence
 from mtpipe.errors import FitError
+from mtpipe.experiment.changes import with_stage
+from mtpipe.experiment.description import Line
 from mtpipe.experiment.parameter import Parameter
 from mtpipe.spectrum import periodogram
 from tests.small_case import FORCES_PN, NOISE_NM, case, generator, raw, setup
@@ -72,6 +74,33 @@ def test_inverses_and_determinants_are_those_of_lapack():
     none, ln_none = inverses(np.zeros((1, 3, 3)))
     assert np.isnan(none).all()
     assert np.isnan(ln_none).all()
+
+
+@pytest.mark.parametrize("ordinate", [40.0, 95.5, 300.3])
+def test_a_wave_is_expected_in_all_bins_that_it_leaks_into(fitted, ordinate):
+    """The mean over phases of what is recorded; 95.5 lies between two bins."""
+    one = fitted[0]
+    data, model = one.fit.model.data[0], one.fit.model
+    frames, size_nm = data.spectrum.used.size, 3.0
+    line_hz = ordinate / (frames * FRAME_S)
+    experiment = model.described(one.fit.theta)
+    force_pN = float(one.fit.force_pN[0])
+    lines = (Line(line_hz, (size_nm, 0.0, 0.0)),)
+    with_it, without = (
+        model.expected(there, 0, force_pN).power[:, 0, 0]
+        for there in (with_stage(experiment, lines=lines), experiment)
+    )
+    phases = np.arange(16) * np.pi / 8
+    time_s = FRAME_S * np.arange(frames + 1)
+    rest = generator(4).normal(size=(frames + 1, 2))
+    recorded = []
+    for phase in phases:
+        wave = size_nm * np.cos(2 * np.pi * line_hz * time_s + phase)
+        found = matrix_periodogram(np.column_stack([wave, rest]), FRAME_S, one.phi[0])
+        recorded.append(found.power[:, 0, 0])
+    mean = np.mean(recorded, axis=0)
+    assert with_it - without == pytest.approx(mean, rel=1e-6, abs=1e-9 * mean.max())
+    assert np.sum(mean > 0.2 * mean.max()) == (2 if ordinate == 95.5 else 1)
 
 
 def test_forces_are_found_with_the_errors_stated(fitted):

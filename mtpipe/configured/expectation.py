@@ -275,15 +275,28 @@ def _subtraction_gain(data: PlateauData, cutoff_hz: float | None) -> FloatArray:
 
 
 def _add_line(power: FloatArray, line: Line, data: PlateauData) -> None:
-    """Add a vibration's power, in place, to the bin that holds its frequency.
+    """Add a vibration's power, in place.
 
     In what phase the axes vibrate is not known, so each has it by itself.
     """
-    frequency = data.spectrum.frequency_hz
-    at = int(np.argmin(np.abs(frequency - line.frequency_hz)))
-    width = data.spectrum.ordinates[at] / data.duration_s
-    for axis, size_nm in enumerate(line.amplitude_nm):
-        power[at, axis, axis] += data.spectrum.gain(axis)[at] * size_nm**2 / 2 / width
+    power[:, DIAGONAL, DIAGONAL] += np.square(line.amplitude_nm) * _wave(data, line.frequency_hz)
+
+
+@functools.lru_cache(maxsize=256)
+def _wave(data: PlateauData, frequency_hz: float) -> FloatArray:
+    """(n_bins, 3) power of a wave of 1 nm, the mean over its phase.
+
+    A wave between two ordinates is in several, and so in two bins where it is at the edge of one.
+    """
+    spectrum = data.spectrum
+    frame = np.arange(spectrum.used.size + 1)
+    phase = 2 * np.pi * frequency_hz * spectrum.windows[0].frame_s * frame
+    power = np.zeros((len(spectrum.frequency_hz), 3))
+    for part in (np.cos(phase), np.sin(phase)):
+        for axis in range(3):
+            transform = spectrum.transform_of(part, axis)
+            power[:, axis] += spectrum.common_power(transform, transform) / 2
+    return power
 
 
 def changed_spectra(
