@@ -81,6 +81,11 @@ class Expectation:
     walked_nm2: FloatArray = field(default_factory=lambda: np.zeros(3))
     line_power: FloatArray | None = None
 
+    @property
+    def course_transform(self) -> Transform | None:
+        """Of the height's course; None where the force is steady."""
+        return None if self.course is None else self.course.transform
+
     @functools.cached_property
     def power(self) -> FloatArray:
         """(n_bins, 3, 3) power matrix per bin that a recording should have."""

@@ -350,8 +350,7 @@ def gradient_of(
 
 
 def _ends(data: PlateauData, here: Expectation, slope: Slopes) -> Walked:
-    course = None if here.course is None else here.course.transform
-    return walked(data, slope.inverse, here.walked_nm2, course)
+    return walked(data, slope.inverse, here.walked_nm2, here.course_transform)
 
 
 def _course_gradient(

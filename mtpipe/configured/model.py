@@ -166,10 +166,7 @@ class ConfiguredModel:
                 for one, here in zip(data, expected, strict=True)
             ]
         )
-        ends = [
-            ends_of(one, here, inverses(here.random_power)[0]) if here.walked_nm2.any() else None
-            for one, here in zip(data, expected, strict=True)
-        ]
+        ends = [ends_of(one, here) for one, here in zip(data, expected, strict=True)]
         walk, follows = self.walk_nm2_per_s(theta), self.moved_by_ends
         whitening = np.diag(1 / stderr)
         if walk > 0:
@@ -227,22 +224,16 @@ class Heights:
 
 def power_about_course(data: PlateauData, expected: Expectation) -> FloatArray:
     """(n_bins, 3, 3) recorded power apart from the expected course of the height."""
-    if expected.course is None:
-        return data.spectrum.power
-    return data.spectrum.power_about(expected.course.transform, 2)
+    course = expected.course_transform
+    return data.spectrum.power if course is None else data.spectrum.power_about(course, 2)
 
 
-def ends_of(data: PlateauData, expected: Expectation, inverse: FloatArray) -> Walked | None:
-    """Where a bead that walks has ended; None where it does not.
-
-    Parameters
-    ----------
-    inverse : of the expected random power.
-    """
+def ends_of(data: PlateauData, expected: Expectation) -> Walked | None:
+    """Where a bead that walks has ended; None where it does not."""
     if not expected.walked_nm2.any():
         return None
-    course = None if expected.course is None else expected.course.transform
-    return walked(data, inverse, expected.walked_nm2, course)
+    inverse, _ = inverses(expected.random_power)
+    return walked(data, inverse, expected.walked_nm2, expected.course_transform)
 
 
 def random_part(data: PlateauData, expected: Expectation, ends: Walked | None) -> FloatArray:
@@ -250,8 +241,7 @@ def random_part(data: PlateauData, expected: Expectation, ends: Walked | None) -
     power = power_about_course(data, expected)
     if ends is None:
         return power
-    course = None if expected.course is None else expected.course.transform
-    return power_without(data, power, ends, course)
+    return power_without(data, power, ends, expected.course_transform)
 
 
 def spectral_log_likelihood(data: PlateauData, expected: Expectation) -> float:
@@ -260,6 +250,6 @@ def spectral_log_likelihood(data: PlateauData, expected: Expectation) -> float:
     """
     inverse, log_determinant = inverses(expected.random_power)
     trace = np.einsum("fab,fba->f", inverse, power_about_course(data, expected))
-    ends = ends_of(data, expected, inverse)
+    ends = ends_of(data, expected)
     nats = -float(data.spectrum.ordinates @ (log_determinant + trace))
     return nats if ends is None else nats + ends.nats
