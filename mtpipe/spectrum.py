@@ -216,11 +216,14 @@ class Window:
     ) -> tuple[FloatArray, FloatArray, FloatArray]:
         """Relaxation times over D, white and correlated part (`camera.recorded_parts`) of modes.
 
-        (n,) of each; the same for all windows of one length.
+        (n,) of each; the same for all windows of one length. Of what is slower than a segment only
+        the variance over τ is seen.
         """
         longest = self.frame_s * np.exp(self.slow.x[-1])
         tau = np.clip(tau_s, SHORTEST * self.frame_s, longest)
-        return tau / self.frame_s, *cam.recorded_parts(tau, Camera(self.frame_s, exposure_s))
+        seen = np.minimum(longest / np.asarray(tau_s), 1.0)
+        white, correlated = cam.recorded_parts(tau, Camera(self.frame_s, exposure_s))
+        return tau / self.frame_s, seen * white, seen * correlated
 
 
 def expected_matrix(

@@ -47,6 +47,24 @@ def test_spectrum_integrates_to_the_recorded_variance(ln_tau, share):
     assert mean == pytest.approx(expected, rel=1e-9)
 
 
+@given(ln_tau=st.floats(-9, 12), share=st.floats(0, 1), frames=st.integers(1, 400))
+def test_variance_of_a_mean_is_the_sum_of_all_covariances(ln_tau, share, frames):
+    camera, tau_s = Camera(1.0, share), float(np.exp(ln_tau))
+    apart = np.abs(np.subtract.outer(np.arange(frames), np.arange(frames)))
+    later = np.exp(np.minimum(1.0 - apart, 0.0) / tau_s)
+    later *= cam.lag_one_covariance(3.0, tau_s, camera)
+    covariance = np.where(apart == 0, cam.frame_variance(3.0, tau_s, camera), later)
+    found = cam.mean_variance(3.0, tau_s, camera, frames)
+    assert found == pytest.approx(covariance.mean(), rel=1e-9)
+
+
+def test_variance_of_a_long_mean_is_the_spectrum_at_zero_frequency():
+    camera = Camera(0.01, 0.004)
+    for tau_s in (1e-4, 0.02, 0.5):
+        at_zero = cam.power_spectrum(0.0, 1.0, tau_s, camera) / (2 * 10**7 * camera.frame_s)
+        assert cam.mean_variance(1.0, tau_s, camera, 10**7) == pytest.approx(at_zero, rel=1e-5)
+
+
 def test_full_frame_exposure_is_lansdorp_and_saleh():
     # Lansdorp & Saleh 2012, Eq 7, two-sided, in their symbols: alpha = friction, kappa = stiffness
     kT, kappa, alpha, rate = 4.1, 2e-4, 1.2e-5, 120.0

@@ -12,6 +12,7 @@ import pytest
 
 from mtpipe.configured import spectra
 from mtpipe.configured.data import plateau_data
+from mtpipe.configured.expectation import Subtraction, expectation
 from mtpipe.configured.fit import fit_configured, gradient_of, nearby_fit, slopes
 from mtpipe.configured.model import ConfiguredModel
 from mtpipe.configured.spectra import matrix_periodogram
@@ -24,7 +25,7 @@ from mtpipe.effects.catalogue import OWN
 from mtpipe.effects.effect import Evidence
 from mtpipe.errors import FitError
 from mtpipe.experiment.changes import with_stage
-from mtpipe.experiment.description import Line
+from mtpipe.experiment.description import Line, Tracker
 from mtpipe.experiment.parameter import Parameter
 from mtpipe.spectrum import periodogram
 from tests.small_case import FORCES_PN, NOISE_NM, case, generator, raw, setup
@@ -74,6 +75,26 @@ def test_inverses_and_determinants_are_those_of_lapack():
     none, ln_none = inverses(np.zeros((1, 3, 3)))
     assert np.isnan(none).all()
     assert np.isnan(ln_none).all()
+
+
+def test_mean_heights_scatter_as_stated_where_noise_is_most_of_it(fitted):
+    """Of white noise alone that a mean of 100 frames is of, half of them lost."""
+    one = fitted[0]
+    model, frames, noise_nm = one.fit.model, 200, 40.0
+    noisy, quiet = (
+        replace(model.described(one.fit.theta), tracker=Tracker(noise_nm=(1.0, 1.0, of_z)))
+        for of_z in (noise_nm, 0.0)
+    )
+    position = generator(6).normal(size=(frames, 3))
+    position[60:160] = np.nan
+    data = plateau_data(position, FRAME_S, one.phi[0])
+    subtraction = Subtraction((0.1, 0.1, 0.1), (0.0, 0.0, 30.0))
+    nothing = Subtraction((None, None, None), (0.0, 0.0, 0.0))
+    stderr, without = (
+        expectation(data, of, there, 0, 20.0).extension_stderr_nm
+        for of, there in ((subtraction, noisy), (nothing, quiet))
+    )
+    assert stderr**2 - without**2 == pytest.approx((noise_nm**2 + 30.0**2) / 100)
 
 
 @pytest.mark.parametrize("ordinate", [40.0, 95.5, 300.3])

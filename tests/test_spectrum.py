@@ -8,7 +8,7 @@ import pytest
 from mtpipe.errors import FitError
 from mtpipe.physics.camera import Camera, frame_variance, lag_one_covariance, power_spectrum
 from mtpipe.physics.langevin import simulate_mode
-from mtpipe.spectrum import bin_edges, expected_matrix, periodogram, prewhitening
+from mtpipe.spectrum import bin_edges, expected_matrix, periodogram, prewhitening, window_of
 
 CAMERA = Camera(1 / 100, 0.6 / 100)
 
@@ -57,6 +57,19 @@ def test_window_is_the_exact_expectation(phi, gaps, tau_s):
     direct = 2 * CAMERA.frame_s * direct_expectation(mask.astype(float), covariance, edges)
     ours = spectrum.window.expected(np.array([4.0]), np.array([tau_s]), CAMERA.exposure_s)[0]
     assert ours == pytest.approx(direct, rel=1e-4 if phi > 0 else 3e-5)
+
+
+@pytest.mark.parametrize("segments", [1, 3])
+def test_what_is_slower_than_a_segment_is_seen_as_a_random_walk(segments):
+    """Of variance σ² D a frame, less the segment's mean: a bridge and a line, alike in power."""
+    length, square = 300, 7.0
+    window = window_of(np.ones((segments, length), dtype=bool), bin_edges(length, 1), 0.01, 0.0)
+    for tau_s in (80.0, 300.0, 1e5):
+        variance = np.array([square * tau_s / 2])
+        found = window.expected(variance, np.array([tau_s]), 0.0)[0]
+        half = np.pi * np.arange(1, 9) / length
+        exact = 2 * 0.01 * 2 * square * 0.01 / (4 * np.sin(half) ** 2)
+        assert found[:8] == pytest.approx(exact, rel=0.015)
 
 
 @pytest.mark.parametrize("gaps", ["none", "scattered", "contiguous"])

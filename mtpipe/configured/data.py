@@ -23,12 +23,13 @@ class PlateauData:
     Attributes
     ----------
     spectrum : power matrix per bin.
-    mean_nm : (3,) mean position; z is the extension.
+    mean_nm : (3,) mean position; z is the extension. frames : that have all axes, which it is of.
     duration_s : lost frames included.
     """
 
     spectrum: MatrixSpectrum
     mean_nm: FloatArray
+    frames: int
     duration_s: float
 
 
@@ -61,5 +62,6 @@ def plateau_data(position_nm: FloatArray, frame_s: float, phi: tuple[float, ...]
     return PlateauData(
         matrix_periodogram(complete, frame_s, phi),
         np.asarray(np.nanmean(complete, axis=0)),
+        int(together.sum()),
         len(position_nm) * frame_s,
     )

@@ -26,7 +26,7 @@ from mtpipe.experiment.description import (
 )
 from mtpipe.experiment.readout import force_course, readout, recorded_height_nm
 from mtpipe.experiment.state import recorded_modes
-from mtpipe.physics.camera import Camera, FloatArray, power_spectrum
+from mtpipe.physics.camera import Camera, FloatArray, mean_variance, power_spectrum
 from mtpipe.spectrum import expected_matrix
 
 # Heights are not believed better than this: rounding, interpolated formulas, time steps.
@@ -192,10 +192,12 @@ def _at_steady_force(
         _add_line(power, line, data)
     # what is slow in the reference passes the subtraction whole
     slow = stage.reference_nm[2] ** 2 * min(2 * stage.reference_s / data.duration_s, 1)
+    noise_nm2 = experiment.tracker.noise_nm[2] ** 2 + subtraction.noise_nm[2] ** 2
+    height_variance = motion.height_variance_nm2 + slow + noise_nm2 / data.frames
     return Expectation(
         power,
         motion.extension_nm + experiment.optics.z_zero_nm,
-        float(np.hypot(np.sqrt(motion.height_variance_nm2 + slow), LEAST_HEIGHT_STDERR_NM)),
+        math.hypot(math.sqrt(max(height_variance, 0.0)), LEAST_HEIGHT_STDERR_NM),
         None,
         motion.walked_nm2,
         line_of(data).power if motion.walked_nm2.any() else None,
@@ -229,7 +231,9 @@ def _motion(data: PlateauData, moving: Moving, force_pN: float) -> _Motion:
     # a walk moves the heights of all later plateaus: that is the model's business
     steady = slice(-1) if parts.walks else slice(None)
     variance, tau_s = covariance[steady, 2, 2], parts.tau_s[steady]
-    height_variance = min(2 * float(variance @ tau_s) / data.duration_s, float(variance.sum()))
+    # frames that are lost are taken for time that is lost
+    height_variance = float(mean_variance(variance, tau_s, camera, data.frames).sum())
+    height_variance += float(parts.white_nm2[2, 2]) / data.frames
     walked_nm2 = np.zeros(3)
     if parts.walks and sees_walks(data):
         gone = -np.expm1(-data.duration_s / parts.tau_s[-1])

@@ -84,6 +84,19 @@ def lag_one_covariance(variance: ArrayLike, tau_s: ArrayLike, camera: Camera) ->
     return np.asarray(variance, dtype=float) * edge**2 * dead
 
 
+def mean_variance(variance: ArrayLike, tau_s: ArrayLike, camera: Camera, frames: int) -> FloatArray:
+    """Variance of the mean of so many recorded positions in a row, in units of `variance`.
+
+    [c₀ + 2 Σ_{m<N} (1 − m/N) c_m]/N: for long recordings the spectrum at zero frequency over twice
+    their duration, aliases and all.
+    """
+    decay = -camera.frame_s / np.asarray(tau_s, dtype=float)
+    gone = -np.expm1(decay)
+    later = (1 + np.expm1(frames * decay) / (frames * gone)) / gone
+    alone, next_one = (of(variance, tau_s, camera) for of in (frame_variance, lag_one_covariance))
+    return np.asarray((alone + 2 * next_one * later) / frames)
+
+
 def white_deficit(alpha: ArrayLike) -> FloatArray:
     """2 (sinh α − α)/α²: the white part that blur takes from the spectrum (form B), α ≤ 1."""
     a = np.asarray(alpha, dtype=float)
