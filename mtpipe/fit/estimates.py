@@ -43,7 +43,8 @@ def logarithmic(
         variance.
     """
     if reach is not None:
-        down, up = (float(distance) for distance in reach)
+        # beyond all that is believed possible beforehand there is no end
+        down, up = (float(far) if far < PRIOR_HALF_WIDTH else math.inf for far in reach)
         interval = (math.exp(ln_value - down), math.exp(ln_value + up))
         if max(down, up) > NOT_IDENTIFIED_LN:
             return Estimate.missing(unit, method, interval=interval, tied_to=tied_to)
