@@ -15,7 +15,7 @@ from mtpipe.crosschecking.beads import bead_generator, check_of
 from mtpipe.crosschecking.case import FORMULAS
 from mtpipe.diagnosis.beads_together import beads_together
 from mtpipe.diagnosis.explain import explain
-from mtpipe.diagnosis.mismatch import Mismatch, sentence
+from mtpipe.diagnosis.mismatch import Mismatch
 from mtpipe.diagnosis.pooled import (
     ANOTHER,
     ASKED,
@@ -29,6 +29,7 @@ from mtpipe.diagnosis.pooled import (
     pooled_penalty,
     settled,
 )
+from mtpipe.diagnosis.sentence import sentence
 from mtpipe.effects.catalogue import OWN
 from mtpipe.experiment.from_setup import experiment_of
 from mtpipe.setup import parse_setup

@@ -150,10 +150,16 @@ def test_the_mismatch_is_located(concealed, axis):
 def test_the_sentence_says_cause_consequence_and_agreement(concealed):
     (named,) = bead(concealed)["effects"]
     sentence = named["sentence"]
-    words = {"viscosity": "the buffer's viscosity is", "axial_scale": "z is recorded"}
-    assert words[concealed] in sentence
-    assert re.search(r"leaving it out (raised|lowered) forces by up to \d", sentence)
+    cause, consequence = {
+        "viscosity": ("the buffer's viscosity is", r"(raised|lowered) forces by up to SIZE %"),
+        "axial_scale": ("z is recorded", r"made forces down to SIZE times as high"),
+    }[concealed]
+    assert cause in sentence
+    size = r"[\d.]+ ± [\d.]+"
+    assert re.search(f"leaving it out {consequence.replace('SIZE', size)}", sentence)
     assert "with it the recording agrees with its simulation" in sentence
+    place = r"(Along the field \(x\)|Across the field \(y\)|In height \(z\))"
+    assert re.match(rf"{place}.*(at [\d.–]+ pN \(plateaus? [\d, ]+\)|at all forces): ", sentence)
     assert not re.search(r"\b(nan|inf|none)\b", sentence, re.IGNORECASE)
 
 

@@ -10,7 +10,7 @@ import mtpipe
 from mtpipe.configured.known_forces import MOST_NATS, known_force_nats
 from mtpipe.crosschecking.case import support
 from mtpipe.crosschecking.check import check_bead
-from mtpipe.diagnosis.mismatch import located
+from mtpipe.diagnosis.place import located
 from mtpipe.experiment.known_force import KnownForce, known_force, known_force_notices
 from mtpipe.report import crosscheck_words
 from mtpipe.setup import Magnet

@@ -1,4 +1,4 @@
-"""`mismatch.json` (FORMATS section 4): what was found, as plain data and as sentences."""
+"""`mismatch.json` (FORMATS section 4): what was found, as plain data."""
 
 from __future__ import annotations
 
@@ -9,23 +9,21 @@ from typing import Any
 
 import numpy as np
 
-from mtpipe.battery.look import Look
 from mtpipe.configured.hypotheses import Tried
 from mtpipe.corrections.correction import Strength
 from mtpipe.crosschecking.beads import DATA_ERRORS, bead_generator, check_of, per_bead
-from mtpipe.crosschecking.check import BeadCheck
 from mtpipe.crosschecking.recording import CrossCheck
 from mtpipe.diagnosis.beads_together import beads_together
 from mtpipe.diagnosis.explain import explain
 from mtpipe.diagnosis.explanation import Explanation, Named
+from mtpipe.diagnosis.place import located
+from mtpipe.diagnosis.sentence import sentence
 from mtpipe.diagnosis.unexplained import Unexplained
 from mtpipe.diagnosis.unexplained_content import content_of
 from mtpipe.physics.camera import FloatArray
-from mtpipe.recording import AXES, Recording
+from mtpipe.recording import Recording
 
 SCHEMA = "mtpipe.mismatch/1"
-MOST_PLACES = 8
-PLACE_P = 1e-3
 Progress = Callable[[str, int, int], None]
 
 
@@ -152,50 +150,6 @@ def bead_content(found: Explanation) -> dict[str, Any]:
     }
 
 
-def located(check: BeadCheck) -> list[dict[str, Any]]:
-    """The most significant looks, one per statistic and axis, best first.
-
-    What concerns two axes together, or all, is listed for each of them.
-    """
-    places: list[dict[str, Any]] = []
-    seen: set[tuple[str, str]] = set()
-    for i in np.argsort(check.p_values):
-        look, p = check.looks[int(i)], float(check.p_values[int(i)])
-        if len(places) >= MOST_PLACES or (p > PLACE_P and places):
-            break
-        if (look.statistic, look.axis) in seen:
-            continue
-        seen.add((look.statistic, look.axis))
-        places += [
-            {
-                "axis": axis,
-                "plateaus": [check.case.plateaus[k].number for k in _concerned(check, look)],
-                "band_hz": None if look.band_hz is None else list(look.band_hz),
-                "time_s": None if look.time_s is None else list(look.time_s),
-                "statistic": look.statistic,
-                "p_value": p,
-            }
-            for axis in look.axis or AXES
-        ]
-    return places[:MOST_PLACES]
-
-
-def _concerned(check: BeadCheck, look: Look) -> tuple[int, ...]:
-    """Plateaus that a look is about; of a pooled one those that show it by themselves, or all."""
-    if not look.pooled:
-        return look.plateaus
-    alone = {
-        other.plateaus[0]
-        for other, p in zip(check.looks, check.p_values, strict=True)
-        if not other.pooled
-        and other.statistic == look.statistic
-        and other.axis == look.axis
-        and (look.band_hz is None or other.band_hz == look.band_hz)
-        and p < 0.01
-    }
-    return tuple(sorted(alone)) or look.plateaus
-
-
 def _oddity_left(one: Named) -> float:
     """ln of how much of p an effect leaves; small where it explains much."""
     return math.log(max(one.before.p_value, 1e-300) / max(one.after.p_value, 1e-300))
@@ -239,66 +193,6 @@ def _strengths(found: Explanation, one: Named) -> list[Strength]:
         Strength(name, float(value), float(error), unit)
         for (name, value, unit), error in zip(here, errors, strict=True)
     ]
-
-
-def sentence(found: Explanation, one: Named) -> str:
-    """What, where, how strong, and what leaving it out did to the force."""
-    place = _mended(one) if isinstance(one.found, Tried) else None
-    where = f"{_where(one.before, place)}: " if place is not None else ""
-    fit = found.fit
-    if isinstance(one.found, Tried):
-        cause = one.found.effect.cause(fit.model.described(fit.theta))
-    else:
-        cause = one.found.cause
-    before, after = found.before.case.fit.force_pN, fit.force_pN
-    change = before / after - 1
-    worst = float(change[int(np.argmax(np.abs(change)))])
-    # forces and verdict are those of all effects together
-    it = "it" if len(found.named) == 1 else "all that is named"
-    if abs(worst) < 0.005:
-        consequence = f"leaving {it} out changes no force by more than 0.5 %"
-    else:
-        kind = "raised" if worst > 0 else "lowered"
-        typical = float(np.median(np.abs(change)))
-        consequence = (
-            f"leaving {it} out {kind} forces by up to {abs(worst):.1%} "
-            f"({typical:.1%} in the middle)"
-        )
-    agrees = (
-        f"with {it} the recording agrees with its simulation"
-        if found.verdict == "explained"
-        else f"with {it} the recording is nearer to its simulation, but still differs"
-    )
-    if len(found.named) > 1:
-        agrees += "; this one takes p from"
-        p_values = f"{one.before.p_value:.1g} to {one.after.p_value:.2g}"
-    else:
-        p_values = f"(p {one.before.p_value:.1g} → {one.after.p_value:.2g})"
-    also = f" Equally possible: {', '.join(one.equivalent)}." if one.equivalent else ""
-    others = f" {one.others}" if one.others else ""
-    return f"{where}{cause}; {consequence}; {agrees} {p_values}.{also}{others}"
-
-
-def _mended(one: Named) -> Look | None:
-    """The look whose p rises most with the effect; None where none does."""
-    after = dict(zip(one.after.looks, one.after.p_values, strict=True))
-    rises = {
-        look: math.log(max(float(after[look]), 1e-300) / max(float(p), 1e-300))
-        for look, p in zip(one.before.looks, one.before.p_values, strict=True)
-        if look in after
-    }
-    best = max(rises, key=lambda look: rises[look], default=None)
-    return best if best is not None and rises[best] > 0 else None
-
-
-def _where(check: BeadCheck, look: Look) -> str:
-    axis = " and ".join(look.axis) if look.axis else "all axes"
-    band = look.band_hz
-    frequencies = "" if band is None else f", {band[0]:.2g}–{band[1]:.3g} Hz"
-    numbers = [str(check.case.plateaus[k].number) for k in _concerned(check, look)]
-    if len(numbers) == len(check.case.plateaus):
-        return f"{axis}{frequencies}, all plateaus"
-    return f"{axis}{frequencies}, plateau{'s' if len(numbers) > 1 else ''} {', '.join(numbers)}"
 
 
 def _forces(found: Explanation) -> list[dict[str, Any]]:

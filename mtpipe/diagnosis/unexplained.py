@@ -12,7 +12,6 @@ the effect that came nearest, and why it was rejected.
 from __future__ import annotations
 
 import functools
-import math
 from dataclasses import dataclass
 
 import numpy as np
@@ -30,6 +29,7 @@ from mtpipe.diagnosis.smooth_correction import (
     spectra_of,
 )
 from mtpipe.diagnosis.smooth_fit import Spectra
+from mtpipe.diagnosis.words import capital, compared
 from mtpipe.physics.camera import FloatArray
 from mtpipe.recording import AXES
 
@@ -42,8 +42,6 @@ ODD_P, MOST_LOOKS = 1e-3, 2
 # Distance from none, in standard errors, from which a plateau's own correction is mentioned.
 CLEAR = 3.0
 INTERVAL_95 = (0.025, 0.975)
-# Factors beyond this, or below one over it, are not told as numbers.
-MOST_TOLD = 100
 
 
 @dataclass(frozen=True, eq=False)
@@ -108,7 +106,7 @@ class Unexplained:
             else "Nothing in the catalogue explains it."
         )
         spectral = [] if self.correction is None else self._of_spectra(self.correction)
-        looks = [_capital(self._of_look(i)) + "." for i in self.looks]
+        looks = [capital(self._of_look(i)) + "." for i in self.looks]
         looks += [
             f"In plateau {self.number(one.plateau)}, along {AXES[one.axis]}, {one.words}."
             for one in self.shapes
@@ -142,7 +140,7 @@ class Unexplained:
         else:
             sentences.append(
                 f"Forces fitted with that left open are up to "
-                f"{_times(float(shift[worst]), float(stderr[worst]), 'higher', 'lower')} "
+                f"{compared(float(shift[worst]), float(stderr[worst]), 'higher', 'lower')} "
                 f"(plateau {self.number(worst)})."
             )
         return sentences
@@ -214,22 +212,4 @@ def ln_force_bounds(correction: SmoothCorrection) -> tuple[FloatArray, FloatArra
 
 
 def _size(place: Place) -> str:
-    return _times(place.ln, place.stderr, "above", "below", much="times")
-
-
-def _times(ln: float, stderr: float, above: str, below: str, much: str = "times as high") -> str:
-    """A factor in words: in percent, or as it is where it is large."""
-    if abs(ln) > math.log(MOST_TOLD):
-        return f"{f'more than {MOST_TOLD}' if ln > 0 else f'less than {1 / MOST_TOLD:g}'} {much}"
-    factor = math.exp(ln)
-    error = factor * stderr
-    if abs(ln) > math.log(2):
-        digits = max(0, -math.floor(math.log10(max(error, 1e-6))))
-        return f"{factor:.{digits}f} ± {error:.{digits}f} {much}"
-    digits = 0 if 100 * error >= 0.95 else 1
-    size = f"{100 * abs(factor - 1):.{digits}f} ± {100 * error:.{digits}f} %"
-    return f"{size} {above if ln > 0 else below}"
-
-
-def _capital(text: str) -> str:
-    return text[0].upper() + text[1:]
+    return compared(place.ln, place.stderr, "above", "below", much="times")

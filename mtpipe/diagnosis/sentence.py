@@ -1,0 +1,103 @@
+"""The sentence about a named effect: what, where, how strong, and what it did to the force."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+from mtpipe.battery.look import Look
+from mtpipe.configured.hypotheses import Tried
+from mtpipe.crosschecking.check import BeadCheck
+from mtpipe.diagnosis.explanation import Explanation, Named
+from mtpipe.diagnosis.place import concerned
+from mtpipe.diagnosis.words import capital, factor, is_large, percent
+from mtpipe.physics.camera import FloatArray
+from mtpipe.recording import AXES
+
+# Forces that change by less are said not to change.
+LEAST_TOLD = 0.005
+
+
+def sentence(found: Explanation, one: Named) -> str:
+    """What, where, how strong, and what leaving it out did to the force."""
+    fit = found.fit
+    if isinstance(one.found, Tried):
+        place = _mended(one)
+        where = "" if place is None else f"{capital(_where(one.before, place, fit.force_pN))}: "
+        cause = one.found.effect.cause(fit.model.described(fit.theta))
+    else:
+        where, cause = "", one.found.cause
+    # forces and verdict are those of all effects together
+    it = "it" if len(found.named) == 1 else "all that is named"
+    agrees = (
+        f"with {it} the recording agrees with its simulation"
+        if found.verdict == "explained"
+        else f"with {it} the recording is nearer to its simulation, but still differs"
+    )
+    if len(found.named) > 1:
+        agrees += "; this one takes p from"
+        p_values = f"{one.before.p_value:.1g} to {one.after.p_value:.2g}"
+    else:
+        p_values = f"(p {one.before.p_value:.1g} → {one.after.p_value:.2g})"
+    also = f" Equally possible: {', '.join(one.equivalent)}." if one.equivalent else ""
+    others = f" {one.others}" if one.others else ""
+    left_out = f"leaving {it} out {_consequence(found)}"
+    return f"{where}{cause}; {left_out}; {agrees} {p_values}.{also}{others}"
+
+
+def _consequence(found: Explanation) -> str:
+    """What leaving out all that is named does to the forces.
+
+    The error is that of the force found. That of the change is no larger: what is fitted without
+    the effect uses the same data (Hausman 1978).
+    """
+    after = found.fit.force_pN
+    change = np.log(found.before.case.fit.force_pN / after)
+    worst = int(np.argmax(np.abs(change)))
+    ln, stderr = float(change[worst]), float(found.fit.force_stderr_pN[worst] / after[worst])
+    if abs(ln) < LEAST_TOLD:
+        return f"changed no force by more than {LEAST_TOLD:.1%}"
+    if is_large(ln):
+        return f"made forces {'up' if ln > 0 else 'down'} to {factor(ln, stderr)} times as high"
+    middle = math.expm1(float(np.median(change)))
+    kind = "raised" if ln > 0 else "lowered"
+    return f"{kind} forces by up to {percent(ln, stderr)} (median {middle:+.1%})"
+
+
+def _mended(one: Named) -> Look | None:
+    """The look whose p rises most with the effect; None where none does."""
+    after = dict(zip(one.after.looks, one.after.p_values, strict=True))
+    rises = {
+        look: math.log(max(float(after[look]), 1e-300) / max(float(p), 1e-300))
+        for look, p in zip(one.before.looks, one.before.p_values, strict=True)
+        if look in after
+    }
+    best = max(rises, key=lambda look: rises[look], default=None)
+    return best if best is not None and rises[best] > 0 else None
+
+
+def _where(check: BeadCheck, look: Look, force_pN: FloatArray) -> str:
+    """Axes, frequencies and forces that a look is about.
+
+    Parameters
+    ----------
+    force_pN : of the bead's plateaus.
+    """
+    along = AXES[check.case.fit.model.experiment.along]
+    names = {"z": "in height (z)", along: f"along the field ({along})"}
+    axes = [names.get(axis, f"across the field ({axis})") for axis in look.axis] or ["on all axes"]
+    parts = [" and ".join(axes)]
+    if look.band_hz is not None:
+        low, high = (f"{hz:.3g}" for hz in look.band_hz)
+        parts.append(f"{low} Hz" if low == high else f"{low}–{high} Hz")
+    plateaus = concerned(check, look)
+    if len(plateaus) == len(check.case.plateaus):
+        parts.append("at all forces")
+    else:
+        forces = [float(force_pN[k]) for k in plateaus]
+        low, high = f"{min(forces):.2g}", f"{max(forces):.2g}"
+        numbers = ", ".join(str(check.case.plateaus[k].number) for k in plateaus)
+        listed = f"plateau{'s' if len(plateaus) > 1 else ''} {numbers}"
+        parts.append(f"at {low if low == high else f'{low}–{high}'} pN ({listed})")
+    return ", ".join(parts)
