@@ -51,7 +51,7 @@ class Run:
 
     `others` are forces by other methods, where asked for. `flags` are per bead, about its traces;
     `curves` exist for beads with enough forces; `checked` is the cross-check, unless left out;
-    `mismatch` and `unexplained` are the content of the diagnosis's files.
+    `mismatch`, `before_after` and `unexplained` are the content of the diagnosis's files.
     """
 
     recording: Recording
@@ -62,6 +62,7 @@ class Run:
     curves: dict[str, ForceExtension]
     checked: CrossCheck | None
     mismatch: dict[str, Any]
+    before_after: dict[str, dict[str, Any]]
     unexplained: dict[str, dict[str, Any]]
     seed: int
     started: str
@@ -172,7 +173,8 @@ def run(
     verdicts = bead_verdicts(
         calibration, flags, curves, recording.setup, _reference_warnings(recording)
     ) + _left_out(recording)
-    checked, mismatch, unexplained = None, content(recording.name, {}), {}
+    checked, mismatch = None, content(recording.name, {})
+    before_after, unexplained = {}, {}
     if cross_check:
         examined = examine(
             recording,
@@ -181,7 +183,7 @@ def run(
             progress=lambda done, total: say("cross-checking beads", done, total),
         )
         checked, mismatch = examined.checked, examined.mismatch
-        unexplained = examined.unexplained
+        before_after, unexplained = examined.before_after, examined.unexplained
         verdicts = tuple(with_diagnosis(one, mismatch["beads"].get(one.bead)) for one in verdicts)
         clock.lap("crosscheck")
     result = Run(
@@ -193,6 +195,7 @@ def run(
         curves,
         checked,
         mismatch,
+        before_after,
         unexplained,
         seed,
         started,
@@ -320,9 +323,13 @@ def _write_tables(result: Run, raw: Recording, out: Path, title: str) -> None:
         write_atomically(out / "details" / f"{name}.parquet", _parquet(table))
     text = json.dumps(result.mismatch, indent=2, ensure_ascii=False, allow_nan=False)
     write_atomically(out / "mismatch.json", text)
-    left = {"recording": result.recording.name, "beads": result.unexplained}
-    text = json.dumps(left, ensure_ascii=False, allow_nan=False)
-    write_atomically(out / "details" / "unexplained.json", text)
+    for name, by_bead in {
+        "before_after": result.before_after,
+        "unexplained": result.unexplained,
+    }.items():
+        drawn = {"recording": result.recording.name, "beads": by_bead}
+        text = json.dumps(drawn, ensure_ascii=False, allow_nan=False)
+        write_atomically(out / "details" / f"{name}.json", text)
     write_atomically(out / "run.json", _run_json(result, title))
 
 

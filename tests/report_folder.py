@@ -100,6 +100,8 @@ def write_run_folder(folder: Path, *, good: int = 0, plateaus: int = 4) -> Path:
         table.to_parquet(folder / f"{name}.parquet")
     (folder / "run.json").write_text(json.dumps(run(forces)), encoding="utf-8")
     (folder / "mismatch.json").write_text(json.dumps(mismatch(beads[0])), encoding="utf-8")
+    drawn = {"recording": "made up", "beads": {beads[0]: before_after(plateaus)}}
+    (folder / "details/before_after.json").write_text(json.dumps(drawn), encoding="utf-8")
     left = {"recording": "made up", "beads": {REFUSED: unexplained()}}
     (folder / "details/unexplained.json").write_text(json.dumps(left), encoding="utf-8")
     return folder
@@ -128,6 +130,37 @@ def mismatch(bead: str) -> dict[str, Any]:
     left = {"verdict": "unexplained", "located": [], "effects": [], "forces": [force]}
     beads = {bead: found, REFUSED: left}
     return {"schema": "mtpipe.mismatch/1", "recording": "made up", "beads": beads}
+
+
+def before_after(plateaus: int) -> dict[str, Any]:
+    """A tenth too much power in two bands of every trace, which naming the cause takes away."""
+    f = np.geomspace(0.05, 60, 20)
+    expected = 100 / (1 + f**2)
+    stages = {"before": 1.1, "after": 1.0}
+    spectra = [
+        {
+            "axis": axis,
+            "plateau": 0,
+            "frequency_hz": f.tolist(),
+            "ordinates": [100.0] * 20,
+            **{
+                stage: {"expected_nm2_per_hz": (expected / r).tolist(), "ratio": [r] * 20}
+                for stage, r in stages.items()
+            },
+        }
+        for axis in "xyz"
+    ]
+    residuals: dict[str, Any] = {
+        stage: {axis: [[10 * (r - 1)] * plateaus] * 2 for axis in "xyz"}
+        | {"height": [None] + [8 * (r - 1)] * (plateaus - 1)}
+        for stage, r in stages.items()
+    }
+    return {
+        "plateaus": list(range(plateaus)),
+        "bands_hz": [0.05, 1.7, 60.0],
+        "residuals": residuals,
+        "spectra": spectra,
+    }
 
 
 def unexplained() -> dict[str, Any]:

@@ -18,6 +18,7 @@ from mtpipe.configured.hypotheses import Tried, best_of, together
 from mtpipe.crosschecking.beads import bead_generator
 from mtpipe.crosschecking.case import FORMULAS, prepare
 from mtpipe.crosschecking.check import check_bead
+from mtpipe.diagnosis.before_after import content_of
 from mtpipe.diagnosis.evidence import BLOCK_S, noise_between_blocks_nm2, reference_moves
 from mtpipe.diagnosis.explain import (
     alike,
@@ -78,13 +79,18 @@ every_case = pytest.mark.parametrize("concealed", list(SEEDS))
 
 
 @functools.cache
-def mismatch(concealed):
+def diagnosed(concealed):
     """The diagnosis, once for all tests."""
     found = mtpipe.diagnose(recording(concealed, SEEDS[concealed]))
     assert isinstance(found, Mismatch)
     assert not found.refused
     assert not found.unexplained
-    return found.as_dict()
+    return found
+
+
+@functools.cache
+def mismatch(concealed):
+    return diagnosed(concealed).as_dict()
 
 
 def bead(concealed):
@@ -161,6 +167,46 @@ def test_the_sentence_says_cause_consequence_and_agreement(concealed):
     place = r"(Along the field \(x\)|Across the field \(y\)|In height \(z\))"
     assert re.match(rf"{place}.*(at [\d.–]+ pN \(plateaus? [\d, ]+\)|at all forces): ", sentence)
     assert not re.search(r"\b(nan|inf|none)\b", sentence, re.IGNORECASE)
+
+
+def test_spectra_and_residuals_are_drawn_only_where_something_is_named():
+    assert content_of(diagnosed("nothing").beads["b1"]) is None
+
+
+@pytest.mark.parametrize("concealed", ["viscosity", "axial_scale"])
+def test_residuals_are_chance_with_the_effect_and_not_without(concealed):
+    drawn = content_of(diagnosed(concealed).beads["b1"])
+    json.dumps(drawn, allow_nan=False)
+    assert drawn["plateaus"] == [0, 1, 2]
+
+    def squares(stage):
+        left = drawn["residuals"][stage]
+        assert len(left["height"]) == len(FORCES_PN)
+        rows = [left["height"], *(row for axis in "xyz" for row in left[axis])]
+        assert len(rows) == 1 + 3 * (len(drawn["bands_hz"]) - 1)
+        return np.square([z for row in rows for z in row if z is not None])
+
+    before, after = squares("before"), squares("after")
+    # of about 90 normal variates: 1 ± 0.15
+    assert 0.5 < after.mean() < 1.6
+    assert after.max() < 5**2
+    assert before.mean() > 1.5 * after.mean()
+
+
+def test_spectra_are_drawn_where_the_effect_changes_most():
+    found = diagnosed("viscosity").beads["b1"]
+    drawn = content_of(found)
+    assert [one["axis"] for one in drawn["spectra"]] == ["x", "y", "z"]
+    case = found.after.case
+    for axis, one in enumerate(drawn["spectra"]):
+        spectrum = case.fit.model.data[one["plateau"]].spectrum
+        assert sum(one["ordinates"]) == pytest.approx(spectrum.ordinates.sum())
+        assert min(one["ordinates"]) >= 8
+        recorded = spectrum.power[:, axis, axis] / spectrum.gain(axis)
+        for stage in ("before", "after"):
+            power = np.multiply(one[stage]["ratio"], one[stage]["expected_nm2_per_hz"])
+            mean = np.average(recorded, weights=spectrum.ordinates)
+            assert np.average(power, weights=one["ordinates"]) == pytest.approx(mean, rel=0.1)
 
 
 @every_case

@@ -66,7 +66,7 @@ def test_run_writes_every_file_and_says_where(finished):
         "report/index.html", "details/spectra.parquet", "details/traces.parquet",
         "details/drift.parquet", "details/references.parquet", "details/posteriors.parquet",
         "details/force_extension.parquet", "crosscheck.parquet", "mismatch.json",
-        "details/unexplained.json",
+        "details/before_after.json", "details/unexplained.json",
     }  # fmt: skip
     assert promised <= files
     assert not [name for name in files if name.endswith(".tmp")]
@@ -113,6 +113,8 @@ def test_the_diagnosis_is_written_as_the_contract_has_it(finished):
     left = json.loads((out / "details" / "unexplained.json").read_text(encoding="utf-8"))
     assert left["recording"] == mismatch["recording"]
     assert set(left["beads"]) == ({"b1"} if bead["verdict"] == "unexplained" else set())
+    drawn = json.loads((out / "details" / "before_after.json").read_text(encoding="utf-8"))
+    assert set(drawn["beads"]) == ({"b1"} if bead["effects"] else set())
     looks = pd.read_parquet(out / "crosscheck.parquet")
     assert set(looks.bead) == {"b1"}
     assert looks.p_value.between(0, 1).all()

@@ -216,7 +216,14 @@ def test_a_damaged_run_leaves_the_report_as_it_was(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize(
-    "name", ["run.json", "beads.parquet", "details/traces.parquet", "details/unexplained.json"]
+    "name",
+    [
+        "run.json",
+        "beads.parquet",
+        "details/traces.parquet",
+        "details/before_after.json",
+        "details/unexplained.json",
+    ],
 )
 def test_a_missing_file_is_named(tmp_path: Path, name: str) -> None:
     folder = write_run_folder(tmp_path / "run", plateaus=1)
@@ -352,6 +359,23 @@ def test_captions_say_which_posterior_is_shown(pages: dict[str, Page]) -> None:
     assert captions["2/y"]["posterior"].startswith("Posterior of this trace by itself. ")
     assert "common to x and y; y by itself tells" in captions["1/y"]["spectrum"]
     assert "common" not in captions["2/x"]["spectrum"]
+
+
+def test_what_is_named_is_drawn_before_and_after(pages: dict[str, Page]) -> None:
+    charts = pages[GOOD].charts
+    spectra = resolved(charts["figures"]["before_after"], unpacked(charts["arrays"]))
+    recorded, before, after, ratio_before, ratio_after = spectra["data"][:5]
+    np.testing.assert_allclose(after["y"], recorded["y"], rtol=1e-6)
+    np.testing.assert_allclose(before["y"], recorded["y"] / 1.1, rtol=1e-6)
+    np.testing.assert_allclose(ratio_before["y"], 1.1, rtol=1e-6)
+    np.testing.assert_allclose(ratio_before["error_y"]["array"], 0.11, rtol=1e-6)
+    np.testing.assert_allclose(ratio_after["y"], 1.0, rtol=1e-6)
+    assert [one["yaxis"] for one in spectra["data"][::5]] == ["y", "y2", "y3"]
+    maps = charts["figures"]["residuals"]["data"]
+    assert [one["z"][0][:2] for one in maps] == [[None, 0.8], [None, 0.0]]
+    assert [{z for row in one["z"][1:] for z in row} for one in maps] == [{1.0}, {0.0}]
+    assert maps[0]["y"][:2] == ["mean height", "x  0.05 – 1.7 Hz"]
+    assert "before_after" not in pages["bead-b10.html"].charts["figures"]
 
 
 def test_what_no_effect_explains_is_said_drawn_and_bounded(pages: dict[str, Page]) -> None:

@@ -166,6 +166,12 @@ def test_a_refused_trace_is_said_to_be(opened: Open) -> None:
     assert page.locator("[data-choice=posterior] .main-svg").count() == 0
 
 
+def test_what_is_named_is_drawn_before_and_after(opened: Open) -> None:
+    page = opened(GOOD)
+    assert page.locator("[data-figure=before_after] .point").count() == 3 * 3 * 20
+    assert page.locator("[data-figure=residuals] .hm").count() == 2
+
+
 def test_what_no_effect_explains_is_drawn(opened: Open) -> None:
     page = opened("bead-b10.html")
     assert page.locator("[data-figure=unexplained] .main-svg").count() > 0

@@ -13,13 +13,13 @@ from mtpipe.configured.hypotheses import Tried
 from mtpipe.corrections.correction import Strength
 from mtpipe.crosschecking.beads import DATA_ERRORS, bead_generator, check_of, per_bead
 from mtpipe.crosschecking.recording import CrossCheck
+from mtpipe.diagnosis import before_after, unexplained_content
 from mtpipe.diagnosis.beads_together import beads_together
 from mtpipe.diagnosis.explain import explain
 from mtpipe.diagnosis.explanation import Explanation, Named
 from mtpipe.diagnosis.place import located
 from mtpipe.diagnosis.sentence import sentence
 from mtpipe.diagnosis.unexplained import Unexplained
-from mtpipe.diagnosis.unexplained_content import content_of
 from mtpipe.physics.camera import FloatArray
 from mtpipe.recording import Recording
 
@@ -62,11 +62,13 @@ class Examined:
     Attributes
     ----------
     checked : the cross-check. mismatch : content of `mismatch.json`.
-    unexplained : content of `details/unexplained.json`, by bead.
+    before_after, unexplained : content of `details/before_after.json` and
+        `details/unexplained.json`, by bead.
     """
 
     checked: CrossCheck
     mismatch: dict[str, Any]
+    before_after: dict[str, dict[str, Any]]
     unexplained: dict[str, dict[str, Any]]
 
 
@@ -120,11 +122,17 @@ def examine(
     """
     found, refused = per_bead(recording, _explained, seed=seed, workers=workers, progress=progress)
     found = beads_together(found, seed=seed, workers=workers, progress=progress)
+    named = {bead: before_after.content_of(one) for bead, one in found.items()}
     left = {bead: one.unexplained for bead, one in found.items()}
     return Examined(
         CrossCheck(recording.name, {bead: one.before for bead, one in found.items()}, refused),
         content(recording.name, {bead: bead_content(one) for bead, one in found.items()}),
-        {bead: content_of(rest) for bead, rest in left.items() if rest is not None},
+        {bead: drawn for bead, drawn in named.items() if drawn is not None},
+        {
+            bead: unexplained_content.content_of(rest)
+            for bead, rest in left.items()
+            if rest is not None
+        },
     )
 
 

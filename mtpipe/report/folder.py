@@ -101,11 +101,13 @@ class RunFolder:
     """Everything a report is drawn from; tables with the columns of docs/run-folder.md.
 
     `forces` are mtpipe's own, a row per trace; `others` those by other methods of the field.
-    `mismatch` is the diagnosis (FORMATS section 4), `unexplained` by bead what it leaves.
+    `mismatch` is the diagnosis (FORMATS section 4), `before_after` by bead what is drawn of what it
+    names, `unexplained` what it leaves.
     """
 
     run: Mapping[str, Any]
     mismatch: Mapping[str, Any]
+    before_after: Mapping[str, Any]
     unexplained: Mapping[str, Any]
     setup: Setup
     notices: tuple[Notice, ...]
@@ -146,6 +148,7 @@ def read_run_folder(folder: Path) -> RunFolder:
         others=others,
         run=run,
         mismatch=_read_json(folder / "mismatch.json", ("beads",)),
+        before_after=_read_json(folder / "details" / "before_after.json", ("beads",))["beads"],
         unexplained=_read_json(folder / "details" / "unexplained.json", ("beads",))["beads"],
         setup=parse_setup(_experiment(run["setup"]), where=str(folder / "run.json")),
         notices=tuple(Notice(**notice) for notice in run["notices"]),

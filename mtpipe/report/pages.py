@@ -23,6 +23,7 @@ from mtpipe.report.figures_bead import (
     traces_figure,
     valid_range,
 )
+from mtpipe.report.figures_before_after import residuals_figure, spectra_figure
 from mtpipe.report.figures_crosscheck import curves_figure, map_figure
 from mtpipe.report.figures_run import drift_figure, forces_figure
 from mtpipe.report.figures_trace import posterior_figure, spectrum_figure
@@ -179,6 +180,9 @@ def _bead_page(run: RunFolder, row: rows.BeadRow) -> dict[str, Any]:
     checked = rows_crosscheck.crosscheck_rows(run, bead)
     if checked.done:
         figures["crosscheck"] = map_figure(checked)
+    if named := run.before_after.get(bead):
+        figures["before_after"] = spectra_figure(arrays, named)
+        figures["residuals"] = residuals_figure(named)
     if panels := left_panels(run, bead):
         figures["unexplained"] = unexplained_figure(arrays, panels)
     if shapes := left_shapes(run, bead):
