@@ -309,6 +309,19 @@ def _window(
     )
 
 
+def expected_of(
+    used: NDArray[np.bool_], edges: NDArray[np.int64], phi: float, covariance: FloatArray
+) -> FloatArray:
+    """(n_bins,) expectation over 2D of segments' periodograms, for a covariance at every lag.
+
+    Parameters
+    ----------
+    used : (segments, length). covariance : (length + 1,) of a stationary motion, before
+        prewhitening.
+    """
+    return _Expectation(used, edges, phi).of(covariance)
+
+
 def _independent_ordinates(
     masks: NDArray[np.bool_], edges: NDArray[np.int64]
 ) -> tuple[FloatArray, float]:

@@ -7,6 +7,7 @@ from typing import Any
 import numpy as np
 
 from mtpipe.crosschecking.case import Case, prepare
+from mtpipe.crosschecking.lines import with_lines_apart
 from mtpipe.drift import subtract_drift
 from mtpipe.recording import Recording
 from mtpipe.setup import Setup, parse_setup
@@ -41,7 +42,7 @@ def raw(seed: int, lost_share: float = 0.0, **changes: dict[str, Any]) -> Record
 
 def case(recording: Recording) -> Case:
     """Its bead, fitted."""
-    return prepare(subtract_drift(recording), "b1")
+    return with_lines_apart(prepare(subtract_drift(recording), "b1"))
 
 
 def generator(*seed: int) -> np.random.Generator:

@@ -68,7 +68,7 @@ def lines(seen: Sequence[Observed], spectra: Sequence[Whitened]) -> Values:
         cells: list[FloatArray] = []
         for i, spectrum in enumerate(spectra):
             power = np.abs(spectrum.bead[axis]) ** 2
-            power /= _local_level(power)
+            power /= local_level(power)
             left = power.copy()
             left[:3] = 0.0
             for statistic in ("line", "second_line"):
@@ -97,7 +97,7 @@ def same_line(frequency_hz: FloatArray, line_hz: float) -> NDArray[np.bool_]:
     return np.asarray(np.abs(frequency_hz - line_hz) <= 0.02 * line_hz + 0.1)
 
 
-def _local_level(power: FloatArray) -> FloatArray:
+def local_level(power: FloatArray) -> FloatArray:
     """(n,) mean of the ordinates about each, from their medians, which a line does not move."""
     blocks = max(len(power) // NEIGHBOURS, 1)
     length = len(power) // blocks

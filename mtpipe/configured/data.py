@@ -45,13 +45,18 @@ def whitening(position_nm: FloatArray, frame_s: float) -> tuple[float, ...]:
     return tuple(phi)
 
 
-def plateau_data(position_nm: FloatArray, frame_s: float, phi: tuple[float, ...]) -> PlateauData:
+def plateau_data(
+    position_nm: FloatArray,
+    frame_s: float,
+    phi: tuple[float, ...],
+    lines_hz: tuple[float, ...] = (),
+) -> PlateauData:
     """Reduce one plateau.
 
     Parameters
     ----------
     position_nm : (n, 3) on the camera's grid, NaN where lost.
-    phi : prewhitening of each axis (`whitening`).
+    phi : prewhitening of each axis (`whitening`). lines_hz : that have bins of their own.
 
     Raises
     ------
@@ -60,7 +65,7 @@ def plateau_data(position_nm: FloatArray, frame_s: float, phi: tuple[float, ...]
     together = np.asarray(np.isfinite(position_nm)).all(axis=1)
     complete = np.where(np.asarray(together)[:, None], position_nm, np.nan)
     return PlateauData(
-        matrix_periodogram(complete, frame_s, phi),
+        matrix_periodogram(complete, frame_s, phi, lines_hz),
         np.asarray(np.nanmean(complete, axis=0)),
         int(together.sum()),
         len(position_nm) * frame_s,

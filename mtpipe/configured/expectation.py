@@ -288,24 +288,20 @@ def _add_line(power: FloatArray, line: Line, data: PlateauData) -> None:
 
     In what phase the axes vibrate is not known, so each has it by itself.
     """
-    power[:, DIAGONAL, DIAGONAL] += np.square(line.amplitude_nm) * _wave(data, line.frequency_hz)
+    wave = _wave(data, line.frequency_hz, line.coherence_s)
+    power[:, DIAGONAL, DIAGONAL] += np.square(line.amplitude_nm) * wave
 
 
-@functools.lru_cache(maxsize=256)
-def _wave(data: PlateauData, frequency_hz: float) -> FloatArray:
+@functools.lru_cache(maxsize=1024)
+def _wave(data: PlateauData, frequency_hz: float, coherence_s: float) -> FloatArray:
     """(n_bins, 3) power of a wave of 1 nm, the mean over its phase.
 
     A wave between two ordinates is in several, and so in two bins where it is at the edge of one.
     """
     spectrum = data.spectrum
-    frame = np.arange(spectrum.used.size + 1)
-    phase = 2 * np.pi * frequency_hz * spectrum.windows[0].frame_s * frame
-    power = np.zeros((len(spectrum.frequency_hz), 3))
-    for part in (np.cos(phase), np.sin(phase)):
-        for axis in range(3):
-            transform = spectrum.transform_of(part, axis)
-            power[:, axis] += spectrum.common_power(transform, transform) / 2
-    return power
+    lag_s = spectrum.windows[0].frame_s * np.arange(spectrum.used.shape[1] + 1)
+    covariance = np.cos(2 * np.pi * frequency_hz * lag_s) * np.exp(-lag_s / coherence_s) / 2
+    return np.column_stack([spectrum.expected_power(covariance, axis) for axis in range(3)])
 
 
 def changed_spectra(

@@ -2,7 +2,7 @@
 
 Each axis is prewhitened by itself, as in `mtpipe.spectrum`; the phase that this gives an axis is
 taken back, so that what is common to two axes keeps its sign. In equilibrium cross-spectra are
-real.
+real. A narrow line may have a bin of its own: in one of a hundred ordinates it would be lost.
 """
 
 from __future__ import annotations
@@ -17,9 +17,18 @@ from scipy import fft
 
 from mtpipe.errors import FitError
 from mtpipe.physics.camera import FloatArray
-from mtpipe.spectrum import LONGEST_SEGMENT, Window, bin_edges, frames_present, window_of
+from mtpipe.spectrum import (
+    LONGEST_SEGMENT,
+    Window,
+    bin_edges,
+    expected_of,
+    frames_present,
+    window_of,
+)
 
 Transform = NDArray[np.complex128]
+# A line's bin reaches so many ordinates to either side, over which a wave between two is spread.
+LINE_ORDINATES = 2
 
 
 @dataclass(frozen=True, eq=False)
@@ -31,6 +40,7 @@ class MatrixSpectrum:
     frequency_hz : (n_bins,) mean frequency of each bin.
     power : (n_bins, axes, axes) nm²/Hz, real part, one-sided, prewhitened.
     ordinates : (n_bins,) independent ordinates of each bin.
+    edges : (n_bins + 1,) first ordinate of each bin, and one after the last.
     windows : one per axis, with its prewhitening.
     used : (segments, length) frames that are there with the one before.
     transforms : per axis (segments, length//2 + 1), which the powers are of.
@@ -39,6 +49,7 @@ class MatrixSpectrum:
     frequency_hz: FloatArray
     power: FloatArray
     ordinates: FloatArray
+    edges: NDArray[np.int64]
     windows: tuple[Window, ...]
     used: NDArray[np.bool_]
     transforms: tuple[Transform, ...]
@@ -53,8 +64,18 @@ class MatrixSpectrum:
 
     def common_power(self, first: Transform, second: Transform) -> FloatArray:
         """(n_bins,) what two transforms have in common, real part; a transform's own power."""
-        edges = bin_edges(self.used.shape[1], 1)
-        return _common_power(first, second, edges, self.windows[0].frame_s, self.used)
+        return _common_power(first, second, self.edges, self.windows[0].frame_s, self.used)
+
+    def expected_power(self, covariance_nm2: FloatArray, axis: int) -> FloatArray:
+        """(n_bins,) that an axis has of a motion with this covariance at lags of 0, 1, 2, … frames.
+
+        Parameters
+        ----------
+        covariance_nm2 : (length + 1,).
+        """
+        window = self.windows[axis]
+        per_frame = expected_of(self.used, self.edges, window.phi, covariance_nm2)
+        return np.asarray(2 * window.frame_s * per_frame)
 
     def summed_common(
         self, weight: FloatArray, first: Sequence[Transform], second: Sequence[Transform]
@@ -65,7 +86,7 @@ class MatrixSpectrum:
         ----------
         weight : (n_bins,). first, second : k and m transforms.
         """
-        edges = bin_edges(self.used.shape[1], 1)
+        edges = self.edges
         each = np.zeros(self.used.shape[1] // 2 + 1)
         width = np.diff(edges)
         scale = 2 * self.windows[0].frame_s / self.used.sum()
@@ -86,14 +107,17 @@ class MatrixSpectrum:
 
 
 def matrix_periodogram(
-    position_nm: FloatArray, frame_s: float, phi: tuple[float, ...]
+    position_nm: FloatArray,
+    frame_s: float,
+    phi: tuple[float, ...],
+    lines_hz: tuple[float, ...] = (),
 ) -> MatrixSpectrum:
     """Binned periodograms of the frames in which all axes are there.
 
     Parameters
     ----------
     position_nm : (n, axes) on the camera's grid, NaN where lost.
-    phi : prewhitening of each axis.
+    phi : prewhitening of each axis. lines_hz : frequencies that have bins of their own.
 
     Raises
     ------
@@ -107,7 +131,7 @@ def matrix_periodogram(
     # the first frame has no frame before it to be whitened by
     used = together[1:] & together[:-1]
     used = used[: segments * length].reshape(segments, length)
-    edges = bin_edges(length, 1)
+    edges = edges_about(lines_hz, length, frame_s)
     windows = tuple(window_of(used, edges, frame_s, p) for p in phi)
     total = np.zeros((len(edges) - 1, len(phi), len(phi)))
     transforms = []
@@ -122,10 +146,40 @@ def matrix_periodogram(
         frequency_hz=(edges[:-1] + edges[1:] - 1) / 2 / (length * frame_s),
         power=total,
         ordinates=windows[0].ordinates,
+        edges=edges,
         windows=windows,
         used=used,
         transforms=tuple(transforms),
     )
+
+
+def edges_about(lines_hz: tuple[float, ...], frames: int, frame_s: float) -> NDArray[np.int64]:
+    """The usual bins, but for narrow ones at each line that grow to either side.
+
+    They double in width until they are as wide as the usual ones, so that lines of any width are
+    seen.
+
+    Parameters
+    ----------
+    frames : of a segment.
+    """
+    edges = usual = bin_edges(frames, 1)
+    for line_hz in lines_hz:
+        centre = round(line_hz * frames * frame_s)
+        here = min(int(np.searchsorted(usual, centre, side="right")), len(usual) - 1)
+        width, widest = 2 * LINE_ORDINATES + 1, int(usual[here] - usual[here - 1])
+        low, high = centre - LINE_ORDINATES, centre + LINE_ORDINATES + 1
+        if widest <= width:
+            continue
+        around = [low, high]
+        while width < widest:
+            low, high = low - width, high + width
+            around += [low, high]
+            width *= 2
+        inside = (edges > low) & (edges < high)
+        clipped = np.clip(around, edges[0], edges[-1])
+        edges = np.unique(np.concatenate([edges[~inside], clipped]))
+    return edges
 
 
 def _common_power(

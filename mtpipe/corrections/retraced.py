@@ -21,6 +21,9 @@ def with_positions(case: Case, positions_nm: tuple[FloatArray, ...]) -> Case:
     FitError : too few frames are left, or nothing fits.
     """
     phi = tuple(whitening(x, case.frame_s) for x in positions_nm)
-    data = tuple(plateau_data(x, case.frame_s, p) for x, p in zip(positions_nm, phi, strict=True))
+    data = tuple(
+        plateau_data(x, case.frame_s, p, case.lines_hz)
+        for x, p in zip(positions_nm, phi, strict=True)
+    )
     fit = preferred_fit(replace(case.fit.model, data=data))
     return replace(case, positions_nm=positions_nm, phi=phi, fit=fit)

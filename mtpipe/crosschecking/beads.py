@@ -15,6 +15,7 @@ import numpy as np
 
 from mtpipe.crosschecking.case import prepare
 from mtpipe.crosschecking.check import BeadCheck, check_bead
+from mtpipe.crosschecking.lines import with_lines_apart
 from mtpipe.crosschecking.listed import with_listed
 from mtpipe.errors import MtpipeError
 from mtpipe.processes import executor
@@ -83,7 +84,7 @@ def check_of(
     ------
     MtpipeError : as `prepare`.
     """
-    case = with_listed(prepare(recording, bead), recording.setup)
+    case = with_listed(with_lines_apart(prepare(recording, bead)), recording.setup)
     return check_bead(case, random, with_curves=with_curves)
 
 

@@ -62,6 +62,7 @@ class Case:
     phi : per plateau, prewhitening of each axis.
     stage_nm_per_root_s : per axis, the stage's random walk near the cutoff of its subtraction.
     pixel_nm : size of a pixel, or None where the setup does not state it.
+    lines_hz : narrow lines that have bins of their own (`lines`), strongest first.
     """
 
     bead: str
@@ -74,6 +75,7 @@ class Case:
     fit: ConfiguredFit
     stage_nm_per_root_s: Triple = (0.0, 0.0, 0.0)
     pixel_nm: float | None = None
+    lines_hz: tuple[float, ...] = ()
 
     @property
     def frame_s(self) -> float:

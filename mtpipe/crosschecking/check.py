@@ -143,7 +143,7 @@ class _Battery:
         """A simulation, reduced and fitted as the recording was."""
         case = self.case
         data = tuple(
-            plateau_data(x, case.frame_s, phi)
+            plateau_data(x, case.frame_s, phi, case.lines_hz)
             for x, phi in zip(twin.positions_nm, case.phi, strict=True)
         )
         again = nearby_fit(case.fit, data)

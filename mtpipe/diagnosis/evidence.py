@@ -2,24 +2,17 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-
 import numpy as np
 
-from mtpipe.battery.spectral import same_line
 from mtpipe.configured.courses import force_courses
-from mtpipe.crosschecking.case import Case
+from mtpipe.crosschecking.case import Case, described
 from mtpipe.crosschecking.check import BeadCheck
+from mtpipe.crosschecking.lines import distinct_lines
 from mtpipe.drift.lowpass import response
 from mtpipe.effects.effect import Evidence
 from mtpipe.physics.camera import FloatArray
-from mtpipe.recording import AXES
 
-LINE_P = 1e-3
-MOST_LINES = 3
 BLOCK_S = 1.0
-# Frequencies at which a line is looked for, in each of the spectrum's own steps.
-FINER = 20
 # So much likelier one of two has to be to be believed.
 DECIDED_NATS = 6.0
 # Block means hold next to nothing of frequencies beyond so many per block.
@@ -28,39 +21,11 @@ HIGHEST, POINTS = 20.0, 2001
 
 def evidence_of(check: BeadCheck) -> Evidence:
     """Evidence from a bead's cross-check and its traces."""
-    found: list[tuple[float, float]] = []
-    for look, p in zip(check.looks, check.p_values, strict=True):
-        if look.statistic == "line" and p < LINE_P and look.band_hz is not None:
-            axis = AXES.index(look.axis)
-            found.append((float(p), _line_hz(check.case, axis, look.plateaus, look.band_hz)))
-    distinct: list[float] = []
-    for _, frequency in sorted(found):
-        if not any(same_line(np.array(frequency), other) for other in distinct):
-            distinct.append(frequency)
     forces = tuple(float(f) for f in check.case.fit.force_pN)
     each, common = force_courses(check.case.fit, check.case.positions_nm, check.case.frame_s)
-    return Evidence(tuple(distinct[:MOST_LINES]), forces, reference_moves(check), each, common)
-
-
-def _line_hz(case: Case, axis: int, plateaus: Sequence[int], band_hz: tuple[float, float]) -> float:
-    """Where in a band a line is: at the peak of the plateaus' periodograms over what is expected.
-
-    Frequencies are finer than those of the spectrum, as the line leaks into its neighbours by how
-    far it is from the nearest.
-    """
-    longest_s = max(case.fit.model.data[i].duration_s for i in plateaus)
-    points = max(round(FINER * longest_s * (band_hz[1] - band_hz[0])), 2) + 1
-    frequency = np.linspace(*band_hz, points)
-    total = np.zeros(points)
-    for i in plateaus:
-        series = case.positions_nm[i][:, axis]
-        series = np.nan_to_num(series - np.nanmean(series))
-        time_s = case.frame_s * np.arange(len(series))
-        sums = np.array([np.exp(-2j * np.pi * f * time_s) @ series for f in frequency])
-        spectrum = case.fit.model.data[i].spectrum
-        expected = case.fit.expected[i].power[:, axis, axis]
-        total += np.abs(sums) ** 2 / np.interp(frequency, spectrum.frequency_hz, expected)
-    return float(frequency[np.argmax(total)])
+    named = [line.frequency_hz for line in described(check.case).stage.lines]
+    lines_hz = distinct_lines(check.case.lines_hz, named)
+    return Evidence(lines_hz, forces, reference_moves(check), each, common)
 
 
 def reference_moves(check: BeadCheck) -> bool | None:

@@ -79,8 +79,8 @@ def halves_of(case: Case) -> tuple[Half, Half] | None:
     for position, phi in zip(case.positions_nm, case.phi, strict=True):
         middle = len(position) // 2
         try:
-            first.append(plateau_data(position[:middle], case.frame_s, phi))
-            second.append(plateau_data(position[middle:], case.frame_s, phi))
+            for half, rows in ((first, position[:middle]), (second, position[middle:])):
+                half.append(plateau_data(rows, case.frame_s, phi, case.lines_hz))
         except FitError:
             return None
     begins = case.fit.model.begins_s

@@ -80,12 +80,24 @@ def _hypotheses(
 ) -> Sequence[Hypothesis]:
     found = list(effect.hypotheses(experiment, evidence))
     for name, size in sizes.items():
-        found = [_held(effect, hypothesis, name, size) for hypothesis in found]
+        held = [_held(effect, hypothesis, name, size) for hypothesis in found]
+        able = [one for one in held if one is not None]
+        if found and not able:
+            known = [effect.strengths(one.experiment) for one in found]
+            names = ", ".join(dict.fromkeys(name for sizes in known for name, _, _ in sizes))
+            raise SetupError(
+                f"[model.{effect.name}] {name} is no size that can be pinned",
+                mend=f"It has {names}." if names else "It has none.",
+            )
+        found = able
     return found
 
 
-def _held(effect: Effect, hypothesis: Hypothesis, name: str, size: float) -> Hypothesis:
-    """The hypothesis without the parameter that sets this size, which is what it is to be."""
+def _held(effect: Effect, hypothesis: Hypothesis, name: str, size: float) -> Hypothesis | None:
+    """The hypothesis without the parameter that sets this size, which is what it is to be.
+
+    None where it has no such size.
+    """
     for parameter in hypothesis.parameters:
         short = partial(_short, effect, hypothesis.experiment, parameter, name, size)
         lowest, highest = short(parameter.lower), short(parameter.upper)
@@ -103,11 +115,7 @@ def _held(effect: Effect, hypothesis: Hypothesis, name: str, size: float) -> Hyp
             experiment=parameter.change(hypothesis.experiment, float(value)),
             parameters=tuple(other for other in hypothesis.parameters if other is not parameter),
         )
-    names = ", ".join(known for known, _, _ in effect.strengths(hypothesis.experiment))
-    raise SetupError(
-        f"[model.{effect.name}] {name} is no size that can be pinned",
-        mend=f"It has {names}." if names else "It has none.",
-    )
+    return None
 
 
 def _short(

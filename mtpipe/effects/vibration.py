@@ -5,23 +5,30 @@ from __future__ import annotations
 import math
 from dataclasses import replace
 from functools import partial
+from typing import Any
 
-from mtpipe.effects.effect import Effect, Evidence, Hypothesis, variance
+from mtpipe.effects.effect import Effect, Evidence, Hypothesis, logarithm, variance
 from mtpipe.experiment.changes import with_stage
 from mtpipe.experiment.description import Experiment, Line
 from mtpipe.experiment.parameter import Parameter
 
 LARGEST_NM = 500.0
 START_NM = 1.0
+# How long a phase may last that is seen to diffuse.
+START_S, COHERENCES_S = 5.0, (0.1, 1e3)
 
 
 def _hypotheses(experiment: Experiment, evidence: Evidence) -> list[Hypothesis]:
+    """Of each line a wave with a steady phase, and one whose phase diffuses."""
     found = []
+    number = len(experiment.stage.lines)
     for frequency in evidence.lines_hz:
-        number = len(experiment.stage.lines)
-        lines = (*experiment.stage.lines, Line(frequency, (START_NM, START_NM, START_NM)))
         sizes = tuple(_along(number, i, name) for i, name in enumerate("xyz"))
-        found.append(Hypothesis(with_stage(experiment, lines=lines), sizes, read=1))
+        for coherence_s in (math.inf, START_S):
+            line = Line(frequency, (START_NM, START_NM, START_NM), coherence_s)
+            changed = with_stage(experiment, lines=(*experiment.stage.lines, line))
+            diffusing = () if math.isinf(coherence_s) else (_coherence(number),)
+            found.append(Hypothesis(changed, (*sizes, *diffusing), read=1))
     return found
 
 
@@ -30,32 +37,42 @@ def _along(number: int, axis: int, name: str) -> Parameter:
     return variance(f"amplitude along {name}", "nm", START_NM, LARGEST_NM, change)
 
 
+def _coherence(number: int) -> Parameter:
+    change = partial(_with_coherence, number)
+    return logarithm("coherence of the line", "s", START_S, COHERENCES_S, change)
+
+
 def _change(number: int, axis: int, experiment: Experiment, square: float) -> Experiment:
-    lines = list(experiment.stage.lines)
-    size = list(lines[number].amplitude_nm)
+    size = list(experiment.stage.lines[number].amplitude_nm)
     size[axis] = math.sqrt(max(square, 0.0))
-    lines[number] = replace(lines[number], amplitude_nm=(size[0], size[1], size[2]))
+    return _with(experiment, number, amplitude_nm=(size[0], size[1], size[2]))
+
+
+def _with_coherence(number: int, experiment: Experiment, coherence_s: float) -> Experiment:
+    return _with(experiment, number, coherence_s=coherence_s)
+
+
+def _with(experiment: Experiment, number: int, **changes: Any) -> Experiment:
+    lines = list(experiment.stage.lines)
+    lines[number] = replace(lines[number], **changes)
     return with_stage(experiment, lines=tuple(lines))
 
 
 def _cause(experiment: Experiment) -> str:
     line = experiment.stage.lines[-1]
     x, y, z = line.amplitude_nm
+    steady = "" if math.isinf(line.coherence_s) else f", steady for {line.coherence_s:.2g} s"
     return (
         f"something vibrates at {line.frequency_hz:.2f} Hz (or at a frequency that is recorded "
-        f"there), {x:.1f}, {y:.1f} and {z:.1f} nm in x, y and z"
+        f"there){steady}, {x:.1f}, {y:.1f} and {z:.1f} nm in x, y and z"
     )
 
 
-EFFECT = Effect(
-    "vibration",
-    _hypotheses,
-    _cause,
-    lambda experiment: (
-        [("line_hz", experiment.stage.lines[-1].frequency_hz, "Hz")]
-        + [
-            (f"amplitude_{a}_nm", v, "nm")
-            for a, v in zip("xyz", experiment.stage.lines[-1].amplitude_nm, strict=True)
-        ]
-    ),
-)
+def _strengths(experiment: Experiment) -> list[tuple[str, float, str]]:
+    line = experiment.stage.lines[-1]
+    sizes = [(f"amplitude_{a}_nm", v, "nm") for a, v in zip("xyz", line.amplitude_nm, strict=True)]
+    lasting = [("coherence_s", line.coherence_s, "s")] if math.isfinite(line.coherence_s) else []
+    return [("line_hz", line.frequency_hz, "Hz"), *sizes, *lasting]
+
+
+EFFECT = Effect("vibration", _hypotheses, _cause, _strengths)

@@ -123,10 +123,14 @@ class Stage:
 
 @dataclass(frozen=True)
 class Line:
-    """A vibration as recorded: its frequency after aliasing and amplitude after blur."""
+    """A vibration as recorded: its frequency after aliasing and amplitude after blur.
+
+    Its phase diffuses: the wave at one time and a time t later have e^(−t/coherence) in common.
+    """
 
     frequency_hz: float
     amplitude_nm: Triple
+    coherence_s: float = math.inf
 
 
 @dataclass(frozen=True)

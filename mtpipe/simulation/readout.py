@@ -73,6 +73,9 @@ def recorded(
     time_s = camera.frame_s * np.arange(frames)[:, None]
     for line in experiment.stage.lines:
         phase = 2 * np.pi * random.random(3)
+        if math.isfinite(line.coherence_s):
+            step = math.sqrt(2 * camera.frame_s / line.coherence_s)
+            phase = phase + np.cumsum(step * random.normal(size=seen.shape), axis=0)
         wave = np.sin(2 * np.pi * line.frequency_hz * time_s + phase)
         # near half the frame rate a wave's phase decides how much of it is recorded, and a line's
         # amplitude is of what is recorded

@@ -159,14 +159,18 @@ def _vibration(experiment: Experiment, random: np.random.Generator) -> Family:
     highest = 0.9 * experiment.camera.nyquist_hz
     line_hz = math.exp(random.uniform(math.log(3.0), math.log(highest)))
     along = int(random.integers(3)) if random.random() < 0.8 else None
+    steady = random.random() < 0.5
+    coherence_s = math.inf if steady else math.exp(random.uniform(math.log(2.0), math.log(20.0)))
 
     def change(there: Experiment, size: float) -> Experiment:
         amplitude = _triple(size * (np.ones(3) if along is None else np.eye(3)[along]))
-        return changes.with_stage(there, lines=(*there.stage.lines, Line(line_hz, amplitude)))
+        line = Line(line_hz, amplitude, coherence_s)
+        return changes.with_stage(there, lines=(*there.stage.lines, line))
 
     axes = "xyz" if along is None else "xyz"[along]
     near = (0.95 * line_hz, 1.05 * line_hz)
-    return Family(change, (0.01, 20.0), "nm", {"line_hz": line_hz}, axes, None, near)
+    told = {"line_hz": line_hz} | ({} if steady else {"coherence_s": coherence_s})
+    return Family(change, (0.01, 20.0), "nm", told, axes, None, near)
 
 
 def _dropped(experiment: Experiment, share: float) -> Experiment:

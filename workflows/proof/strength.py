@@ -37,6 +37,8 @@ BINS = 28
 Z_ZERO_NM, HEIGHT_NM = 0.3, 0.1
 FRICTION, VARIANCE = 0.03, 0.02
 COURSE_NODES = 5
+# Ordinates about a line that are taken for themselves.
+ABOUT_A_LINE = np.arange(-10, 11)
 AXES = range(3)
 Change = Callable[[Experiment, float], Experiment]
 
@@ -185,11 +187,11 @@ def _edges(rest: Rest) -> NDArray[np.int64]:
 
 
 def _grid(rest: Rest, frame_s: float, lines_hz: tuple[float, ...]) -> tuple[FloatArray, FloatArray]:
-    """Frequencies and ordinates of bins that widen; each line has an ordinate for itself."""
+    """Frequencies and ordinates of bins that widen; each line has ordinates for itself."""
     duration_s = rest.frames * frame_s
     edges = _edges(rest)
     middle = (edges[:-1] + edges[1:] - 1) / 2 / duration_s
-    own = np.array(lines_hz)
+    own = np.add.outer(lines_hz, ABOUT_A_LINE / duration_s).ravel()
     return np.append(middle, own), np.append(np.diff(edges), np.ones(len(own)))
 
 
@@ -220,8 +222,9 @@ def _binned(
 ) -> FloatArray:
     """Means over bins of a power (ordinates from zero frequency on)."""
     edges = _edges(rest)
-    ordinates = np.rint(np.array(lines_hz) * rest.frames * frame_s).astype(int)
-    return np.append(np.add.reduceat(power, edges)[:-1] / np.diff(edges), power[ordinates])
+    of_lines = np.rint(np.array(lines_hz) * rest.frames * frame_s).astype(int)
+    own = np.add.outer(of_lines, ABOUT_A_LINE).ravel()
+    return np.append(np.add.reduceat(power, edges)[:-1] / np.diff(edges), power[own])
 
 
 @functools.lru_cache(maxsize=2048)
@@ -241,9 +244,14 @@ def _at(experiment: Experiment, rest: Rest, lines_hz: tuple[float, ...]) -> _Exp
     power = power + 2 * camera.frame_s * parts.white_nm2
     duration_s = rest.frames * camera.frame_s
     for line in stage.lines:
-        at = np.flatnonzero(frequency == line.frequency_hz)
-        for i in at:
-            power[i] += np.outer(line.amplitude_nm, line.amplitude_nm) * duration_s / 2
+        # ∫ (1 − t/T) e^(−at) dt of the covariance e^(−t/coherence) cos 2πft / 2, once on each side
+        rate = 1 / line.coherence_s + 2j * np.pi * (frequency - line.frequency_hz)
+        rate = np.where(rate == 0, 1e-9 / duration_s, rate)
+        wave = (1 / rate + np.expm1(-rate * duration_s) / (rate**2 * duration_s)).real
+        near = np.abs(frequency - line.frequency_hz) * duration_s < ABOUT_A_LINE[-1] + 0.5
+        # of the wider bins those of its neighbours have it
+        near &= ordinates == 1
+        power[near] += np.outer(line.amplitude_nm, line.amplitude_nm) * wave[near, None, None]
     for axis in AXES:
         walk = stage.random_nm_per_root_s[axis] ** 2 / (2 * np.pi**2 * frequency**2)
         noise = 2 * camera.frame_s * experiment.tracker.reference_noise_nm[axis] ** 2

@@ -1,0 +1,147 @@
+"""Narrow lines in a bead's spectra: where they are, and bins of their own for them."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from mtpipe.battery.observed import Observed, whitened
+from mtpipe.battery.spectral import local_level, same_line
+from mtpipe.configured.data import plateau_data
+from mtpipe.configured.fit import fit_configured
+from mtpipe.crosschecking.case import Case
+from mtpipe.physics.camera import FloatArray
+from mtpipe.recording import AXES
+
+MOST_LINES = 3
+# The slowest ordinates hold drift.
+SLOWEST = 3
+# Frequencies at which lines are looked for in each step of the longest spectrum, and at which the
+# best is looked for beside it.
+STEPS, FINER_STEPS = 2, 20
+# A wave in ordinates with Hann's taper: its power over the square of its amplitude and the length.
+TAPERED_WAVE = 1 / 3
+# Squares of an amplitude that are tried, from what is not seen to what would be all there is.
+SIZES = 16
+LEAST_SEEN = 0.1
+
+
+def with_lines_apart(case: Case) -> Case:
+    """The case with bins of their own for lines that may be worth their numbers.
+
+    A frequency and a size cost ln of the number of ordinates after BIC; what gains less is left.
+    """
+    ordinates = sum(float(data.spectrum.ordinates.sum()) * 3 for data in case.fit.model.data)
+    found = strongest_lines(case)
+    return apart(case, tuple(hz for nats, hz in found if nats > math.log(ordinates)))
+
+
+def apart(case: Case, lines_hz: tuple[float, ...]) -> Case:
+    """The case with bins of their own for these lines alone, and fitted again."""
+    if lines_hz == case.lines_hz:
+        return case
+    data = tuple(
+        plateau_data(x, case.frame_s, phi, lines_hz)
+        for x, phi in zip(case.positions_nm, case.phi, strict=True)
+    )
+    fit = fit_configured(replace(case.fit.model, data=data), case.fit.theta)
+    return replace(case, lines_hz=lines_hz, fit=fit)
+
+
+def distinct_lines(lines_hz: Sequence[float], known_hz: Sequence[float] = ()) -> tuple[float, ...]:
+    """Those that are not the same line as an earlier one, or as one that is known."""
+    kept: list[float] = []
+    for line_hz in lines_hz:
+        if not any(same_line(np.array(line_hz), other) for other in (*kept, *known_hz)):
+            kept.append(line_hz)
+    return tuple(kept)
+
+
+def strongest_lines(case: Case) -> list[tuple[float, float]]:
+    """The strongest narrow lines, best first: ln likelihood gained (nats), and frequency.
+
+    A wave has one amplitude per axis in all plateaus and stands out of its neighbours in the
+    spectrum, whatever their level there; the axes' gains are summed. The first is there always, be
+    it chance or not.
+    """
+    seen = [
+        Observed(position, None, offset, data, expected, case.frame_s)
+        for position, offset, data, expected in zip(
+            case.positions_nm,
+            case.camera_offset_nm,
+            case.fit.model.data,
+            case.fit.expected,
+            strict=True,
+        )
+    ]
+    spectra = [whitened(one) for one in seen]
+    first = max(SLOWEST * float(one.frequency_hz[0]) for one in spectra)
+    last = min(float(one.frequency_hz[-1]) for one in spectra)
+    step = min(float(one.frequency_hz[0]) for one in spectra) / STEPS
+    frequency = np.arange(first + step, last, step)
+    gains = np.zeros((len(AXES), len(frequency)))
+    for axis in range(len(AXES)):
+        over, wave = [], []
+        for one, spectrum in zip(seen, spectra, strict=True):
+            power = np.abs(spectrum.bead[axis]) ** 2
+            level = local_level(power)
+            nearest = np.rint(frequency / spectrum.frequency_hz[0]).astype(int) - 1
+            nearest = np.clip(nearest, 0, len(power) - 1)
+            over.append((power / level)[nearest])
+            expected = one.expected.power[:, axis, axis] / one.data.spectrum.gain(axis)
+            here = np.interp(frequency, one.data.spectrum.frequency_hz, expected) * level[nearest]
+            wave.append(TAPERED_WAVE * one.duration_s / here)
+        gains[axis] = _gains(np.array(over), np.array(wave))
+    total = gains.sum(axis=0)
+    found: list[tuple[float, float]] = []
+    while len(found) < MOST_LINES and total.max() > 0:
+        at = int(np.argmax(total))
+        nats, line_hz = float(total[at]), float(frequency[at])
+        axis = int(np.argmax(gains[:, at]))
+        found.append((nats, _exactly(case, axis, line_hz, step)))
+        total[same_line(frequency, line_hz)] = 0.0
+    return found
+
+
+def _gains(over: FloatArray, wave: FloatArray) -> FloatArray:
+    """(frequencies,) ln likelihood that a wave of the best size gains in the plateaus together.
+
+    Ordinates are exponential variates of mean 1 + a² wave, against mean 1.
+
+    Parameters
+    ----------
+    over : (plateaus, frequencies) ordinates over their neighbours' level.
+    wave : the same of a wave of 1 nm.
+    """
+    low = LEAST_SEEN / wave.max(axis=0)
+    high = np.maximum((over / wave).max(axis=0), 2 * low)
+    best = np.zeros(over.shape[1])
+    for square in np.geomspace(low, high, SIZES):
+        raised = square * wave
+        gain = over * raised / (1 + raised) - np.log1p(raised)
+        best = np.maximum(best, gain.sum(axis=0))
+    return np.asarray(best)
+
+
+def _exactly(case: Case, axis: int, line_hz: float, within_hz: float) -> float:
+    """Where a line is: at the peak of the plateaus' periodograms over what is expected beside it.
+
+    Frequencies are finer than those of the spectrum, as the line leaks into its neighbours by how
+    far it is from the nearest.
+    """
+    points = 2 * FINER_STEPS // STEPS + 1
+    frequency = line_hz + np.linspace(-within_hz, within_hz, points)
+    total = np.zeros(points)
+    for position, data, model in zip(
+        case.positions_nm, case.fit.model.data, case.fit.expected, strict=True
+    ):
+        series = np.nan_to_num(position[:, axis] - np.nanmean(position[:, axis]))
+        time_s = case.frame_s * np.arange(len(series))
+        sums = np.array([np.exp(-2j * np.pi * f * time_s) @ series for f in frequency])
+        expected = np.interp(line_hz, data.spectrum.frequency_hz, model.power[:, axis, axis])
+        expected /= np.interp(line_hz, data.spectrum.frequency_hz, data.spectrum.gain(axis))
+        total += np.abs(sums) ** 2 / (len(series) * expected)
+    return float(frequency[np.argmax(total)])
