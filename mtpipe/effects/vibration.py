@@ -14,8 +14,8 @@ from mtpipe.experiment.parameter import Parameter
 
 LARGEST_NM = 500.0
 START_NM = 1.0
-# How long a phase may last that is seen to diffuse.
-START_S, COHERENCES_S = 5.0, (0.1, 1e3)
+# How long a phase lasts that is seen to diffuse; what keeps it for less is no narrow line.
+START_S, COHERENCES_S = 5.0, (1.0, 1e3)
 
 
 def _hypotheses(experiment: Experiment, evidence: Evidence) -> list[Hypothesis]:
