@@ -17,6 +17,7 @@ from pathlib import Path
 
 import cmaddry
 import crosscheck_map
+import diagnosed
 import others
 
 from mtpipe import pipeline
@@ -34,12 +35,16 @@ def main() -> None:
     parser.add_argument(
         "--recordings", type=Path, default=CHECKOUT.parent / "shared" / "recordings"
     )
-    parser.add_argument("--only", choices=("cmaddry", "map", "others"), help="one part alone")
+    parser.add_argument(
+        "--only", choices=("cmaddry", "map", "diagnosis", "others"), help="one part alone"
+    )
     choice = parser.parse_args()
     if choice.only in (None, "cmaddry"):
         _complete_case(choice.recordings / "cmaddry-run2")
     if choice.only in (None, "map"):
         _map(choice.recordings / "cmaddry-run2")
+    if choice.only in (None, "diagnosis"):
+        _diagnosis(choice.recordings / "cmaddry-run2")
     if choice.only in (None, "others"):
         _say("Other recordings", others.answers(choice.recordings, SETUPS))
 
@@ -82,6 +87,13 @@ def _map(folder: Path) -> None:
     _say("Map of the turns, untold", crosscheck_map.turns(subtracted, workers))
     _say("Map of a series", crosscheck_map.series(subtracted, workers))
     print(f"\nThe maps took {_cpu_s() - began:.0f} s of CPU")
+
+
+def _diagnosis(folder: Path) -> None:
+    began = _cpu_s()
+    subtracted = subtract_drift(load(folder, SETUPS / "cmaddry-run2.toml"))
+    _say("Diagnosis of a series", diagnosed.series(subtracted))
+    print(f"\nThe diagnosis took {_cpu_s() - began:.0f} s of CPU")
 
 
 def _cpu_s() -> float:

@@ -1,0 +1,84 @@
+"""What the diagnosis makes of cmaddry-run2, where nature conceals the effects.
+
+The setup is told nothing of the stage's motion (`crosscheck_map.untold`). Of the plateaus those of
+the map's series are taken: the long dwells and steps of the staircase, which one tether and one
+bead should describe.
+
+Every function returns lines of Markdown; nothing is written to disk.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+from crosscheck_map import SERIES, cut_out, untold
+
+from mtpipe.diagnosis.mismatch import Mismatch, diagnose
+from mtpipe.recording import Recording
+
+
+def series(subtracted: Recording) -> list[str]:
+    """Of each bead, what is named, p before and after, and forces before and after; then what is
+    left.
+    """
+    here = [p for p in subtracted.plateaus if p.number in SERIES]
+    found = diagnose(untold(cut_out(subtracted, here)))
+    lines = [
+        "| bead | verdict | named | p before → after | held out (nats) "
+        f"| forces in {', '.join(map(str, SERIES))} before (pN) | after (pN) |",
+        "| --- | --- | --- | --- | --- | --- | --- |",
+    ]
+    for bead, content in found.as_dict()["beads"].items():
+        lines.append(f"| {bead} | {content['verdict']} | {' | '.join(_of_bead(content))} |")
+    lines += [f"| {bead} | refused: {reason} | | | | | |" for bead, reason in found.refused.items()]
+    return [*lines, "", *_left(found)]
+
+
+def _of_bead(content: dict[str, Any]) -> list[str]:
+    effects = content["effects"]
+    named = "; ".join(
+        " or ".join((one["effect"], *one["equivalent"])) + f" ({_sizes(one)})" for one in effects
+    )
+    p_values = f"{effects[0]['p_before']:.0e} → {effects[-1]['p_after']:.1g}" if effects else "–"
+    gains = [one["heldout_gain_nats"] for one in effects]
+    return [
+        named or "nothing",
+        p_values,
+        ", ".join("–" if gain is None else f"{gain:.0f}" for gain in gains) or "–",
+        _forces(content, "force_before_pN", "stderr_before_pN"),
+        _forces(content, "force_pN", "stderr_pN"),
+    ]
+
+
+def _sizes(effect: dict[str, Any]) -> str:
+    return ", ".join(
+        f"{name} {one['value']:.3g} ± {one['stderr']:.1g} {one['unit']}".rstrip()
+        for name, one in effect["parameters"].items()
+    )
+
+
+def _forces(content: dict[str, Any], value: str, stderr: str) -> str:
+    return ", ".join(f"{one[value]:.3g} ± {one[stderr]:.1g}" for one in content["forces"])
+
+
+def _left(found: Mismatch) -> list[str]:
+    """Where what is left is clearest, and what came nearest to explain it."""
+    lines = []
+    for bead, one in found.beads.items():
+        if one.unexplained is None:
+            continue
+        located = found.as_dict()["beads"][bead]["located"][:3]
+        where = "; ".join(_place(place) for place in located)
+        nearest = one.unexplained.nearest
+        came = f"{nearest.tried.effect.name} {nearest.reason}" if nearest else "–"
+        lines.append(f"- {bead}: {where}. Nearest: {came}.")
+    return lines
+
+
+def _place(place: dict[str, Any]) -> str:
+    plateaus = ", ".join(str(SERIES[i]) for i in place["plateaus"])
+    band = place["band_hz"]
+    within = "" if band is None else f", {band[0]:.2g}–{band[1]:.2g} Hz"
+    return (
+        f"{place['statistic']} of {place['axis']} in {plateaus}{within} (p {place['p_value']:.0e})"
+    )
