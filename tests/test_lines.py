@@ -81,6 +81,28 @@ def _steady(experiment, evidence):
     return VIBRATION.hypotheses(experiment, evidence)[:1]
 
 
+def test_two_lines_are_one_vibration():
+    """Sizes are within 30 %, three standard errors, but for 1 seed in 200."""
+    case = with_lines_apart(ready(vibrating(vibrating(raw(4), 31.7, 12.0), 47.0, 8.0, seed=2)))
+    assert sorted(case.lines_hz) == pytest.approx([31.7, 47.0], abs=0.3 * RATE_HZ / FRAMES)
+    found, sizes = named(case, case.lines_hz)
+    alone, _ = named(case, case.lines_hz[:1])
+    assert found.net > alone.net + 10
+    assert found.hypothesis.numbers == 8
+    told = {
+        sizes["line_hz"]: sizes["amplitude_y_nm"],
+        sizes["line_2_hz"]: sizes["amplitude_2_y_nm"],
+    }
+    assert [told[hz] for hz in sorted(told)] == pytest.approx([12.0, 8.0], rel=0.3)
+    said = VIBRATION.cause(found.fit.model.described(found.fit.theta))
+    assert all(f"{hz:.2f} Hz" in said for hz in case.lines_hz)
+    # what is named is not named again
+    again = VIBRATION.hypotheses(
+        found.fit.model.described(found.fit.theta), Evidence((20.0,), (1.0,) * 3)
+    )
+    assert not again
+
+
 def test_bins_of_a_lines_own_tell_the_forces_the_same():
     """Where there is no line they only cut the same ordinates otherwise."""
     case = ready(raw(3))

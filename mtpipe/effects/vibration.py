@@ -19,27 +19,43 @@ START_S, COHERENCES_S = 5.0, (1.0, 1e3)
 
 
 def _hypotheses(experiment: Experiment, evidence: Evidence) -> list[Hypothesis]:
-    """Of each line a wave with a steady phase, and one whose phase diffuses."""
-    found = []
-    number = len(experiment.stage.lines)
-    for frequency in evidence.lines_hz:
-        sizes = tuple(_along(number, i, name) for i, name in enumerate("xyz"))
-        for coherence_s in (math.inf, START_S):
-            line = Line(frequency, (START_NM, START_NM, START_NM), coherence_s)
-            changed = with_stage(experiment, lines=(*experiment.stage.lines, line))
-            diffusing = () if math.isinf(coherence_s) else (_coherence(number),)
-            found.append(Hypothesis(changed, (*sizes, *diffusing), read=1))
-    return found
+    """Of each line by itself and of the strongest together, with steady and diffusing phases."""
+    if experiment.stage.lines:
+        return []
+    seen = evidence.lines_hz
+    together = [seen[:number] for number in range(2, len(seen) + 1)]
+    return [
+        _of_lines(experiment, lines_hz, coherence_s)
+        for lines_hz in [*((line_hz,) for line_hz in seen), *together]
+        for coherence_s in (math.inf, START_S)
+    ]
 
 
-def _along(number: int, axis: int, name: str) -> Parameter:
-    change = partial(_change, number, axis)
-    return variance(f"amplitude along {name}", "nm", START_NM, LARGEST_NM, change)
+def _of_lines(
+    experiment: Experiment, lines_hz: tuple[float, ...], coherence_s: float
+) -> Hypothesis:
+    lines = tuple(Line(hz, (START_NM, START_NM, START_NM), coherence_s) for hz in lines_hz)
+    parameters = []
+    for number in range(len(lines)):
+        parameters += [_along(number, axis) for axis in range(3)]
+        if math.isfinite(coherence_s):
+            parameters.append(_coherence(number))
+    changed = with_stage(experiment, lines=lines)
+    return Hypothesis(changed, tuple(parameters), read=len(lines))
+
+
+def _along(number: int, axis: int) -> Parameter:
+    name = f"amplitude{_of_line(number)} along {'xyz'[axis]}"
+    return variance(name, "nm", START_NM, LARGEST_NM, partial(_change, number, axis))
 
 
 def _coherence(number: int) -> Parameter:
     change = partial(_with_coherence, number)
-    return logarithm("coherence of the line", "s", START_S, COHERENCES_S, change)
+    return logarithm(f"coherence{_of_line(number)}", "s", START_S, COHERENCES_S, change)
+
+
+def _of_line(number: int) -> str:
+    return f" of line {number + 1}" if number else ""
 
 
 def _change(number: int, axis: int, experiment: Experiment, square: float) -> Experiment:
@@ -59,20 +75,27 @@ def _with(experiment: Experiment, number: int, **changes: Any) -> Experiment:
 
 
 def _cause(experiment: Experiment) -> str:
-    line = experiment.stage.lines[-1]
+    first, *others = (_of_one(line) for line in experiment.stage.lines)
+    also = "".join(f", and at {other}" for other in others)
+    return f"something vibrates (as recorded, perhaps an alias) at {first}{also}"
+
+
+def _of_one(line: Line) -> str:
     x, y, z = line.amplitude_nm
     steady = "" if math.isinf(line.coherence_s) else f", steady for {line.coherence_s:.2g} s"
-    return (
-        f"something vibrates at {line.frequency_hz:.2f} Hz (or at a frequency that is recorded "
-        f"there){steady}, {x:.1f}, {y:.1f} and {z:.1f} nm in x, y and z"
-    )
+    return f"{line.frequency_hz:.2f} Hz{steady}, {x:.1f}, {y:.1f} and {z:.1f} nm in x, y and z"
 
 
 def _strengths(experiment: Experiment) -> list[tuple[str, float, str]]:
-    line = experiment.stage.lines[-1]
-    sizes = [(f"amplitude_{a}_nm", v, "nm") for a, v in zip("xyz", line.amplitude_nm, strict=True)]
-    lasting = [("coherence_s", line.coherence_s, "s")] if math.isfinite(line.coherence_s) else []
-    return [("line_hz", line.frequency_hz, "Hz"), *sizes, *lasting]
+    found: list[tuple[str, float, str]] = []
+    for number, line in enumerate(experiment.stage.lines):
+        of_line = f"_{number + 1}" if number else ""
+        found.append((f"line{of_line}_hz", line.frequency_hz, "Hz"))
+        for axis, size_nm in zip("xyz", line.amplitude_nm, strict=True):
+            found.append((f"amplitude{of_line}_{axis}_nm", size_nm, "nm"))
+        if math.isfinite(line.coherence_s):
+            found.append((f"coherence{of_line}_s", line.coherence_s, "s"))
+    return found
 
 
 EFFECT = Effect("vibration", _hypotheses, _cause, _strengths)
