@@ -96,6 +96,8 @@ def test_two_lines_are_one_vibration():
     assert [told[hz] for hz in sorted(told)] == pytest.approx([12.0, 8.0], rel=0.3)
     said = VIBRATION.cause(found.fit.model.described(found.fit.theta))
     assert all(f"{hz:.2f} Hz" in said for hz in case.lines_hz)
+    slow = VIBRATION.hypotheses(case.fit.model.experiment, Evidence((0.3, 0.9), (1.0,) * 3))
+    assert {len(one.experiment.stage.lines) for one in slow} == {1}
     # what is named is not named again
     again = VIBRATION.hypotheses(
         found.fit.model.described(found.fit.theta), Evidence((20.0,), (1.0,) * 3)

@@ -16,17 +16,23 @@ LARGEST_NM = 500.0
 START_NM = 1.0
 # How long a phase lasts that is seen to diffuse; what keeps it for less is no narrow line.
 START_S, COHERENCES_S = 5.0, (1.0, 1e3)
+# Lines are taken together only where a plateau has so many periods: a few slower ones look like
+# slow motion of any kind.
+FEWEST_PERIODS = 100
 
 
 def _hypotheses(experiment: Experiment, evidence: Evidence) -> list[Hypothesis]:
     """Of each line by itself and of the strongest together, with steady and diffusing phases."""
     if experiment.stage.lines:
         return []
-    seen = evidence.lines_hz
-    together = [seen[:number] for number in range(2, len(seen) + 1)]
+    longest_s = experiment.camera.frame_s * max(
+        (rest.frames for rest in experiment.rests), default=0
+    )
+    narrow = tuple(hz for hz in evidence.lines_hz if hz * longest_s > FEWEST_PERIODS)
+    together = [narrow[:number] for number in range(2, len(narrow) + 1)]
     return [
         _of_lines(experiment, lines_hz, coherence_s)
-        for lines_hz in [*((line_hz,) for line_hz in seen), *together]
+        for lines_hz in [*((line_hz,) for line_hz in evidence.lines_hz), *together]
         for coherence_s in (math.inf, START_S)
     ]
 
