@@ -14,6 +14,7 @@ from typing import Any
 from crosscheck_map import SERIES, cut_out, untold
 
 from mtpipe.diagnosis.mismatch import Mismatch, diagnose
+from mtpipe.diagnosis.unexplained_content import content_of
 from mtpipe.recording import Recording
 
 
@@ -62,23 +63,19 @@ def _forces(content: dict[str, Any], value: str, stderr: str) -> str:
 
 
 def _left(found: Mismatch) -> list[str]:
-    """Where what is left is clearest, and what came nearest to explain it."""
+    """What is left, in words, and the forces with the smooth correction of the spectra free."""
     lines = []
     for bead, one in found.beads.items():
         if one.unexplained is None:
             continue
-        located = found.as_dict()["beads"][bead]["located"][:3]
-        where = "; ".join(_place(place) for place in located)
-        nearest = one.unexplained.nearest
-        came = f"{nearest.tried.effect.name} {nearest.reason}" if nearest else "–"
-        lines.append(f"- {bead}: {where}. Nearest: {came}.")
+        correction = content_of(one.unexplained)["correction"]
+        freed = "" if correction is None else f" Forces with it free: {_freed(correction)} pN."
+        lines.append(f"- {bead}: {one.unexplained.sentence}{freed}")
     return lines
 
 
-def _place(place: dict[str, Any]) -> str:
-    plateaus = ", ".join(str(SERIES[i]) for i in place["plateaus"])
-    band = place["band_hz"]
-    within = "" if band is None else f", {band[0]:.2g}–{band[1]:.2g} Hz"
-    return (
-        f"{place['statistic']} of {place['axis']} in {plateaus}{within} (p {place['p_value']:.0e})"
+def _freed(correction: dict[str, Any]) -> str:
+    return ", ".join(
+        f"{one['corrected_pN']:.3g} ± {one['corrected_stderr_pN']:.1g}"
+        for one in correction["forces"]
     )
