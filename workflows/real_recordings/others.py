@@ -47,10 +47,15 @@ def answers(recordings: Path, setups: Path) -> list[str]:
 
 
 def _of_run(run: pipeline.Run) -> list[str]:
+    refused = {} if run.checked is None else run.checked.refused
+    reasons = Counter(reason.replace(bead, "…") for bead, reason in refused.items())
+    compared = [
+        f"   {n} x not compared with simulations: {reason}" for reason, n in reasons.items()
+    ]
     if len(run.verdicts) > 1:
-        return _of_many(run)
+        return [*_of_many(run), *compared]
     (verdict,) = run.verdicts
-    lines = [f"   {verdict.verdict}: {'; '.join(verdict.reasons)}"]
+    lines = [f"   {verdict.verdict}: {'; '.join(verdict.reasons)}", *compared]
     for one in _lateral(run.calibration.beads[0]):
         if one.estimates is None:
             continue
