@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import itertools
 import math
 from collections.abc import Sequence
@@ -16,6 +17,7 @@ from mtpipe.configured.fit import (
     first_guess,
     fit_configured,
 )
+from mtpipe.configured.model import ConfiguredModel
 from mtpipe.effects.effect import Effect, Evidence, Hypothesis
 from mtpipe.errors import FitError
 from mtpipe.experiment.changes import by_formula
@@ -68,7 +70,7 @@ def with_hypothesis(
     """Fit a hypothesis, beginning where the fit without it stands.
 
     Where the experiment without it cannot reach the recorded heights its forces and noise say
-    little, and the fit is begun afresh too; the better of both is taken.
+    little, and the fit is begun afresh too; after a step of both it goes on with the better one.
     """
     model = replace(
         fit.model,
@@ -76,14 +78,13 @@ def with_hypothesis(
         parameters=(*fit.model.parameters, *hypothesis.parameters),
     )
     start = np.concatenate([fit.theta, [p.start for p in hypothesis.parameters]])
-    begun = fit_configured(model, start, rounds=rounds, arrived=TRIED_NATS)
     if np.abs(fit.height_pulls).max() < FAR_FROM_IT:
-        return begun
-    try:
-        afresh = fit_configured(model, first_guess(model), rounds=rounds, arrived=TRIED_NATS)
-    except (FitError, ValueError):
-        return begun
-    return max(begun, afresh, key=lambda one: one.log_likelihood)
+        return fit_configured(model, start, rounds=rounds, arrived=TRIED_NATS)
+    begun = fit_configured(model, start, rounds=1, arrived=TRIED_NATS)
+    with contextlib.suppress(FitError, ValueError):
+        afresh = fit_configured(model, first_guess(model), rounds=1, arrived=TRIED_NATS)
+        begun = max(begun, afresh, key=lambda one: one.log_likelihood)
+    return fit_configured(model, begun.theta, rounds=rounds - 1, arrived=TRIED_NATS)
 
 
 def gained_by_motion(one: Tried) -> float:
@@ -105,6 +106,16 @@ def gained_by_motion(one: Tried) -> float:
 
 def together(fit: ConfiguredFit, chosen: Sequence[Tried], start: ConfiguredFit) -> ConfiguredFit:
     """Fit several effects at once, their parameters beginning where another fit has them.
+
+    Parameters, raises: as `model_with`.
+    """
+    return fit_configured(*model_with(fit, chosen, start))
+
+
+def model_with(
+    fit: ConfiguredFit, chosen: Sequence[Tried], start: ConfiguredFit
+) -> tuple[ConfiguredModel, FloatArray]:
+    """The model with several effects at once, and where another fit has its coordinates.
 
     Parameters
     ----------
@@ -134,7 +145,7 @@ def together(fit: ConfiguredFit, chosen: Sequence[Tried], start: ConfiguredFit) 
         for parameter, value in zip(other.model.parameters, other.theta[plateaus:], strict=True)
     }
     values = [known.get(parameter.name, parameter.start) for parameter in model.parameters]
-    return fit_configured(model, np.concatenate([start.theta[:plateaus], values]))
+    return model, np.concatenate([start.theta[:plateaus], values])
 
 
 def looking_ahead(fit: ConfiguredFit, tried: Sequence[Tried]) -> list[Tried]:
@@ -205,7 +216,7 @@ def try_effects(fit: ConfiguredFit, effects: Sequence[Effect], evidence: Evidenc
     All begin with a few steps; those that have gained something like the best are then fitted to
     the end, the others stay where they are.
     """
-    ordinates = sum(float(data.spectrum.ordinates.sum()) * 3 for data in fit.model.data)
+    ordinates = ordinates_of(fit)
     taken = {parameter.name for parameter in fit.model.parameters}
     begun: list[Tried] = []
     for effect in effects:
@@ -234,6 +245,11 @@ def try_effects(fit: ConfiguredFit, effects: Sequence[Effect], evidence: Evidenc
         if one.effect.name not in strongest or one.net > strongest[one.effect.name].net:
             strongest[one.effect.name] = one
     return sorted(strongest.values(), key=lambda one: one.net, reverse=True)
+
+
+def ordinates_of(fit: ConfiguredFit) -> float:
+    """Number of ordinates of all axes and plateaus, by whose logarithm a number costs (BIC)."""
+    return sum(float(data.spectrum.ordinates.sum()) * 3 for data in fit.model.data)
 
 
 def best_of(fit: ConfiguredFit, effect: Effect, evidence: Evidence) -> Tried | None:

@@ -16,6 +16,7 @@ from functools import partial
 
 import numpy as np
 
+from mtpipe.configured.fit import ConfiguredFit
 from mtpipe.configured.hypotheses import (
     Tried,
     gained_by_motion,
@@ -26,6 +27,7 @@ from mtpipe.configured.hypotheses import (
 from mtpipe.corrections.correction import Correction
 from mtpipe.crosschecking.case import Case
 from mtpipe.crosschecking.check import CLEARLY_CONSISTENT, CLEARLY_NOT, BeadCheck, check_bead
+from mtpipe.diagnosis.bent_scale import Instead, bend_instead
 from mtpipe.diagnosis.corrected import corrected, late_corrections
 from mtpipe.diagnosis.evidence import evidence_of
 from mtpipe.diagnosis.explanation import (
@@ -105,7 +107,7 @@ def explain(
     named, check = without_superfluous(case, named, check, random)
     named, check, nearest = without_unclear_third(named, check, nearest)
     named, check = made_sure(before, named, check, random)
-    verdict, kept, check, nearest = concluded(before, named, check, nearest)
+    verdict, kept, check, nearest = concluded(before, case.fit, named, check, nearest, random)
     # the last was compared with all others there, unless one of them has gone since
     compared = kept[-1:] if len(named) == found_first else []
     distinct = tuple(
@@ -127,32 +129,71 @@ def made_sure(
 
 
 def concluded(
-    before: BeadCheck, named: list[Named], check: BeadCheck, nearest: Rejected | None
+    before: BeadCheck,
+    without: ConfiguredFit,
+    named: list[Named],
+    check: BeadCheck,
+    nearest: Rejected | None,
+    random: np.random.Generator,
 ) -> tuple[str, list[Named], BeadCheck, Rejected | None]:
     """The verdict, the effects that may be named with it, the check with these, and what came
     nearest where something is left.
 
     Parameters
     ----------
-    before : the bead's first check. named : in the order found. check : with all of them.
-    nearest : what the search did not take at its end.
+    before : the bead's first check. without : fit without any effect of the spectrum.
+    named : in the order found. check : with all of them. nearest : what the search did not take at
+    its end.
     """
     fitted = [one.found for one in named if isinstance(one.found, Tried)]
     scatter = gained_by_scatter(check.case.fit, fitted) if fitted else 0.0
-    if named and agrees(check, before) and scatter < ALIKE_NATS:
+    off = scatter >= ALIKE_NATS
+    agreed, kept = agrees(check, before), certain(named)
+    bent = preferred_bend(without, fitted, check, random) if agreed or kept else None
+    if named and agreed and not off and bent is None:
         return "explained", named, check, None
-    kept = certain(named)
-    if scatter >= ALIKE_NATS:
+    if off:
         kept = list(itertools.takewhile(lambda one: not _frees_heights(one), kept))
+    if bent is not None:
+        kept = list(itertools.takewhile(lambda one: one.found not in bent.replaced, kept))
     left_out = next(iter(named[len(kept) :]), None)
     if left_out is not None and isinstance(left_out.found, Tried):
-        off = scatter >= ALIKE_NATS and _frees_heights(left_out)
-        reason = _heights_off(left_out, scatter) if off else _not_enough(left_out)
+        if off and _frees_heights(left_out):
+            reason = _heights_off(left_out, scatter)
+        elif bent is not None and left_out.found in bent.replaced:
+            reason = _bent(left_out, bent)
+        else:
+            reason = _not_enough(left_out)
         nearest = Rejected(left_out.found, reason)
     after = kept[-1].after if kept else before
     if not kept and before.p_value >= ALARM_P:
         return "consistent", kept, after, None
     return "unexplained", kept, after, nearest
+
+
+def preferred_bend(
+    without: ConfiguredFit, named: Sequence[Tried], check: BeadCheck, random: np.random.Generator
+) -> Instead | None:
+    """A bend of z's scale that likelihood and battery together speak for, and not for the effects
+    in whose place it is; None where there is none.
+
+    They are compared as rivals of the catalogue are (`better_judged`).
+
+    Parameters
+    ----------
+    without : fit without any of the effects. check : with all of them.
+    """
+    found = bend_instead(without, named, check.case.fit)
+    if found is None or found.lead < -ALIKE_NATS:
+        return None
+    lead = found.lead
+    if lead < ALIKE_NATS and check.p_value < CLEARLY_CONSISTENT:
+        try:
+            with_it = check_bead(replace(check.case, fit=found.bend.fit), random)
+        except (FitError, ValueError):
+            return None
+        lead += _ln_of(with_it.p_value) - _ln_of(check.p_value)
+    return found if lead > 0 else None
 
 
 def _frees_heights(one: Named) -> bool:
@@ -237,7 +278,12 @@ def better_judged(
 def _judged(one: Tried | Correction, p_value: float) -> float:
     """Net gain and ln p; of a correction, which nothing rivals, infinite."""
     net = one.net if isinstance(one, Tried) else math.inf
-    return net + math.log(min(p_value, CLEARLY_CONSISTENT))
+    return net + _ln_of(p_value)
+
+
+def _ln_of(p_value: float) -> float:
+    """A p-value that is clearly consistent is as good as any."""
+    return math.log(max(min(p_value, CLEARLY_CONSISTENT), 1e-300))
 
 
 def _with_alternatives(
@@ -249,7 +295,9 @@ def _with_alternatives(
     fitted = [other.found for other in named if isinstance(other.found, Tried)]
     others = [other for other in fitted if other is not one.found]
     try:
-        without = together(case.fit, others, named[-1].after.case.fit)
+        # where it is far from the data its forces are found afresh: what it gains by these is no
+        # matter of any effect, and all of them would be fitted to the end for it
+        without = begun_again(together(case.fit, others, named[-1].after.case.fit))
     except (FitError, ValueError):
         return replace(one, alternatives=())
     tried = try_effects(without, effects, one.found.evidence)
@@ -359,6 +407,11 @@ def _heights_off(one: Named, scatter: float) -> str:
         "heights are off by more than positions wander within plateaus "
         f"({scatter:.0f} nats more if each is off by something of its own)"
     )
+
+
+def _bent(one: Named, instead: Instead) -> str:
+    gain = one.found.gain if isinstance(one.found, Tried) else math.nan
+    return f"gains {gain:.0f} nats, but is no likelier than {instead.bend.words}"
 
 
 def without_superfluous(

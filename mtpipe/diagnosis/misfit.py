@@ -35,7 +35,12 @@ def excess(fit: ConfiguredFit) -> float:
 
 def explained_share(before: BeadCheck, after: BeadCheck) -> float:
     """Share of the misfit that is gone."""
-    first, last = excess(before.case.fit), excess(after.case.fit)
+    return share_gone(before.case.fit, after.case.fit)
+
+
+def share_gone(before: ConfiguredFit, after: ConfiguredFit) -> float:
+    """Share of one fit's misfit that is gone in another."""
+    first, last = excess(before), excess(after)
     return 0.0 if first <= 0 else 1 - max(last, 0.0) / first
 
 

@@ -17,7 +17,7 @@ from mtpipe.diagnosis import before_after, unexplained_content
 from mtpipe.diagnosis.beads_together import beads_together
 from mtpipe.diagnosis.explain import explain
 from mtpipe.diagnosis.explanation import Explanation, Named
-from mtpipe.diagnosis.place import located
+from mtpipe.diagnosis.place import MOST_PLACES, bent_heights, located
 from mtpipe.diagnosis.sentence import sentence
 from mtpipe.diagnosis.unexplained import Unexplained
 from mtpipe.physics.camera import FloatArray
@@ -152,10 +152,20 @@ def bead_content(found: Explanation) -> dict[str, Any]:
     """What `mismatch.json` says of one bead."""
     return {
         "verdict": found.verdict,
-        "located": [] if found.verdict == "consistent" else located(found.before),
+        "located": _located(found),
         "effects": [_effect(found, one) for one in sorted(found.named, key=_oddity_left)],
         "forces": _forces(found),
     }
+
+
+def _located(found: Explanation) -> list[dict[str, Any]]:
+    """Where recording and simulation differ; heights first that are best described by a bend."""
+    if found.verdict == "consistent":
+        return []
+    places = located(found.before)
+    if found.unexplained is not None and found.unexplained.bend is not None:
+        places = [*places, bent_heights(found.before, found.unexplained.bend)]
+    return sorted(places, key=lambda place: place["p_value"])[:MOST_PLACES]
 
 
 def _oddity_left(one: Named) -> float:

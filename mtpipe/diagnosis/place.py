@@ -8,10 +8,13 @@ import numpy as np
 
 from mtpipe.battery.look import Look
 from mtpipe.crosschecking.check import BeadCheck
+from mtpipe.diagnosis.bent_scale import Beside
 from mtpipe.recording import AXES
 
 MOST_PLACES = 8
 PLACE_P = 1e-3
+# p-values are not told below this.
+LEAST_P = 1e-300
 
 
 def located(check: BeadCheck) -> list[dict[str, Any]]:
@@ -40,6 +43,18 @@ def located(check: BeadCheck) -> list[dict[str, Any]]:
             for axis in look.axis or AXES
         ]
     return places[:MOST_PLACES]
+
+
+def bent_heights(check: BeadCheck, beside: Beside) -> dict[str, Any]:
+    """The plateaus above a bend of z's scale, as one place."""
+    return {
+        "axis": "z",
+        "plateaus": [check.case.plateaus[i].number for i in beside.bend.above],
+        "band_hz": None,
+        "time_s": None,
+        "statistic": "extension",
+        "p_value": max(beside.p_value, LEAST_P),
+    }
 
 
 def concerned(check: BeadCheck, look: Look) -> tuple[int, ...]:

@@ -1,12 +1,13 @@
 """What is left where no effect of the catalogue explains a recording: place, size and shape.
 
-Three things are said. Of spectra, the smooth factor that the recording asks for
+Four things are said. Of spectra, the smooth factor that the recording asks for
 (`mtpipe.diagnosis.smooth_correction`), and what it does to the forces when it is free: a force then
 lies between the fit and the corrected fit, give or take the error. Of what is no matter of
 frequency (a distribution, a course of time, a narrow line), the looks of the battery that show it,
 with the recorded value beside the simulated ones, and of courses and distributions a smooth curve
-and what it leaves open about the force (`left_in_time`, `left_in_distribution`). Of the catalogue,
-the effect that came nearest, and why it was rejected.
+and what it leaves open about the force (`left_in_time`, `left_in_distribution`). Of heights,
+whether they are as if z's scale changed at one (`bent_scale`). Of the catalogue, the effect that
+came nearest, and why it was rejected.
 """
 
 from __future__ import annotations
@@ -19,6 +20,7 @@ import numpy as np
 from mtpipe.battery.words import STATISTICS
 from mtpipe.configured.hypotheses import Tried
 from mtpipe.crosschecking.check import BeadCheck
+from mtpipe.diagnosis.bent_scale import Beside, bend_beside
 from mtpipe.diagnosis.left_in_distribution import LeftInDistribution, left_in_distribution
 from mtpipe.diagnosis.left_in_time import LeftInTime, left_in_time
 from mtpipe.diagnosis.smooth_correction import (
@@ -66,6 +68,7 @@ class Unexplained:
     nearest : the effect that came nearest; None if none could be tried, or the search ended
         because no more effects are named at once.
     spectra : recorded beside expected power. correction : of the spectra; None if none is needed.
+    bend : of z's scale, where that would explain most of it.
     """
 
     check: BeadCheck
@@ -73,6 +76,7 @@ class Unexplained:
     nearest: Rejected | None
     spectra: Spectra
     correction: SmoothCorrection | None
+    bend: Beside | None = None
 
     @functools.cached_property
     def looks(self) -> tuple[int, ...]:
@@ -113,11 +117,25 @@ class Unexplained:
         ]
         first = int(np.argmin(self.check.p_values))
         inner = looks + spectral if first in self.looks else spectral + looks
+        if self.bend is not None:
+            inner.insert(0, self._of_heights(self.bend))
         if self.nearest is not None:
             closing = [f"Nearest: {self.nearest.tried.effect.name}, which {self.nearest.reason}."]
         else:
             closing = [] if self.beside else ["No effect of the catalogue could be tried."]
         return " ".join([opening, *inner, *closing])
+
+    def _of_heights(self, beside: Beside) -> str:
+        fit = beside.bend.fit
+        shift = np.log(fit.force_pN / self.check.case.fit.force_pN)
+        stderr = fit.force_stderr_pN / fit.force_pN
+        worst = int(np.argmax(np.abs(shift)))
+        changed = compared(float(shift[worst]), float(stderr[worst]), "higher", "lower")
+        return (
+            f"Most of it ({beside.share:.0%} of the misfit) is as if there were "
+            f"{beside.bend.words}; forces would then be up to {changed} "
+            f"(plateau {self.number(worst)})."
+        )
 
     def _of_spectra(self, correction: SmoothCorrection) -> list[str]:
         sentences = []
@@ -175,14 +193,16 @@ class Unexplained:
 
 
 def unexplained(check: BeadCheck, nearest: Rejected | None, *, beside: bool) -> Unexplained:
-    """Fit the smooth correction to what a check leaves.
+    """Fit the smooth correction, and a bend of z's scale, to what a check leaves.
 
     Parameters
     ----------
     check : with all that is named. beside : whether anything is.
     """
     spectra = spectra_of(check.case.fit)
-    return Unexplained(check, beside, nearest, spectra, smooth_correction(spectra))
+    bend = bend_beside(check.case.fit)
+    told = bend if bend is not None and bend.explains_most else None
+    return Unexplained(check, beside, nearest, spectra, smooth_correction(spectra), told)
 
 
 def strongest(correction: SmoothCorrection, one: AxisCorrection) -> tuple[int, Place]:

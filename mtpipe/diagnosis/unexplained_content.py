@@ -7,6 +7,7 @@ from typing import Any
 
 import numpy as np
 
+from mtpipe.diagnosis.bent_scale import Beside
 from mtpipe.diagnosis.left_in_distribution import LeftInDistribution
 from mtpipe.diagnosis.left_in_time import LeftInTime
 from mtpipe.diagnosis.smooth_correction import (
@@ -37,6 +38,7 @@ def content_of(left: Unexplained) -> dict[str, Any]:
             "penalty_nats": float(left.nearest.tried.penalty),
             "reason": left.nearest.reason,
         },
+        "bend": None if left.bend is None else _bend_dict(left, left.bend),
         "correction": None
         if correction is None
         else {
@@ -45,6 +47,30 @@ def content_of(left: Unexplained) -> dict[str, Any]:
             "panels": [_panel(left, correction, axis) for axis in range(3)],
             "forces": _forces(left, correction),
         },
+    }
+
+
+def _bend_dict(left: Unexplained, beside: Beside) -> dict[str, Any]:
+    """Another scale of z above some height, and the forces with it."""
+    bend = beside.bend
+    relative, stderr = bend.relative
+    return {
+        "relative": relative,
+        "relative_stderr": stderr,
+        "from_nm": bend.from_nm,
+        "plateaus": [left.number(i) for i in bend.above],
+        "gain_nats": beside.gain,
+        "penalty_nats": beside.penalty,
+        "share": beside.share,
+        "forces": [
+            {
+                "plateau": plateau.number,
+                "magnet_mm": plateau.magnet_mm,
+                "force_pN": float(bend.fit.force_pN[i]),
+                "force_stderr_pN": float(bend.fit.force_stderr_pN[i]),
+            }
+            for i, plateau in enumerate(left.check.case.plateaus)
+        ],
     }
 
 

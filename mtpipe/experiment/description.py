@@ -137,13 +137,16 @@ class Line:
 class Optics:
     """What turns positions into recorded ones.
 
-    x and y are turned by an angle and scaled, z is scaled; then `z_zero_nm` is added to heights.
+    x and y are turned by an angle and scaled, z is scaled, and above `bend_from_nm` once more, by
+    1 + `bend`; then `z_zero_nm` is added to heights.
     """
 
     z_zero_nm: float = 0.0
     lateral_scale: float = 1.0
     axial_scale: float = 1.0
     angle_rad: float = 0.0
+    bend: float = 0.0
+    bend_from_nm: float = 0.0
 
     @property
     def matrix(self) -> NDArray[np.float64]:

@@ -53,6 +53,10 @@ def readout(experiment: Experiment, state: BeadState, duration_s: float) -> Read
         tau_s, covariance = np.append(tau_s, hop_s), np.concatenate([covariance, extra])
     optics = experiment.optics.matrix
     covariance = optics @ covariance @ optics.T
+    if experiment.optics.bend != 0:
+        gain = np.ones(3)
+        gain[2] = _bent(experiment, state)[1]
+        covariance = covariance * np.outer(gain, gain)
     walk = np.square(experiment.stage.unsubtracted_nm_per_root_s)
     if walk.any():
         walk_s = WALK_DURATIONS * duration_s
@@ -71,11 +75,37 @@ def readout(experiment: Experiment, state: BeadState, duration_s: float) -> Read
 
 def recorded_height_nm(experiment: Experiment, state: BeadState) -> float:
     """Mean of the recorded z of a bead at one force."""
-    extension = state.extension_nm
+    height = _height_and_variance(experiment, state)[0]
+    if experiment.optics.bend != 0:
+        height = _bent(experiment, state)[0]
+    return height + experiment.optics.z_zero_nm
+
+
+def _height_and_variance(experiment: Experiment, state: BeadState) -> tuple[float, float]:
+    """Of z as scaled alike everywhere, in nm and nm²."""
+    height, scale = state.extension_nm, experiment.optics.axial_scale
+    variance = float(recorded_modes(state).covariance_nm2[:, 2, 2].sum())
     if experiment.hopping is not None:
         energy = experiment.fluid.thermal_energy_pN_nm
-        extension += hopping_moments(experiment.hopping, state.force_pN, energy)[2]
-    return experiment.optics.axial_scale * extension + experiment.optics.z_zero_nm
+        hops_nm2, _, mean_nm = hopping_moments(experiment.hopping, state.force_pN, energy)
+        height, variance = height + mean_nm, variance + hops_nm2
+    return scale * height, scale**2 * variance
+
+
+def _bent(experiment: Experiment, state: BeadState) -> tuple[float, float]:
+    """Mean height where z's scale changes at some height, and what small motion is scaled by.
+
+    Of Gaussian z, with u its mean's distance from the bend in standard deviations σ: the mean of
+    max(z − bend, 0) is σ (φ(u) + u Φ(u)), and it goes with z by Φ(u) (Booton 1954, statistical
+    linearization).
+    """
+    optics = experiment.optics
+    height, variance = _height_and_variance(experiment, state)
+    sigma = math.sqrt(variance)
+    u = (height - optics.bend_from_nm) / sigma
+    above = 0.5 * math.erfc(-u / math.sqrt(2))
+    density = math.exp(-(u**2) / 2) / math.sqrt(2 * math.pi)
+    return height + optics.bend * sigma * (density + u * above), 1 + optics.bend * above
 
 
 def force_course(course: ForceCourse, points: int) -> FloatArray:

@@ -65,7 +65,9 @@ def recorded(
         energy = experiment.fluid.thermal_energy_pN_nm
         seen = seen.copy()
         seen[:, 2] += hops(experiment.hopping, force_pN, energy, camera, random)
-    seen = seen @ experiment.optics.matrix.T
+    optics = experiment.optics
+    seen = seen @ optics.matrix.T
+    seen[:, 2] += optics.bend * np.maximum(seen[:, 2] - optics.bend_from_nm, 0.0)
     walk = np.asarray(experiment.stage.unsubtracted_nm_per_root_s)
     if walk.any():
         steps = math.sqrt(camera.frame_s) * walk * random.normal(size=(frames, 3))

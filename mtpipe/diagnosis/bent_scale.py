@@ -1,0 +1,202 @@
+"""Whether heights are as if z had another scale above some height.
+
+No name of the catalogue says so: a look-up table of z with a kink in it, optics that distort.
+Forces are free at every plateau, so that effects that change with the force can be taken for what
+changes with the height.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import itertools
+import math
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from scipy import stats
+
+from mtpipe.configured.fit import ConfiguredFit, fit_configured
+from mtpipe.configured.hypotheses import (
+    FIRST_ROUNDS,
+    TRIED_NATS,
+    Tried,
+    model_with,
+    ordinates_of,
+)
+from mtpipe.configured.model import ConfiguredModel
+from mtpipe.diagnosis.misfit import share_gone
+from mtpipe.diagnosis.words import compared
+from mtpipe.effects.effect import plain
+from mtpipe.errors import FitError
+from mtpipe.experiment.changes import with_optics
+from mtpipe.experiment.description import Experiment
+from mtpipe.physics.camera import FloatArray
+
+# Scales that differ by more are no matter of optics.
+MOST_BENT = 0.33
+NUMBERS = 2
+# It is told where it would explain so much of the misfit.
+TOLD_SHARE = 0.5
+
+
+@dataclass(frozen=True, eq=False)
+class Bend:
+    """A fit with another scale of z above some height, its last two coordinates."""
+
+    fit: ConfiguredFit
+
+    @property
+    def relative(self) -> tuple[float, float]:
+        """What the scale above is more than below, and the standard error."""
+        stderr = math.sqrt(max(float(self.fit.covariance[-NUMBERS, -NUMBERS]), 0.0))
+        return float(self.fit.theta[-NUMBERS]), stderr
+
+    @property
+    def from_nm(self) -> float:
+        """The height, as recorded."""
+        optics = self.fit.model.described(self.fit.theta).optics
+        return optics.bend_from_nm + optics.z_zero_nm
+
+    @property
+    def above(self) -> tuple[int, ...]:
+        """Indices of the plateaus whose mean height is above the bend."""
+        return tuple(
+            i
+            for i, expected in enumerate(self.fit.expected)
+            if expected.extension_nm > self.from_nm
+        )
+
+    @property
+    def words(self) -> str:
+        """The scale and the height."""
+        more, stderr = self.relative
+        size = compared(math.log1p(more), stderr / (1 + more), "larger", "smaller")
+        return f"a scale of z that is {size} above {self.from_nm:.0f} nm"
+
+
+@dataclass(frozen=True, eq=False)
+class Beside:
+    """A bend beside what a fit has.
+
+    Attributes
+    ----------
+    gain : rise of ln likelihood. penalty : what its numbers cost. share : of the misfit that is
+        gone.
+    """
+
+    bend: Bend
+    gain: float
+    penalty: float
+    share: float
+
+    @property
+    def explains_most(self) -> bool:
+        """Whether it earns its numbers, and most of the misfit is gone with it."""
+        return self.gain > self.penalty and self.share >= TOLD_SHARE
+
+    @property
+    def p_value(self) -> float:
+        """Chance of such a gain where there is no bend (Wilks 1938)."""
+        return float(stats.chi2.sf(2 * self.gain, NUMBERS))
+
+
+@dataclass(frozen=True, eq=False)
+class Instead:
+    """A bend in the place of effects; `lead` : by how many nats it is likelier, after BIC."""
+
+    bend: Bend
+    replaced: tuple[Tried, ...]
+    lead: float
+
+
+def bend_beside(fit: ConfiguredFit) -> Beside | None:
+    """The best bend beside what a fit has; None where none can be fitted."""
+    # forces that were fitted without it may have taken up what is wrong with the heights
+    begun = (_fitted(fit.model, fit.theta, part) for part in (0.0, 1.0))
+    found = [one for one in begun if one is not None]
+    if not found:
+        return None
+    bent = max(found, key=lambda one: one.log_likelihood)
+    gain = bent.log_likelihood - fit.log_likelihood
+    return Beside(Bend(bent), gain, _penalty(fit), share_gone(fit, bent))
+
+
+def bend_instead(
+    without: ConfiguredFit, named: Sequence[Tried], fit: ConfiguredFit
+) -> Instead | None:
+    """The bend that does best in the place of effects, one or all; None where none can be fitted.
+
+    Parameters
+    ----------
+    without : fit without any of the effects. named : these. fit : with all of them.
+    """
+    found: Instead | None = None
+    for replaced in _parts(named):
+        others = [one for one in named if one not in replaced]
+        try:
+            bent = _fitted(*model_with(without, others, fit), part=1.0)
+        except (FitError, ValueError):
+            continue
+        if bent is None:
+            continue
+        saved = sum(one.penalty for one in replaced) - _penalty(fit)
+        lead = bent.log_likelihood - fit.log_likelihood + saved
+        if found is None or lead > found.lead:
+            found = Instead(Bend(bent), replaced, lead)
+    return found
+
+
+def _parts(named: Sequence[Tried]) -> Iterator[tuple[Tried, ...]]:
+    """Each effect, and all of them."""
+    yield from ((one,) for one in named)
+    if len(named) > 1:
+        yield tuple(named)
+
+
+def _penalty(fit: ConfiguredFit) -> float:
+    return 0.5 * NUMBERS * math.log(ordinates_of(fit))
+
+
+def _fitted(model: ConfiguredModel, theta: FloatArray, part: float) -> ConfiguredFit | None:
+    """A model with a bend as well, from where its coordinates are; None where it cannot be fitted.
+
+    It begins half-way between any two neighbouring heights, with a part of what the heights ask
+    for.
+    """
+    try:
+        expected = [one.extension_nm for one in model.all_expected(theta)]
+    except (FitError, ValueError):
+        return None
+    recorded = np.array([float(data.mean_nm[2]) for data in model.data])
+    missed = recorded - np.array(expected)
+    heights = np.unique(recorded)
+    begun: list[ConfiguredFit] = []
+    for low, high in itertools.pairwise(heights.tolist()):
+        from_nm = 0.5 * (low + high)
+        over = np.maximum(recorded - from_nm, 0.0)
+        asked = float(over @ missed / (over @ over))
+        excess = part * float(np.clip(asked, -MOST_BENT / 2, MOST_BENT / 2))
+        parameters = (
+            plain("excess of z's scale", "", excess, (-MOST_BENT, MOST_BENT), 1e-3, _bent),
+            plain("z's scale changes at", "nm", from_nm, (heights[0], heights[-1]), 0.1, _bent_at),
+        )
+        bent = replace(model, parameters=(*model.parameters, *parameters))
+        start = np.concatenate([theta, [excess, from_nm]])
+        with contextlib.suppress(FitError, ValueError):
+            begun.append(fit_configured(bent, start, rounds=FIRST_ROUNDS, arrived=TRIED_NATS))
+    if not begun:
+        return None
+    best = max(begun, key=lambda one: one.log_likelihood)
+    try:
+        return fit_configured(best.model, best.theta, arrived=TRIED_NATS)
+    except (FitError, ValueError):
+        return None
+
+
+def _bent(experiment: Experiment, value: float) -> Experiment:
+    return with_optics(experiment, bend=value)
+
+
+def _bent_at(experiment: Experiment, value: float) -> Experiment:
+    return with_optics(experiment, bend_from_nm=value)
