@@ -394,6 +394,7 @@ def test_what_frees_heights_is_not_named_where_they_are_off(
     module = importlib.import_module("mtpipe.diagnosis.explain")
     monkeypatch.setattr(module, "gained_by_scatter", lambda fit, fitted: scatter)
     monkeypatch.setattr(module, "wanders", lambda fit: fit)
+    monkeypatch.setattr(module, "bend_instead", lambda without, fitted, fit: None)
     monkeypatch.setattr(module, "certain", lambda named: list(named))
     monkeypatch.setattr(module, "explained_share", lambda before, after: 0.5)
     named, free = [], False
@@ -401,7 +402,7 @@ def test_what_frees_heights_is_not_named_where_they_are_off(
         free = free or name == "drift"
         one = stand_in(name, 50.0, 1e-9, 0.5, frees=free)
         named.append(replace(one, before=named[-1].after if named else one.before))
-    found = concluded(named[0].before, named, named[-1].after, None)
+    found = concluded(named[0].before, None, named, named[-1].after, None, None)
     assert (found[0], [one.name for one in found[1]]) == (verdict, kept)
     assert found[2] is (found[1][-1].after if kept else named[0].before)
     if len(kept) < len(order):

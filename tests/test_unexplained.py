@@ -152,7 +152,7 @@ def test_a_spectrum_is_told_with_band_axis_size_and_what_it_does_to_the_forces()
         "Nearest: viscosity, which gains 4.0 nats, too little for its parameter (7.9 are needed)."
     )
     content = json.loads(json.dumps(content_of(left), allow_nan=False))
-    assert set(content) == {"sentence", "looks", "shapes", "nearest", "correction"}
+    assert set(content) == {"sentence", "looks", "shapes", "nearest", "bend", "correction"}
     assert content["nearest"]["effect"] == "viscosity"
     panels = {panel["axis"]: panel for panel in content["correction"]["panels"]}
     assert list(panels) == ["x", "y", "z"]

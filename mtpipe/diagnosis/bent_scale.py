@@ -110,10 +110,19 @@ class Instead:
     lead: float
 
 
-def bend_beside(fit: ConfiguredFit) -> Beside | None:
-    """The best bend beside what a fit has; None where none can be fitted."""
-    # forces that were fitted without it may have taken up what is wrong with the heights
-    begun = (_fitted(fit.model, fit.theta, part) for part in (0.0, 1.0))
+def bend_beside(fit: ConfiguredFit, near: Bend | None = None) -> Beside | None:
+    """The best bend beside what a fit has; None where none can be fitted.
+
+    Parameters
+    ----------
+    near : another bend, whose forces it may have too: those that were fitted without one may have
+        taken up what is wrong with the heights.
+    """
+    starts = [(fit.theta, 0.0), (fit.theta, 1.0)]
+    if near is not None:
+        forces = near.fit.theta[: fit.model.plateaus]
+        starts.append((np.concatenate([forces, fit.theta[fit.model.plateaus :]]), 1.0))
+    begun = (_fitted(fit.model, theta, part) for theta, part in starts)
     found = [one for one in begun if one is not None]
     if not found:
         return None

@@ -158,13 +158,14 @@ def concluded(
         kept = list(itertools.takewhile(lambda one: one.found not in bent.replaced, kept))
     left_out = next(iter(named[len(kept) :]), None)
     if left_out is not None and isinstance(left_out.found, Tried):
+        rival = bent.bend if bent is not None and left_out.found in bent.replaced else None
         if off and _frees_heights(left_out):
             reason = _heights_off(left_out, scatter)
-        elif bent is not None and left_out.found in bent.replaced:
-            reason = _bent(left_out, bent)
+        elif rival is not None:
+            reason = f"gains {left_out.found.gain:.0f} nats, but is no likelier than {rival.words}"
         else:
             reason = _not_enough(left_out)
-        nearest = Rejected(left_out.found, reason)
+        nearest = Rejected(left_out.found, reason, instead=rival)
     after = kept[-1].after if kept else before
     if not kept and before.p_value >= ALARM_P:
         return "consistent", kept, after, None
@@ -407,11 +408,6 @@ def _heights_off(one: Named, scatter: float) -> str:
         "heights are off by more than positions wander within plateaus "
         f"({scatter:.0f} nats more if each is off by something of its own)"
     )
-
-
-def _bent(one: Named, instead: Instead) -> str:
-    gain = one.found.gain if isinstance(one.found, Tried) else math.nan
-    return f"gains {gain:.0f} nats, but is no likelier than {instead.bend.words}"
 
 
 def without_superfluous(

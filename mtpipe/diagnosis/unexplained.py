@@ -20,7 +20,7 @@ import numpy as np
 from mtpipe.battery.words import STATISTICS
 from mtpipe.configured.hypotheses import Tried
 from mtpipe.crosschecking.check import BeadCheck
-from mtpipe.diagnosis.bent_scale import Beside, bend_beside
+from mtpipe.diagnosis.bent_scale import Bend, Beside, bend_beside
 from mtpipe.diagnosis.left_in_distribution import LeftInDistribution, left_in_distribution
 from mtpipe.diagnosis.left_in_time import LeftInTime, left_in_time
 from mtpipe.diagnosis.smooth_correction import (
@@ -50,12 +50,14 @@ INTERVAL_95 = (0.025, 0.975)
 class Rejected:
     """An effect of the catalogue that is not named, and why, in words that continue "which …".
 
-    `unseen` : because all of it but its motion fits as well.
+    `unseen` : because all of it but its motion fits as well. `instead` : a bend of z's scale
+    that does as well.
     """
 
     tried: Tried
     reason: str
     unseen: bool = False
+    instead: Bend | None = None
 
 
 @dataclass(frozen=True, eq=False)
@@ -68,7 +70,8 @@ class Unexplained:
     nearest : the effect that came nearest; None if none could be tried, or the search ended
         because no more effects are named at once.
     spectra : recorded beside expected power. correction : of the spectra; None if none is needed.
-    bend : of z's scale, where that would explain most of it.
+    bend : of z's scale, where that would explain most of it, or as much as an effect that
+        does.
     """
 
     check: BeadCheck
@@ -132,8 +135,8 @@ class Unexplained:
         worst = int(np.argmax(np.abs(shift)))
         changed = compared(float(shift[worst]), float(stderr[worst]), "higher", "lower")
         return (
-            f"Most of it ({beside.share:.0%} of the misfit) is as if there were "
-            f"{beside.bend.words}; forces would then be up to {changed} "
+            f"Heights are as if there were {beside.bend.words}, which gains "
+            f"{beside.gain:.0f} nats; forces would then be up to {changed} "
             f"(plateau {self.number(worst)})."
         )
 
@@ -200,8 +203,9 @@ def unexplained(check: BeadCheck, nearest: Rejected | None, *, beside: bool) -> 
     check : with all that is named. beside : whether anything is.
     """
     spectra = spectra_of(check.case.fit)
-    bend = bend_beside(check.case.fit)
-    told = bend if bend is not None and bend.explains_most else None
+    rival = None if nearest is None else nearest.instead
+    bend = bend_beside(check.case.fit, rival)
+    told = bend if bend is not None and (rival is not None or bend.explains_most) else None
     return Unexplained(check, beside, nearest, spectra, smooth_correction(spectra), told)
 
 
