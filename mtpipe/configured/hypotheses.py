@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import contextlib
 import itertools
 import math
 from collections.abc import Sequence
@@ -70,7 +69,7 @@ def with_hypothesis(
     """Fit a hypothesis, beginning where the fit without it stands.
 
     Where the experiment without it cannot reach the recorded heights its forces and noise say
-    little, and the fit is begun afresh too; after a step of both it goes on with the better one.
+    little, and the fit is begun afresh too; the better of both is taken.
     """
     model = replace(
         fit.model,
@@ -78,13 +77,14 @@ def with_hypothesis(
         parameters=(*fit.model.parameters, *hypothesis.parameters),
     )
     start = np.concatenate([fit.theta, [p.start for p in hypothesis.parameters]])
+    begun = fit_configured(model, start, rounds=rounds, arrived=TRIED_NATS)
     if np.abs(fit.height_pulls).max() < FAR_FROM_IT:
-        return fit_configured(model, start, rounds=rounds, arrived=TRIED_NATS)
-    begun = fit_configured(model, start, rounds=1, arrived=TRIED_NATS)
-    with contextlib.suppress(FitError, ValueError):
-        afresh = fit_configured(model, first_guess(model), rounds=1, arrived=TRIED_NATS)
-        begun = max(begun, afresh, key=lambda one: one.log_likelihood)
-    return fit_configured(model, begun.theta, rounds=rounds - 1, arrived=TRIED_NATS)
+        return begun
+    try:
+        afresh = fit_configured(model, first_guess(model), rounds=rounds, arrived=TRIED_NATS)
+    except (FitError, ValueError):
+        return begun
+    return max(begun, afresh, key=lambda one: one.log_likelihood)
 
 
 def gained_by_motion(one: Tried) -> float:
