@@ -411,6 +411,37 @@ def test_what_frees_heights_is_not_named_where_they_are_off(
 
 
 @pytest.mark.parametrize(
+    ("replaced", "verdict", "kept", "nearest"),
+    [
+        ([], "explained", ["viscosity", "axial_scale"], None),
+        ([1], "unexplained", ["viscosity"], "axial_scale"),
+        ([0, 1], "unexplained", [], "viscosity"),
+    ],
+)
+def test_what_a_bend_of_the_scale_tells_as_well_is_not_named(
+    monkeypatch, replaced, verdict, kept, nearest
+):
+    module = importlib.import_module("mtpipe.diagnosis.explain")
+    named = [
+        stand_in("viscosity", 50.0, 1e-9, 1e-3),
+        stand_in("axial_scale", 50.0, 1e-3, 0.5),
+    ]
+    bend = SimpleNamespace(words="a scale of z that is 5 % larger above 900 nm")
+    rival = SimpleNamespace(bend=bend, replaced=[named[i].found for i in replaced], lead=9.0)
+    monkeypatch.setattr(module, "gained_by_scatter", lambda fit, fitted: 0.0)
+    monkeypatch.setattr(
+        module, "bend_instead", lambda without, fitted, fit: rival if replaced else None
+    )
+    monkeypatch.setattr(module, "certain", lambda named: list(named))
+    found = concluded(named[0].before, None, named, named[-1].after, None, None)
+    assert (found[0], [one.name for one in found[1]]) == (verdict, kept)
+    assert (found[3] and found[3].tried.effect.name) == nearest
+    if nearest is not None:
+        assert found[3].instead is bend
+        assert found[3].reason == f"gains 50 nats, but is no likelier than {bend.words}"
+
+
+@pytest.mark.parametrize(
     ("before", "after", "agree"),
     [
         (1e-9, 0.3, True),

@@ -162,6 +162,36 @@ def test_a_spectrum_is_told_with_band_axis_size_and_what_it_does_to_the_forces()
         assert row["low_pN"] < row["force_pN"] < row["high_pN"]
 
 
+def kinked(recording, more=0.15):
+    """The recording with another scale of z above the middle of its mean heights."""
+    xyz = recording.positions_nm["b1"].copy()
+    means = [xyz[p.start : p.stop, 2].mean() for p in recording.plateaus]
+    height = float(np.median(means))
+    xyz[:, 2] += more * np.maximum(xyz[:, 2] - height, 0.0)
+    return replace(recording, positions_nm=recording.positions_nm | {"b1": xyz}), height
+
+
+def test_a_bend_of_the_heights_is_told_with_its_place_and_what_it_does_to_the_forces():
+    recording, height = kinked(subtract_drift(raw(4)))
+    check = check_bead(prepare(recording, "b1"), generator(5), rounds=(24,))
+    left = unexplained(check, nearest_miss(), beside=False)
+    found = json.loads(json.dumps(content_of(left), allow_nan=False))["bend"]
+    assert found["relative"] == pytest.approx(0.15, abs=4 * found["relative_stderr"])
+    assert found["from_nm"] == pytest.approx(height, rel=0.05)
+    assert found["gain_nats"] > found["penalty_nats"] + 20
+    means = [recording.positions_nm["b1"][p.start : p.stop, 2].mean() for p in recording.plateaus]
+    assert set(found["plateaus"]) <= {i for i, mean in enumerate(means) if mean >= height - 1}
+    truth = np.array(FORCES_PN)
+    mended = np.array([row["force_pN"] for row in found["forces"]])
+    before = np.log(check.case.fit.force_pN / truth)
+    assert np.abs(np.log(mended / truth)).max() < 0.5 * np.abs(before).max()
+    assert re.search(
+        r" Heights are as if there were a scale of z that is .* % larger above \d+ nm, which gains "
+        r"\d+ nats; forces would then be up to .* % (higher|lower) \(plateau \d\)\. ",
+        left.sentence,
+    )
+
+
 def test_a_distribution_is_told_in_words_and_not_as_a_spectrum():
     clean = subtract_drift(raw(2))
     xyz = clean.positions_nm["b1"].copy()

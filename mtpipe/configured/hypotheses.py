@@ -216,7 +216,6 @@ def try_effects(fit: ConfiguredFit, effects: Sequence[Effect], evidence: Evidenc
     All begin with a few steps; those that have gained something like the best are then fitted to
     the end, the others stay where they are.
     """
-    ordinates = ordinates_of(fit)
     taken = {parameter.name for parameter in fit.model.parameters}
     begun: list[Tried] = []
     for effect in effects:
@@ -228,7 +227,7 @@ def try_effects(fit: ConfiguredFit, effects: Sequence[Effect], evidence: Evidenc
                 fitted = with_hypothesis(fit, hypothesis, rounds=FIRST_ROUNDS)
             except (FitError, ValueError):
                 continue
-            penalty = 0.5 * hypothesis.numbers * math.log(ordinates)
+            penalty = 0.5 * hypothesis.numbers * math.log(fit.model.ordinates)
             penalty += math.log(hypothesis.chosen_from)
             gain = fitted.log_likelihood - fit.log_likelihood
             begun.append(Tried(effect, hypothesis, fitted, gain, penalty, evidence, index))
@@ -245,11 +244,6 @@ def try_effects(fit: ConfiguredFit, effects: Sequence[Effect], evidence: Evidenc
         if one.effect.name not in strongest or one.net > strongest[one.effect.name].net:
             strongest[one.effect.name] = one
     return sorted(strongest.values(), key=lambda one: one.net, reverse=True)
-
-
-def ordinates_of(fit: ConfiguredFit) -> float:
-    """Number of ordinates of all axes and plateaus, by whose logarithm a number costs (BIC)."""
-    return sum(float(data.spectrum.ordinates.sum()) * 3 for data in fit.model.data)
 
 
 def best_of(fit: ConfiguredFit, effect: Effect, evidence: Evidence) -> Tried | None:

@@ -67,6 +67,11 @@ class ConfiguredModel:
         return len(self.data)
 
     @property
+    def ordinates(self) -> float:
+        """Number of ordinates of all axes, by whose logarithm a number costs (BIC)."""
+        return 3 * sum(float(data.spectrum.ordinates.sum()) for data in self.data)
+
+    @property
     def lower(self) -> FloatArray:
         """Lowest allowed θ."""
         return np.array([-12.0] * self.plateaus + [p.lower for p in self.parameters])

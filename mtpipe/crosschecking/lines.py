@@ -8,11 +8,12 @@ from dataclasses import replace
 
 import numpy as np
 
-from mtpipe.battery.observed import Observed, whitened
+from mtpipe.battery.observed import whitened
 from mtpipe.battery.spectral import local_level, same_line
 from mtpipe.configured.data import plateau_data
 from mtpipe.configured.fit import fit_configured
 from mtpipe.crosschecking.case import Case
+from mtpipe.crosschecking.check import recorded_of
 from mtpipe.physics.camera import FloatArray
 from mtpipe.recording import AXES
 
@@ -34,9 +35,8 @@ def with_lines_apart(case: Case) -> Case:
 
     A frequency and a size cost ln of the number of ordinates after BIC; what gains less is left.
     """
-    ordinates = sum(float(data.spectrum.ordinates.sum()) * 3 for data in case.fit.model.data)
-    found = strongest_lines(case)
-    return apart(case, tuple(hz for nats, hz in found if nats > math.log(ordinates)))
+    costs = math.log(case.fit.model.ordinates)
+    return apart(case, tuple(hz for nats, hz in strongest_lines(case) if nats > costs))
 
 
 def apart(case: Case, lines_hz: tuple[float, ...]) -> Case:
@@ -67,16 +67,7 @@ def strongest_lines(case: Case) -> list[tuple[float, float]]:
     spectrum, whatever their level there; the axes' gains are summed. The first is there always, be
     it chance or not.
     """
-    seen = [
-        Observed(position, None, offset, data, expected, case.frame_s)
-        for position, offset, data, expected in zip(
-            case.positions_nm,
-            case.camera_offset_nm,
-            case.fit.model.data,
-            case.fit.expected,
-            strict=True,
-        )
-    ]
+    seen = recorded_of(case)
     spectra = [whitened(one) for one in seen]
     first = max(SLOWEST * float(one.frequency_hz[0]) for one in spectra)
     last = min(float(one.frequency_hz[-1]) for one in spectra)

@@ -22,7 +22,6 @@ from mtpipe.configured.hypotheses import (
     TRIED_NATS,
     Tried,
     model_with,
-    ordinates_of,
 )
 from mtpipe.configured.model import ConfiguredModel
 from mtpipe.diagnosis.misfit import share_gone
@@ -164,7 +163,7 @@ def _parts(named: Sequence[Tried]) -> Iterator[tuple[Tried, ...]]:
 
 
 def _penalty(fit: ConfiguredFit) -> float:
-    return 0.5 * NUMBERS * math.log(ordinates_of(fit))
+    return 0.5 * NUMBERS * math.log(fit.model.ordinates)
 
 
 def _fitted(model: ConfiguredModel, theta: FloatArray, part: float) -> ConfiguredFit | None:
