@@ -159,7 +159,7 @@ def bead_content(found: Explanation) -> dict[str, Any]:
 
 
 def _located(found: Explanation) -> list[dict[str, Any]]:
-    """Where recording and simulation differ; heights first that are best described by a bend."""
+    """Where recording and simulation differ, heights above a bend of z's scale among it."""
     if found.verdict == "consistent":
         return []
     places = located(found.before)

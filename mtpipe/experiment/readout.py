@@ -75,21 +75,18 @@ def readout(experiment: Experiment, state: BeadState, duration_s: float) -> Read
 
 def recorded_height_nm(experiment: Experiment, state: BeadState) -> float:
     """Mean of the recorded z of a bead at one force."""
-    height = _height_and_variance(experiment, state)[0]
     if experiment.optics.bend != 0:
-        height = _bent(experiment, state)[0]
-    return height + experiment.optics.z_zero_nm
+        return _bent(experiment, state)[0] + experiment.optics.z_zero_nm
+    return _scaled_height_nm(experiment, state) + experiment.optics.z_zero_nm
 
 
-def _height_and_variance(experiment: Experiment, state: BeadState) -> tuple[float, float]:
-    """Of z as scaled alike everywhere, in nm and nm²."""
-    height, scale = state.extension_nm, experiment.optics.axial_scale
-    variance = float(recorded_modes(state).covariance_nm2[:, 2, 2].sum())
+def _scaled_height_nm(experiment: Experiment, state: BeadState) -> float:
+    """Mean height as scaled alike everywhere."""
+    extension = state.extension_nm
     if experiment.hopping is not None:
         energy = experiment.fluid.thermal_energy_pN_nm
-        hops_nm2, _, mean_nm = hopping_moments(experiment.hopping, state.force_pN, energy)
-        height, variance = height + mean_nm, variance + hops_nm2
-    return scale * height, scale**2 * variance
+        extension += hopping_moments(experiment.hopping, state.force_pN, energy)[2]
+    return experiment.optics.axial_scale * extension
 
 
 def _bent(experiment: Experiment, state: BeadState) -> tuple[float, float]:
@@ -99,9 +96,12 @@ def _bent(experiment: Experiment, state: BeadState) -> tuple[float, float]:
     max(z − bend, 0) is σ (φ(u) + u Φ(u)), and it goes with z by Φ(u) (Booton 1954, statistical
     linearization).
     """
-    optics = experiment.optics
-    height, variance = _height_and_variance(experiment, state)
-    sigma = math.sqrt(variance)
+    optics, height = experiment.optics, _scaled_height_nm(experiment, state)
+    variance = float(recorded_modes(state).covariance_nm2[:, 2, 2].sum())
+    if experiment.hopping is not None:
+        energy = experiment.fluid.thermal_energy_pN_nm
+        variance += hopping_moments(experiment.hopping, state.force_pN, energy)[0]
+    sigma = optics.axial_scale * math.sqrt(variance)
     u = (height - optics.bend_from_nm) / sigma
     above = 0.5 * math.erfc(-u / math.sqrt(2))
     density = math.exp(-(u**2) / 2) / math.sqrt(2 * math.pi)
