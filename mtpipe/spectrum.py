@@ -30,7 +30,7 @@ from scipy import fft, interpolate
 from mtpipe.errors import FitError
 from mtpipe.physics import camera as cam
 from mtpipe.physics.camera import Camera, FloatArray
-from mtpipe.window_power import power_matrix, powers_of_modes
+from mtpipe.window_power import power_matrices, powers_of_modes
 
 # Bins grow to this ratio of frequencies: the spectrum of a mode changes by at most 8 % across one.
 BIN_GROWTH = 1.04
@@ -206,43 +206,57 @@ class Window:
 
         Source: PHYSICS section 1, forms A and B with the window's lag weights.
         """
-        modes = self.recorded(tau_s, exposure_s)
+        modes = recorded_modes(tau_s, self.longest_s, Camera(self.frame_s, exposure_s))
         of_window = (self.white, self.short, self.slow.x, self.slow.c)
         unit = powers_of_modes(*modes, *of_window)
         return np.asarray((2 * self.frame_s * np.asarray(variance))[:, None] * unit)
 
-    def recorded(
-        self, tau_s: FloatArray, exposure_s: float
-    ) -> tuple[FloatArray, FloatArray, FloatArray]:
-        """Relaxation times over D, white and correlated part (`camera.recorded_parts`) of modes.
-
-        (n,) of each; the same for all windows of one length. Of what is slower than a segment only
-        the variance over τ is seen.
-        """
-        longest = self.frame_s * np.exp(self.slow.x[-1])
-        tau = np.clip(tau_s, SHORTEST * self.frame_s, longest)
-        seen = np.minimum(longest / np.asarray(tau_s), 1.0)
-        white, correlated = cam.recorded_parts(tau, Camera(self.frame_s, exposure_s))
-        return tau / self.frame_s, seen * white, seen * correlated
+    @functools.cached_property
+    def longest_s(self) -> float:
+        """Relaxation time beyond which a mode is no more than a trend of the trace."""
+        return float(self.frame_s * np.exp(self.slow.x[-1]))
 
 
-def expected_matrix(
-    windows: Sequence[Window], tau_s: FloatArray, covariance: FloatArray, exposure_s: float
+def recorded_modes(
+    tau_s: FloatArray, longest_s: FloatArray | float, camera: Camera
+) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Relaxation times over D, white and correlated part (`camera.recorded_parts`) of modes.
+
+    (n,) of each. Of what is slower than a segment only the variance over τ is seen.
+
+    Parameters
+    ----------
+    tau_s : (n,). longest_s : (n,) or one for all, of the windows they are seen through.
+    """
+    tau = np.clip(tau_s, SHORTEST * camera.frame_s, longest_s)
+    seen = np.minimum(longest_s / np.asarray(tau_s), 1.0)
+    white, correlated = cam.recorded_parts(tau, camera)
+    return tau / camera.frame_s, seen * white, seen * correlated
+
+
+def expected_matrices(
+    windows: Sequence[Window],
+    modes: tuple[FloatArray, FloatArray, FloatArray],
+    covariance: FloatArray,
+    first: NDArray[np.int64],
 ) -> FloatArray:
-    """Expected power matrices of modes that move several axes.
+    """Expected power matrices of motions that have some modes each, which move several axes.
 
     What two axes have in common is of the geometric mean of their windows.
 
     Parameters
     ----------
-    windows : one per axis, of the same frames. tau_s : (n,). covariance : (n, axes, axes) in nm².
+    windows : one per axis, of the same frames. modes : of all motions (`recorded_modes`).
+    covariance : (n, axes, axes) in nm². first : (motions + 1,) first mode of each motion, and one
+        after the last.
 
     Returns
     -------
-    (n_bins, axes, axes) nm²/Hz, one-sided.
+    (motions, n_bins, axes, axes) nm²/Hz, one-sided.
     """
-    power = power_matrix(
-        *windows[0].recorded(tau_s, exposure_s),
+    power = power_matrices(
+        first,
+        *modes,
         covariance,
         tuple(window.white for window in windows),
         tuple(window.short for window in windows),

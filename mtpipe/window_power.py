@@ -8,6 +8,7 @@ from __future__ import annotations
 import math
 
 import numpy as np
+from numpy.typing import NDArray
 
 from mtpipe.compiled import compiled
 from mtpipe.physics.camera import FloatArray
@@ -76,7 +77,8 @@ def powers_of_modes(
 
 
 @compiled
-def power_matrix(
+def power_matrices(
+    first: NDArray[np.int64],
     tau: FloatArray,
     white: FloatArray,
     correlated: FloatArray,
@@ -86,29 +88,57 @@ def power_matrix(
     knots: tuple[FloatArray, ...],
     cubics: tuple[FloatArray, ...],
 ) -> FloatArray:
-    """(n_bins, axes, axes) expected binned periodograms and what is common to two axes, over 2D.
+    """(motions, n_bins, axes, axes) expected binned periodograms and what is common to two axes,
+    over 2D.
 
     Parameters: as of `of_one_mode`, the first three (n,), the last four per axis.
+    first : (motions + 1,) first mode of each motion, and one after the last.
     covariance : (n, axes, axes) of each mode.
     """
-    bins, axes = len(of_white[0]), covariance.shape[1]
-    power = np.zeros((bins, axes, axes))
+    motions, bins, axes = len(first) - 1, len(of_white[0]), covariance.shape[1]
+    power = np.zeros((motions, bins, axes, axes))
     unit = np.empty((axes, bins))
-    for k in range(len(tau)):
-        for a in range(axes):
-            if covariance[k, a, a] != 0:
-                of_one_mode(
-                    tau[k], white[k], correlated[k], of_white[a], of_lag[a], knots[a], cubics[a],
-                    unit[a],
-                )  # fmt: skip
-                for i in range(bins):
-                    power[i, a, a] += covariance[k, a, a] * unit[a, i]
+    for motion in range(motions):
+        for k in range(first[motion], first[motion + 1]):
+            for a in range(axes):
+                if covariance[k, a, a] != 0:
+                    of_one_mode(
+                        tau[k], white[k], correlated[k], of_white[a], of_lag[a], knots[a],
+                        cubics[a], unit[a],
+                    )  # fmt: skip
+                    for i in range(bins):
+                        power[motion, i, a, a] += covariance[k, a, a] * unit[a, i]
+            for a in range(axes):
+                for b in range(a):
+                    if covariance[k, a, b] != 0:
+                        for i in range(bins):
+                            common = math.sqrt(unit[a, i] * unit[b, i])
+                            power[motion, i, a, b] += covariance[k, a, b] * common
         for a in range(axes):
             for b in range(a):
-                if covariance[k, a, b] != 0:
-                    for i in range(bins):
-                        power[i, a, b] += covariance[k, a, b] * math.sqrt(unit[a, i] * unit[b, i])
-    for a in range(axes):
-        for b in range(a):
-            power[:, b, a] = power[:, a, b]
+                power[motion, :, b, a] = power[motion, :, a, b]
+    return power
+
+
+@compiled
+def with_noise(
+    power: FloatArray, added: FloatArray, of_white: tuple[FloatArray, ...], least: float
+) -> FloatArray:
+    """Power matrices (n, n_bins, axes, axes) with noise added to each axis, in place.
+
+    Parameters
+    ----------
+    added : (n, n_bins, axes) the noise's power were it white there. of_white : per axis (n_bins,)
+        what its window makes of white noise. least : no power is smaller than this share of the
+        axis's largest.
+    """
+    motions, bins, axes = added.shape
+    for motion in range(motions):
+        for a in range(axes):
+            largest = -math.inf
+            for i in range(bins):
+                power[motion, i, a, a] += added[motion, i, a] * of_white[a][i]
+                largest = max(largest, power[motion, i, a, a])
+            for i in range(bins):
+                power[motion, i, a, a] = max(power[motion, i, a, a], least * largest)
     return power

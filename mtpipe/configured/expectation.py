@@ -7,6 +7,7 @@ or are none of the motion's: what was computed is kept for a while.
 from __future__ import annotations
 
 import functools
+import itertools
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, field
@@ -15,19 +16,22 @@ import numpy as np
 
 from mtpipe.configured.data import PlateauData
 from mtpipe.configured.layers import Moving, Steady, steady_of
+from mtpipe.configured.recent import Recent
 from mtpipe.configured.spectra import Transform
 from mtpipe.configured.walk import line_of, sees_walks
 from mtpipe.drift.lowpass import response
+from mtpipe.errors import FitError
+from mtpipe.experiment import state as bead
 from mtpipe.experiment.description import (
     Experiment,
     ForceCourse,
     Line,
     Triple,
 )
-from mtpipe.experiment.readout import force_course, readout, recorded_height_nm
-from mtpipe.experiment.state import recorded_modes
+from mtpipe.experiment.readout import Readout, force_course, readout, recorded_height_nm
 from mtpipe.physics.camera import Camera, FloatArray, mean_variance, power_spectrum
-from mtpipe.spectrum import expected_matrix
+from mtpipe.spectrum import expected_matrices, recorded_modes
+from mtpipe.window_power import with_noise
 
 # Heights are not believed better than this: rounding, interpolated formulas, time steps.
 LEAST_HEIGHT_STDERR_NM = 0.1
@@ -99,61 +103,111 @@ class Expectation:
         return power
 
 
-def expectation(
-    data: PlateauData,
-    subtraction: Subtraction,
-    experiment: Experiment,
-    plateau: int,
-    force_pN: float,
-) -> Expectation:
-    """What a plateau's data should be at a force; the mean over its time where the force changes.
+@dataclass(frozen=True, eq=False)
+class Asked:
+    """What a plateau's data should be under a description at a force; the mean over the plateau's
+    time where the force changes.
 
-    Parameters
+    Attributes
     ----------
     data : of the plateau; their values are not read, but which frames there are.
-    plateau : its number, which the experiment may know more about.
-
-    Raises
-    ------
-    FitError : the force is too small to keep the bead off the surface.
     """
-    course = experiment.magnets.course(plateau)
-    return _expectation(data, subtraction, steady_of(experiment), course, force_pN)
+
+    data: PlateauData
+    steady: Steady
+    course: ForceCourse
+    force_pN: float
 
 
-@functools.lru_cache(maxsize=2048)
-def _expectation(
-    data: PlateauData,
-    subtraction: Subtraction,
-    steady: Steady,
-    course: ForceCourse,
-    force_pN: float,
-) -> Expectation:
-    if course.relative_change == 0:
-        return _at_steady_force(data, subtraction, steady, force_pN)
-    relative, nodes = _course_nodes(data, course, steady.experiment.camera.frame_s)
-    forces = (force_pN * (1 + nodes)).tolist()
+def expectations(subtraction: Subtraction, those: Sequence[Asked]) -> list[Expectation | FitError]:
+    """What is asked, or why there is no answer: a force is too small to keep the bead off the
+    surface.
+
+    All at once cost far less than one by one; best with what is asked of one plateau together.
+    """
+    courses = [_in_course(one) for one in those]
+    steady = [
+        (one.data, one.steady, force)
+        for one, course in zip(those, courses, strict=True)
+        for force in ([one.force_pN] if course is None else _forces_of(course))
+    ]
+    each = iter(_at_steady_forces(subtraction, steady))
+    found: list[Expectation | FitError] = []
+    for course in courses:
+        if course is None:
+            found.append(next(each))
+        elif isinstance(course, FitError):
+            found.append(course)
+        else:
+            found.append(course.mean_of([next(each) for _ in course.forces_pN]))
+    return found
+
+
+def answered(one: Expectation | FitError) -> Expectation:
+    """The answer; raises where there is none."""
+    if isinstance(one, FitError):
+        raise one.with_traceback(None)
+    return one
+
+
+def _forces_of(course: _InCourse | FitError) -> list[float]:
+    return course.forces_pN if isinstance(course, _InCourse) else []
+
+
+@dataclass(frozen=True, eq=False)
+class _InCourse:
+    """A plateau during which the force changes.
+
+    Attributes
+    ----------
+    height_nm : mean over the plateau. course : of the height.
+    forces_pN, share : that stand for the plateau's spectra, and for how much of it.
+    """
+
+    height_nm: float
+    course: Course
+    forces_pN: list[float]
+    share: FloatArray
+
+    def mean_of(self, those: Sequence[Expectation | FitError]) -> Expectation | FitError:
+        """The mean over the plateau's time of what is expected at each of the forces."""
+        each = []
+        for one in those:
+            if isinstance(one, FitError):
+                return one
+            each.append(one)
+        return Expectation(
+            np.tensordot(self.share, [one.random_power for one in each], 1),
+            self.height_nm,
+            float(self.share @ [one.extension_stderr_nm for one in each]),
+            self.course,
+            each[0].walked_nm2,
+            each[0].line_power,
+        )
+
+
+def _in_course(one: Asked) -> _InCourse | FitError | None:
+    """None where the force is steady."""
+    if one.course.relative_change == 0:
+        return None
+    relative, nodes = _course_nodes(one.data, one.course, one.steady.experiment.camera.frame_s)
+    forces = (one.force_pN * (1 + nodes)).tolist()
+    try:
+        heights = [_height_nm(one.steady, force) for force in forces]
+    except FitError as error:
+        return error.with_traceback(None)
     # heights bend with ln of the force, far less than they rise with it
-    rising = np.polynomial.Polynomial.fit(
-        np.log1p(nodes), [_height_nm(steady, force) for force in forces], len(nodes) - 1
-    )
-    heights = rising(np.log1p(np.clip(relative, nodes[0], nodes[-1])))
+    rising = np.polynomial.Polynomial.fit(np.log1p(nodes), heights, len(nodes) - 1)
+    height = rising(np.log1p(np.clip(relative, nodes[0], nodes[-1])))
     if np.ptp(relative) < SMALL_CHANGE:
-        forces, share = [force_pN], np.ones(1)
+        forces, share = [one.force_pN], np.ones(1)
     else:
         # of the time that counts for each node, linear between them; a step needs its two ends
         share = np.array([np.interp(relative, nodes, row).mean() for row in np.eye(len(nodes))])
         counts = share > 1e-3
         forces, share = np.array(forces)[counts].tolist(), share[counts] / share[counts].sum()
-    each = [_at_steady_force(data, subtraction, steady, force) for force in forces]
-    return Expectation(
-        np.tensordot(share, [one.random_power for one in each], 1),
-        float(heights.mean()),
-        float(share @ [one.extension_stderr_nm for one in each]),
-        course_of(data, data.spectrum.transform_of(heights, 2)),
-        each[0].walked_nm2,
-        each[0].line_power,
-    )
+    course = course_of(one.data, one.data.spectrum.transform_of(height, 2))
+    return _InCourse(float(height.mean()), course, forces, share)
 
 
 @functools.lru_cache(maxsize=256)
@@ -175,19 +229,55 @@ def course_of(data: PlateauData, transform: Transform) -> Course:
     return Course(transform, data.spectrum.common_power(transform, transform))
 
 
-def _at_steady_force(
-    data: PlateauData, subtraction: Subtraction, steady: Steady, force_pN: float
+def _at_steady_forces(
+    subtraction: Subtraction, those: Sequence[tuple[PlateauData, Steady, float]]
+) -> list[Expectation | FitError]:
+    """What is expected of experiments at steady forces, or why there is nothing."""
+    motions = _motions([(data, steady.moving, force) for data, steady, force in those])
+    found: list[Expectation | FitError] = []
+    for data, together in itertools.groupby(
+        zip(those, motions, strict=True), key=lambda one: one[0][0]
+    ):
+        some = [(steady.experiment, motion) for (_, steady, _), motion in together]
+        held = [(e, motion) for e, motion in some if isinstance(motion, _Motion)]
+        recorded = iter(_recorded(data, subtraction, held) if held else [])
+        found += [motion if isinstance(motion, FitError) else next(recorded) for _, motion in some]
+    return found
+
+
+def _recorded(
+    data: PlateauData, subtraction: Subtraction, those: Sequence[tuple[Experiment, _Motion]]
+) -> list[Expectation]:
+    """What is expected of motions in one plateau with all that is added to them."""
+    added_nm2 = np.array([_added_nm2(data, subtraction, experiment) for experiment, _ in those])
+    power = with_noise(
+        np.array([motion.power for _, motion in those]),
+        2 * data.spectrum.windows[0].frame_s * added_nm2,
+        tuple(window.white for window in data.spectrum.windows),
+        LEAST_POWER,
+    )
+    return [
+        _with_lines(data, subtraction, experiment, motion, own)
+        for (experiment, motion), own in zip(those, power, strict=True)
+    ]
+
+
+def _added_nm2(data: PlateauData, subtraction: Subtraction, experiment: Experiment) -> FloatArray:
+    """(n_bins, 3) variance per frame of what tracker and reference add to the motion."""
+    stage = experiment.stage
+    passed = _passed(data, subtraction, stage.reference_nm, stage.reference_s, experiment.camera)
+    return np.asarray(np.square(experiment.tracker.noise_nm) + passed)
+
+
+def _with_lines(
+    data: PlateauData,
+    subtraction: Subtraction,
+    experiment: Experiment,
+    motion: _Motion,
+    power: FloatArray,
 ) -> Expectation:
-    experiment = steady.experiment
-    stage, camera = experiment.stage, experiment.camera
-    motion = _motion(data, steady.moving, force_pN)
-    power = motion.power.copy()
-    passed = _passed(data, subtraction, stage.reference_nm, stage.reference_s, camera)
-    added_nm2 = np.square(experiment.tracker.noise_nm) + passed
-    white = 2 * camera.frame_s * _white(data)[:, DIAGONAL, DIAGONAL]
-    own = power[:, DIAGONAL, DIAGONAL] + white * added_nm2
-    # dropped frames take white power away; what is left is never none
-    power[:, DIAGONAL, DIAGONAL] = np.maximum(own, LEAST_POWER * own.max(axis=0))
+    """What is expected with lines, which are added to the power (n_bins, 3, 3) of all else."""
+    stage = experiment.stage
     for line in stage.lines:
         _add_line(power, line, data)
     # what is slow in the reference passes the subtraction whole
@@ -220,27 +310,79 @@ class _Motion:
     walked_nm2: FloatArray
 
 
-@functools.lru_cache(maxsize=4096)
-def _motion(data: PlateauData, moving: Moving, force_pN: float) -> _Motion:
-    camera = moving.experiment.camera
-    parts = readout(moving.experiment, moving.core.state(force_pN), data.duration_s)
-    covariance = parts.covariance_nm2
-    power = expected_matrix(data.spectrum.windows, parts.tau_s, covariance, camera.exposure_s)
+_Key = tuple[PlateauData, Moving, float]
+# Noise is no matter of the motion, which is asked for again with another.
+_KNOWN: Recent[_Key, _Motion] = Recent(512)
+
+
+def _motions(those: Sequence[_Key]) -> list[_Motion | FitError]:
+    """The bead's own motion in plateaus, under descriptions at forces, or why there is none."""
+    found: dict[_Key, _Motion | FitError] = {}
+    missing: dict[Camera, list[tuple[_Key, Readout]]] = {}
+    for key in dict.fromkeys(those):
+        data, moving, force_pN = key
+        known = _KNOWN.get(key)
+        if known is not None:
+            found[key] = known
+            continue
+        try:
+            state = moving.core.state(force_pN)
+        except FitError as error:
+            found[key] = error
+            continue
+        parts = readout(moving.experiment, state, data.duration_s)
+        missing.setdefault(moving.experiment.camera, []).append((key, parts))
+    for camera, some in missing.items():
+        seen = _seen(camera, [(key[0], parts) for key, parts in some])
+        for (key, _), motion in zip(some, seen, strict=True):
+            found[key] = motion
+            _KNOWN.put(key, motion)
+    return [found[key] for key in those]
+
+
+def _seen(camera: Camera, those: Sequence[tuple[PlateauData, Readout]]) -> list[_Motion]:
+    """Motions in plateaus as one camera sees them."""
+    counts = [len(parts.tau_s) for _, parts in those]
+    first = np.cumsum([0, *counts])
+    tau_s = np.concatenate([parts.tau_s for _, parts in those])
+    covariance = np.concatenate([parts.covariance_nm2 for _, parts in those])
+    longest_s = np.repeat([data.spectrum.windows[0].longest_s for data, _ in those], counts)
+    # frames that are lost are taken for time that is lost
+    frames = np.repeat([data.frames for data, _ in those], counts)
+    modes = recorded_modes(tau_s, longest_s, camera)
+    of_mean = mean_variance(covariance[:, 2, 2], tau_s, camera, frames)
+    found: list[_Motion] = []
+    for data, together in itertools.groupby(those, key=lambda one: one[0]):
+        some = [parts for _, parts in together]
+        begins = first[len(found) : len(found) + len(some) + 1]
+        power = expected_matrices(data.spectrum.windows, modes, covariance, begins)
+        for parts, own, (a, b) in zip(some, power, itertools.pairwise(begins), strict=True):
+            # a walk moves the heights of all later plateaus: that is the model's business
+            variance_nm2 = float(of_mean[a : b - parts.walks].sum())
+            found.append(_with_white(data, camera, parts, own, variance_nm2))
+    return found
+
+
+def _with_white(
+    data: PlateauData, camera: Camera, parts: Readout, power: FloatArray, variance_nm2: float
+) -> _Motion:
+    """A motion with its white part, and without the line of a walk.
+
+    Parameters
+    ----------
+    power : (n_bins, 3, 3) of its modes, which is changed. variance_nm2 : their part of the mean
+        height's.
+    """
     if parts.white_nm2.any():
         power += 2 * camera.frame_s * parts.white_nm2 * _white(data)
-    # a walk moves the heights of all later plateaus: that is the model's business
-    steady = slice(-1) if parts.walks else slice(None)
-    variance, tau_s = covariance[steady, 2, 2], parts.tau_s[steady]
-    # frames that are lost are taken for time that is lost
-    height_variance = float(mean_variance(variance, tau_s, camera, data.frames).sum())
-    height_variance += float(parts.white_nm2[2, 2]) / data.frames
+        variance_nm2 += float(parts.white_nm2[2, 2]) / data.frames
     walked_nm2 = np.zeros(3)
     if parts.walks and sees_walks(data):
         gone = -np.expm1(-data.duration_s / parts.tau_s[-1])
-        walked_nm2 = 2 * np.diag(covariance[-1]) * gone
+        walked_nm2 = 2 * np.diag(parts.covariance_nm2[-1]) * gone
         line = line_of(data).power[:, DIAGONAL, DIAGONAL]
         power[:, DIAGONAL, DIAGONAL] -= walked_nm2 * line
-    return _Motion(power, parts.extension_nm, height_variance, walked_nm2)
+    return _Motion(power, parts.extension_nm, variance_nm2, walked_nm2)
 
 
 @functools.lru_cache(maxsize=256)
@@ -315,7 +457,7 @@ def changed_spectra(
     ----------
     here : (n_bins, 3, 3) expected power.
     """
-    parts = recorded_modes(steady_of(experiment).moving.core.state(force_pN))
+    parts = bead.recorded_modes(steady_of(experiment).moving.core.state(force_pN))
     changes = np.empty((3, 2, len(here)))
     for axis in range(3):
         window = data.spectrum.windows[axis]

@@ -7,7 +7,6 @@ coordinates at a bound that the step would leave are held there.
 
 from __future__ import annotations
 
-import contextlib
 import functools
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
@@ -18,12 +17,15 @@ from numpy.typing import NDArray
 from mtpipe.configured.data import PlateauData
 from mtpipe.configured.expectation import (
     DIFFERENCE,
+    Asked,
     Course,
     Expectation,
+    answered,
     course_of,
     know_states,
     larger_pN,
 )
+from mtpipe.configured.layers import steady_of
 from mtpipe.configured.model import (
     ConfiguredModel,
     random_part,
@@ -206,11 +208,11 @@ def _best_of_grid(model: ConfiguredModel, experiment: Experiment, plateau: int) 
     found: dict[int, Expectation] = {}
     best = 0
     for tried in (range(0, len(FORCE_GRID_PN), GRID_STRIDE), range(1 - GRID_STRIDE, GRID_STRIDE)):
-        for i in (best + step for step in tried):
-            if i in found or not 0 <= i < len(FORCE_GRID_PN):
-                continue
-            with contextlib.suppress(FitError, ValueError):
-                found[i] = model.expected(experiment, plateau, float(FORCE_GRID_PN[i]))
+        open_yet = [best + step for step in tried]
+        open_yet = [i for i in open_yet if i not in found and 0 <= i < len(FORCE_GRID_PN)]
+        those = [model.asked(experiment, plateau, float(FORCE_GRID_PN[i])) for i in open_yet]
+        answers = zip(open_yet, model.expectations(those), strict=True)
+        found |= {i: there for i, there in answers if isinstance(there, Expectation)}
         places = sorted(found)
         if len(places) < 2:
             break
@@ -275,18 +277,23 @@ def slopes(model: ConfiguredModel, theta: FloatArray, expected: list[Expectation
     forces = [rest.force_pN for rest in experiment.rests]
     for _, other in shifted:
         know_states(model.data, other, [[force] for force in forces])
+    described = [(step, other, steady_of(other)) for step, other in shifted]
+    those = []
+    for i, (one, force) in enumerate(zip(model.data, forces, strict=True)):
+        those.append(model.asked(experiment, i, larger_pN(force)))
+        those += [Asked(one, of, other.magnets.course(i), force) for _, other, of in described]
+    answers = iter(model.expectations(those))
     found = []
     for i, here in enumerate(expected):
-        force = forces[i]
-        others = [(DIFFERENCE, model.expected(experiment, i, larger_pN(force)))]
-        for k, (step, other) in enumerate(shifted):
-            try:
-                others.append((step, model.expected(other, i, force)))
-            except FitError:
+        others = [(DIFFERENCE, answered(next(answers)))]
+        for k, (step, _) in enumerate(shifted):
+            there = next(answers)
+            if isinstance(there, FitError):
                 # a step that way leaves the bead on the surface
                 back = theta.copy()
                 back[plateaus + k] -= step
-                others.append((-step, model.expected(model.described(back), i, force)))
+                step, there = -step, model.expected(model.described(back), i, forces[i])
+            others.append((step, there))
         inverse, _ = inverses(here.random_power)
         power = np.array([(o.random_power - here.random_power) / step for step, o in others])
         height = np.array([(o.extension_nm - here.extension_nm) / step for step, o in others])

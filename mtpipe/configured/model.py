@@ -24,14 +24,18 @@ from scipy import linalg
 
 from mtpipe.configured.data import PlateauData
 from mtpipe.configured.expectation import (
+    Asked,
     Expectation,
     Subtraction,
-    expectation,
+    answered,
+    expectations,
     know_states,
     larger_pN,
 )
+from mtpipe.configured.layers import steady_of
 from mtpipe.configured.three_axes import inverses
 from mtpipe.configured.walk import Walked, power_without, sees_walks, walked
+from mtpipe.errors import FitError
 from mtpipe.experiment.description import Experiment, Rest
 from mtpipe.experiment.known_force import KnownForce
 from mtpipe.experiment.parameter import Parameter
@@ -92,19 +96,39 @@ class ConfiguredModel:
         )
         return replace(experiment, rests=rests)
 
-    def expected(self, experiment: Experiment, plateau: int, force_pN: float) -> Expectation:
+    def asked(self, experiment: Experiment, plateau: int, force_pN: float) -> Asked:
         """What one plateau's data should be; the mean over its time where the force changes."""
-        return expectation(self.data[plateau], self.subtraction, experiment, plateau, force_pN)
+        course = experiment.magnets.course(plateau)
+        return Asked(self.data[plateau], steady_of(experiment), course, force_pN)
+
+    def expectations(self, those: Sequence[Asked]) -> list[Expectation | FitError]:
+        """What is asked, or why there is no answer."""
+        return expectations(self.subtraction, those)
+
+    def expected(self, experiment: Experiment, plateau: int, force_pN: float) -> Expectation:
+        """What one plateau's data should be at a force.
+
+        Raises
+        ------
+        FitError : the force is too small to keep the bead off the surface.
+        """
+        return answered(*self.expectations([self.asked(experiment, plateau, force_pN)]))
 
     def all_expected(self, theta: FloatArray) -> list[Expectation]:
-        """What all plateaus' data should be at θ."""
+        """What all plateaus' data should be at θ.
+
+        Raises
+        ------
+        FitError : a force is too small to keep the bead off the surface.
+        """
         experiment = self.described(theta)
         # slopes will ask for the second
         forces = [[rest.force_pN, larger_pN(rest.force_pN)] for rest in experiment.rests]
         know_states(self.data, experiment, forces)
-        return [
-            self.expected(experiment, i, rest.force_pN) for i, rest in enumerate(experiment.rests)
+        those = [
+            self.asked(experiment, i, rest.force_pN) for i, rest in enumerate(experiment.rests)
         ]
+        return [answered(one) for one in self.expectations(those)]
 
     def log_likelihood(self, expected: list[Expectation], theta: FloatArray) -> float:
         """ln likelihood × prior, up to a constant."""

@@ -84,7 +84,9 @@ def lag_one_covariance(variance: ArrayLike, tau_s: ArrayLike, camera: Camera) ->
     return np.asarray(variance, dtype=float) * edge**2 * dead
 
 
-def mean_variance(variance: ArrayLike, tau_s: ArrayLike, camera: Camera, frames: int) -> FloatArray:
+def mean_variance(
+    variance: ArrayLike, tau_s: ArrayLike, camera: Camera, frames: int | NDArray[np.int64]
+) -> FloatArray:
     """Variance of the mean of so many recorded positions in a row, in units of `variance`.
 
     [c₀ + 2 Σ_{m<N} (1 − m/N) c_m]/N: for long recordings the spectrum at zero frequency over twice
@@ -150,9 +152,7 @@ def power_spectrum(
     Source: PHYSICS section 1, forms A (τ < D) and B; for W = D identical to twice the two-sided
     Eq 7 of Lansdorp & Saleh 2012; for W → 0 to Berg-Sørensen & Flyvbjerg 2004.
     """
-    f, s2, tau = np.broadcast_arrays(
-        np.asarray(frequency_hz, dtype=float), np.asarray(variance, dtype=float), np.asarray(tau_s)
-    )
+    f, s2, tau = (np.asarray(one, dtype=float) for one in (frequency_hz, variance, tau_s))
     half_sine = np.sin(np.pi * f * camera.frame_s) ** 2
     decay = -camera.frame_s / tau
     q, one_minus_q = np.exp(decay), -np.expm1(decay)
