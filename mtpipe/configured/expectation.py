@@ -18,6 +18,7 @@ from mtpipe.configured.data import PlateauData
 from mtpipe.configured.layers import Moving, Steady, steady_of
 from mtpipe.configured.recent import Recent
 from mtpipe.configured.spectra import Transform
+from mtpipe.configured.three_axes import inverses
 from mtpipe.configured.walk import line_of, sees_walks
 from mtpipe.drift.lowpass import response
 from mtpipe.errors import FitError
@@ -89,6 +90,11 @@ class Expectation:
     def course_transform(self) -> Transform | None:
         """Of the height's course; None where the force is steady."""
         return None if self.course is None else self.course.transform
+
+    @functools.cached_property
+    def inverse(self) -> tuple[FloatArray, FloatArray]:
+        """(n_bins, 3, 3) inverse of `random_power`, and (n_bins,) ln of its determinant."""
+        return inverses(self.random_power)
 
     @functools.cached_property
     def power(self) -> FloatArray:

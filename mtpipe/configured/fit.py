@@ -32,7 +32,6 @@ from mtpipe.configured.model import (
     spectral_log_likelihood,
 )
 from mtpipe.configured.spectra import Transform
-from mtpipe.configured.three_axes import inverses
 from mtpipe.configured.walk import Walked, line_of, walked
 from mtpipe.errors import FitError
 from mtpipe.experiment.description import Experiment
@@ -294,11 +293,13 @@ def slopes(model: ConfiguredModel, theta: FloatArray, expected: list[Expectation
                 back[plateaus + k] -= step
                 step, there = -step, model.expected(model.described(back), i, forces[i])
             others.append((step, there))
-        inverse, _ = inverses(here.random_power)
-        power = np.array([(o.random_power - here.random_power) / step for step, o in others])
-        height = np.array([(o.extension_nm - here.extension_nm) / step for step, o in others])
+        inverse, _ = here.inverse
+        step_of = np.array([step for step, _ in others])
+        power = np.array([other.random_power for _, other in others]) - here.random_power
+        power /= step_of[:, None, None, None]
+        height = (np.array([o.extension_nm for _, o in others]) - here.extension_nm) / step_of
         whitened = np.asarray(inverse @ power)
-        ends = np.array([(o.walked_nm2 - here.walked_nm2) / step for step, o in others])
+        ends = (np.array([o.walked_nm2 for _, o in others]) - here.walked_nm2) / step_of[:, None]
         course = _course_slopes(here, others)
         rows = [i, *range(plateaus, n)]
         found.append(Slopes(rows, power, height, inverse, whitened, ends, course))

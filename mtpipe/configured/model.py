@@ -33,7 +33,6 @@ from mtpipe.configured.expectation import (
     larger_pN,
 )
 from mtpipe.configured.layers import steady_of
-from mtpipe.configured.three_axes import inverses
 from mtpipe.configured.walk import Walked, power_without, sees_walks, walked
 from mtpipe.errors import FitError
 from mtpipe.experiment.description import Experiment, Rest
@@ -90,9 +89,10 @@ class ConfiguredModel:
         experiment = self.experiment
         for parameter, value in zip(self.parameters, theta[self.plateaus :], strict=True):
             experiment = parameter.change(experiment, float(value))
+        forces = np.exp(theta[: self.plateaus]).tolist()
         rests = tuple(
-            Rest(float(np.exp(ln_force)), rest.frames, rest.magnet_mm)
-            for ln_force, rest in zip(theta[: self.plateaus], experiment.rests, strict=True)
+            Rest(force_pN, rest.frames, rest.magnet_mm)
+            for force_pN, rest in zip(forces, experiment.rests, strict=True)
         )
         return replace(experiment, rests=rests)
 
@@ -162,7 +162,9 @@ class ConfiguredModel:
 
     def walk_nm2_per_s(self, theta: FloatArray) -> float:
         """Square of the random walk of z that subtraction has left, at θ."""
-        experiment = self.described(theta) if self.walking else self.experiment
+        experiment = self.experiment
+        for k in self.walking:
+            experiment = self.parameters[k - self.plateaus].change(experiment, float(theta[k]))
         return _walk_nm2_per_s(experiment)
 
     @functools.cached_property
@@ -257,11 +259,12 @@ def power_about_course(data: PlateauData, expected: Expectation) -> FloatArray:
     return data.spectrum.power if course is None else data.spectrum.power_about(course, 2)
 
 
+@functools.lru_cache(maxsize=256)
 def ends_of(data: PlateauData, expected: Expectation) -> Walked | None:
     """Where a bead that walks has ended; None where it does not."""
     if not expected.walked_nm2.any():
         return None
-    inverse, _ = inverses(expected.random_power)
+    inverse, _ = expected.inverse
     return walked(data, inverse, expected.walked_nm2, expected.course_transform)
 
 
@@ -277,7 +280,7 @@ def spectral_log_likelihood(data: PlateauData, expected: Expectation) -> float:
     """−Σ n (ln det S + tr S⁻¹P) over bins, about the height's course, and what the ends add of a
     bead that walks.
     """
-    inverse, log_determinant = inverses(expected.random_power)
+    inverse, log_determinant = expected.inverse
     trace = np.einsum("fab,fba->f", inverse, power_about_course(data, expected))
     ends = ends_of(data, expected)
     nats = -float(data.spectrum.ordinates @ (log_determinant + trace))

@@ -9,6 +9,7 @@ tracker → clock. Expected spectra, simulators and the design of experiments al
 
 from __future__ import annotations
 
+import functools
 import math
 from dataclasses import dataclass
 from typing import Literal
@@ -148,7 +149,7 @@ class Optics:
     bend: float = 0.0
     bend_from_nm: float = 0.0
 
-    @property
+    @functools.cached_property
     def matrix(self) -> NDArray[np.float64]:
         """(3, 3) recorded over true positions."""
         c, s = math.cos(self.angle_rad), math.sin(self.angle_rad)

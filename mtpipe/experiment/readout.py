@@ -57,8 +57,9 @@ def readout(experiment: Experiment, state: BeadState, duration_s: float) -> Read
         gain = np.ones(3)
         gain[2] = _bent(experiment, state)[1]
         covariance = covariance * np.outer(gain, gain)
-    walk = np.square(experiment.stage.unsubtracted_nm_per_root_s)
-    if walk.any():
+    walks = any(experiment.stage.unsubtracted_nm_per_root_s)
+    if walks:
+        walk = np.square(experiment.stage.unsubtracted_nm_per_root_s)
         walk_s = WALK_DURATIONS * duration_s
         # a mode of variance D τ/2 and relaxation τ spreads like a random walk of D per second
         tau_s = np.append(tau_s, walk_s)
@@ -70,7 +71,7 @@ def readout(experiment: Experiment, state: BeadState, duration_s: float) -> Read
         )
         white = white + lost
     height = recorded_height_nm(experiment, state)
-    return Readout(tau_s, covariance, white, height, bool(walk.any()))
+    return Readout(tau_s, covariance, white, height, walks)
 
 
 def recorded_height_nm(experiment: Experiment, state: BeadState) -> float:

@@ -59,10 +59,16 @@ SLACK_TILT = (0.1, 0.2)
 
 @dataclass(frozen=True, eq=False)
 class RecordedModes:
-    """Exponential covariances that sum up to the motion: τ (m,), covariance (m, 3, 3)."""
+    """Exponential covariances that sum up to the motion: τ (m,), covariance (m, 3, 3); of many
+    beads with a first dimension more.
+    """
 
     tau_s: FloatArray
     covariance_nm2: FloatArray
+
+    def of(self, i: int) -> RecordedModes:
+        """One of many."""
+        return RecordedModes(self.tau_s[i], self.covariance_nm2[i])
 
 
 @dataclass(frozen=True, eq=False)
@@ -145,6 +151,7 @@ def bead_states(experiment: Experiment, forces_pN: Sequence[float]) -> list[Bead
             force[held],
             [tethers[i] for i in held],
             extension[held],
+            (lateral[0][held], lateral[1][held], lateral[2]),
             [whole.get(i) for i in held],
         )
         found.update(zip(held, states, strict=True))
@@ -156,19 +163,19 @@ def _held(
     force_pN: FloatArray,
     tethers: Sequence[Tether],
     extension_nm: FloatArray,
+    lateral: tuple[FloatArray, FloatArray, FloatArray],
     whole: Sequence[RecordedModes | None],
 ) -> list[BeadState]:
     """States at forces that hold the bead off the surface.
 
     Parameters
     ----------
-    force_pN, tethers, extension_nm : n of each, the mean heights.
+    force_pN, tethers, extension_nm : n of each, the mean heights. lateral : as `_lateral` has it.
     whole : n, motion through the whole potential, None where that is not taken.
     """
     energy = experiment.fluid.thermal_energy_pN_nm
     end = np.array([tether.end_nm for tether in tethers])
     variance = np.array([tether.variance_nm2 for tether in tethers])
-    aside = force_pN * experiment.magnets.sideways_per_nm
     # a tilted tether is pulled by F cos only, and gives way by so much where the tilt is slow; as
     # it is about as fast as the tether's own length, half of it is taken
     gives = 1 + np.minimum(0.5 * force_pN * variance / (end * energy), MOST_GIVING)
@@ -176,7 +183,7 @@ def _held(
     # is in it: what they have beyond is not the straight chain's
     tilted = (energy / force_pN) ** 2 * (gives**2 - 1)
     straight = np.maximum(variance - tilted, LEAST_STRAIGHT * variance)
-    stiffness, swing, turn = _lateral(experiment, force_pN, end, aside)
+    stiffness, swing, turn = lateral
     stiffness[:, UP, UP] = energy / straight
     coordinates = stiffness.shape[-1]
     readout = np.zeros((3, coordinates))
@@ -195,9 +202,9 @@ def _held(
     memory_s = fluid.memory**2 * memory_time_s(experiment.bead.radius_nm, fluid.viscosity_mPa_s)
     found = []
     for i, low in enumerate(_low_shares(experiment, force_pN, end)):
-        of_one, moved, by_itself = modes.of(i), closed[i], axial.of(i)
+        of_one, moved, by_itself = modes.of(i), closed.of(i), axial.of(i)
         if low > 0:
-            lowest = whole[i] or _joined(of_one, pair_modes(bending[i], of_one), by_itself.modes)
+            lowest = whole[i] or _by_expansion(of_one, bending[i], by_itself)
             moved = lowest if low == 1 else _mixed(lowest, low, moved)
         stepped = None if whole[i] is None else experiment
         found.append(
@@ -256,8 +263,8 @@ def _softer(modes: RecordedModes, experiment: Experiment) -> RecordedModes:
     """Modes of one axis each, with z as soft as it is allowed to be."""
     softer, covariance = experiment.allowance.upward_variance, modes.covariance_nm2.copy()
     # a motion that is larger on a softer spring is slower, too
-    tau_s = np.where(covariance[:, 2, 2] > 0, softer * modes.tau_s, modes.tau_s)
-    covariance[:, 2, 2] *= softer
+    tau_s = np.where(covariance[..., 2, 2] > 0, softer * modes.tau_s, modes.tau_s)
+    covariance[..., 2, 2] *= softer
     return RecordedModes(tau_s, covariance)
 
 
@@ -285,18 +292,25 @@ def followed_modes(state: BeadState) -> RecordedModes:
     """Modes of x, y and z as a simulation follows them; without memory."""
     if state.stepped is not None:
         return state.moved
-    return _joined(state.modes, pair_modes(state.bending, state.modes), state.axial.modes)
+    return _by_expansion(state.modes, state.bending, state.axial)
 
 
-def _joined(modes: NormalModes, *of_z: tuple[FloatArray, FloatArray]) -> RecordedModes:
-    """Modes of the lateral motion, and relaxation times and variances of z."""
-    amplitude = modes.amplitude_nm.copy()
-    amplitude[2] = 0.0
-    linear = np.einsum("am,bm->mab", amplitude, amplitude)
-    tau_s, variance = (np.concatenate(each) for each in zip(*of_z, strict=True))
-    upward = np.zeros((len(tau_s), 3, 3))
-    upward[:, 2, 2] = variance
-    return RecordedModes(np.append(modes.tau_s, tau_s), np.concatenate([linear, upward]))
+def _by_expansion(modes: NormalModes, bending: FloatArray, axial: AxialMotion) -> RecordedModes:
+    """Modes of x, y and z, the swinging of the tether and its length apart."""
+    of_z = zip(pair_modes(bending, modes), axial.modes, strict=True)
+    return _joined(modes, *(np.concatenate(each) for each in of_z))
+
+
+def _joined(modes: NormalModes, tau_s: FloatArray, variance_nm2: FloatArray) -> RecordedModes:
+    """Modes of the lateral motion, and relaxation times and variances (…, k) of z."""
+    amplitude = np.swapaxes(modes.amplitude_nm, -1, -2).copy()
+    amplitude[..., 2] = 0.0
+    linear = amplitude[..., :, None] * amplitude[..., None, :]
+    upward = np.zeros((*tau_s.shape, 3, 3))
+    upward[..., 2, 2] = variance_nm2
+    return RecordedModes(
+        np.concatenate([modes.tau_s, tau_s], axis=-1), np.concatenate([linear, upward], axis=-3)
+    )
 
 
 def _closed(
@@ -305,7 +319,7 @@ def _closed(
     force_pN: FloatArray,
     extension_nm: FloatArray,
     modes: NormalModes,
-) -> list[RecordedModes]:
+) -> RecordedModes:
     """Modes of x, y and z at each force, the swinging and the length of the tether being one
     motion.
 
@@ -315,21 +329,18 @@ def _closed(
     aside, step = force_pN * experiment.magnets.sideways_per_nm, DIFFERENCE * force_pN
     rises = np.array([tether.end_variance_nm2 for tether in tethers]) / energy
     end = np.array([tether.end_nm for tether in tethers])
-    each = []
-    for change in (step, -step):
-        force, there = force_pN + change, end + rises * change
-        each.append(_hanging(experiment, force, there, _lateral(experiment, force, there, aside)))
-    (higher, more), (lower, less) = each
+    change = np.concatenate([step, -step])
+    force, there = np.tile(force_pN, 2) + change, np.tile(end, 2) + np.tile(rises, 2) * change
+    lateral = _lateral(experiment, force, there, np.tile(aside, 2))
+    (higher, lower), (more, less) = (
+        np.split(one, 2) for one in _hanging(experiment, force, there, lateral)
+    )
     # a force at which the surface holds the tether's end up changes its height by less than theory
     least = LEAST_STRAIGHT * np.array([tether.variance_nm2 for tether in tethers])
     variance = np.maximum(energy * (higher - lower) / (2 * step), least)
     with_height = energy * (more - less) / (2 * step)[:, None, None]
     height = _axial(experiment, tethers, extension_nm, variance)
-    of_z = coupled_height_modes(height, modes, with_height)
-    return [
-        _softer(_joined(modes.of(i), one), experiment)
-        for i, one in enumerate(zip(*of_z, strict=True))
-    ]
+    return _softer(_joined(modes, *coupled_height_modes(height, modes, with_height)), experiment)
 
 
 def _hanging(
@@ -347,7 +358,7 @@ def _hanging(
     """
     energy, bead = experiment.fluid.thermal_energy_pN_nm, experiment.bead
     stiffness, swing, turn = lateral
-    sideways = np.delete(np.arange(stiffness.shape[-1]), UP)
+    sideways = np.array([i for i in range(stiffness.shape[-1]) if i != UP])
     block = (slice(None), sideways[:, None], sideways)
     covariance = np.zeros_like(stiffness)
     covariance[block] = energy * np.linalg.inv(stiffness[block])

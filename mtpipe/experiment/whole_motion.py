@@ -169,11 +169,10 @@ def _polynomials(
     functions = np.empty((len(powers), values.shape[1]))
     derivatives = np.zeros((len(values), *functions.shape))
     for m, exponents in enumerate(powers):
-        factors = [to_the[exponent][i] for i, exponent in enumerate(exponents)]
-        functions[m] = np.prod(factors, axis=0)
-        for i, exponent in enumerate(exponents):
-            if exponent:
-                others = [one for k, one in enumerate(factors) if k != i]
-                lower = exponent * to_the[exponent - 1][i] * slopes[i]
-                derivatives[i, m] = np.prod([lower, *others], axis=0)
+        factors = {i: to_the[exponent][i] for i, exponent in enumerate(exponents) if exponent}
+        functions[m] = functools.reduce(np.multiply, factors.values())
+        for i in factors:
+            others = [one for k, one in factors.items() if k != i]
+            lower = exponents[i] * to_the[exponents[i] - 1][i] * slopes[i]
+            derivatives[i, m] = functools.reduce(np.multiply, others, lower)
     return functions, derivatives

@@ -42,10 +42,10 @@ def coupled_height_modes(
     weight = height.density / height.density.sum(axis=-1, keepdims=True)
     deviation = height.height_nm - np.sum(weight * height.height_nm, axis=-1, keepdims=True)
     spread = np.sqrt(np.sum(weight * deviation**2, axis=-1))[:, None, None]
+    unit, weight = (deviation / spread[:, 0])[:, None], weight[:, None]
+    powers = np.multiply.accumulate(np.repeat(unit, POWERS, axis=1), axis=1)
     exponent = np.arange(1, POWERS + 1)[:, None]
-    unit, weight = deviation[:, None] / spread, weight[:, None]
-    powers = unit**exponent
-    slopes = exponent * unit ** (exponent - 1) / spread
+    slopes = exponent * np.concatenate([np.ones_like(unit), powers[:, :-1]], axis=1) / spread
     powers -= np.sum(powers * weight, axis=-1, keepdims=True)
     back = np.linalg.inv(modes.shape)
     with_height = back @ with_height_nm @ np.swapaxes(back, 1, 2) / spread
