@@ -15,7 +15,9 @@ from dataclasses import dataclass
 import numpy as np
 from scipy import interpolate, optimize
 
+from mtpipe.configured.expectation import height_nm
 from mtpipe.configured.fit import ConfiguredFit
+from mtpipe.configured.layers import steady_of
 from mtpipe.configured.model import ConfiguredModel
 from mtpipe.errors import FitError
 from mtpipe.experiment.changes import with_magnets
@@ -107,7 +109,7 @@ def _heights(
     window_s = duration_s / windows
     variance = float(np.interp(1 / (4 * window_s), frequency, level)) / (2 * window_s)
     # frames that are lost make a mean less sure
-    return _Heights(means, count / count.max() / variance, _extension(model, steady, plateau))
+    return _Heights(means, count / count.max() / variance, _extension(steady, plateau))
 
 
 def _course(heights: _Heights, plateaus: int) -> ForceCourse:
@@ -137,13 +139,16 @@ def _common(plateaus: Sequence[_Heights]) -> ForceCourse:
     return best
 
 
-def _extension(model: ConfiguredModel, steady: Experiment, plateau: int) -> interpolate.CubicSpline:
+def _extension(steady: Experiment, plateau: int) -> interpolate.CubicSpline:
     """Mean height in nm against ln of the force over the fitted one."""
+    tried = np.linspace(-2.5, 1.0, 29)
+    forces = (steady.rests[plateau].force_pN * np.exp(tried)).tolist()
+    described = steady_of(steady)
+    described.moving.core.know(forces)
     ln_force, extension = [], []
-    for value in np.linspace(-2.5, 1.0, 29).tolist():
-        force = steady.rests[plateau].force_pN * math.exp(value)
+    for value, force in zip(tried.tolist(), forces, strict=True):
         try:
-            extension.append(model.expected(steady, plateau, force).extension_nm)
+            extension.append(height_nm(described, force))
         except FitError:
             continue
         ln_force.append(value)

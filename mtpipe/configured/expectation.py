@@ -199,7 +199,7 @@ def _in_course(one: Asked) -> _InCourse | FitError | None:
     relative, nodes = _course_nodes(one.data, one.course, one.steady.experiment.camera.frame_s)
     forces = (one.force_pN * (1 + nodes)).tolist()
     try:
-        heights = [_height_nm(one.steady, force) for force in forces]
+        heights = [height_nm(one.steady, force) for force in forces]
     except FitError as error:
         return error.with_traceback(None)
     # heights bend with ln of the force, far less than they rise with it
@@ -226,7 +226,13 @@ def _course_nodes(
     return relative, np.linspace(relative.min(), relative.max(), points)
 
 
-def _height_nm(steady: Steady, force_pN: float) -> float:
+def height_nm(steady: Steady, force_pN: float) -> float:
+    """Mean of the recorded z at a steady force.
+
+    Raises
+    ------
+    FitError : the force is too small to keep the bead off the surface.
+    """
     return recorded_height_nm(steady.experiment, steady.moving.core.state(force_pN))
 
 

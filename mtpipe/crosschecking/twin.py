@@ -18,7 +18,7 @@ from mtpipe.configured.parameters import UPWARD_FRICTION_STDERR, UPWARD_VARIANCE
 from mtpipe.crosschecking.case import Case, described
 from mtpipe.drift.lowpass import low_pass
 from mtpipe.experiment.description import Allowance, Experiment
-from mtpipe.experiment.state import bead_state
+from mtpipe.experiment.state import all_states
 from mtpipe.physics.camera import FloatArray
 from mtpipe.simulation.linear import simulate_motion
 from mtpipe.simulation.readout import (
@@ -60,14 +60,15 @@ class TwinMaker:
         stretches, self.slices = _timetable(case, self.experiment, self.stretch)
         self.within_nm = np.zeros(sum(n for _, n in stretches))
         for i, piece in enumerate(self.slices):
-            force_pN, frames = float(case.fit.force_pN[i]), piece.stop - piece.start
-            self.within_nm[piece] = height_within_pieces(self.experiment, i, force_pN, frames)
+            force_pN, length = float(case.fit.force_pN[i]), piece.stop - piece.start
+            self.within_nm[piece] = height_within_pieces(self.experiment, i, force_pN, length)
         # what theory of z is not trusted to, every simulation has otherwise
+        forces, frames = [force for force, _ in stretches], [n for _, n in stretches]
         self.variants = [
-            [(bead_state(other, force), n) for force, n in stretches]
+            list(zip(all_states(other, forces), frames, strict=True))
             for other in _varied(self.experiment)
         ]
-        self.force_pN = np.repeat([force for force, _ in stretches], [n for _, n in stretches])
+        self.force_pN = np.repeat(forces, frames)
 
     def draw(self, random: np.random.Generator) -> Twin:
         """Simulate once."""

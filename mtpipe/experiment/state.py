@@ -111,9 +111,21 @@ def bead_state(experiment: Experiment, force_pN: float) -> BeadState:
     ------
     FitError : the force is too small to keep the bead off the surface.
     """
-    (found,) = bead_states(experiment, [force_pN])
-    if isinstance(found, FitError):
-        raise found
+    return all_states(experiment, [force_pN])[0]
+
+
+def all_states(experiment: Experiment, forces_pN: Sequence[float]) -> list[BeadState]:
+    """States of the experiment's bead at several forces.
+
+    Raises
+    ------
+    FitError : one of the forces is too small to keep the bead off the surface.
+    """
+    found = []
+    for state in bead_states(experiment, forces_pN):
+        if isinstance(state, FitError):
+            raise state
+        found.append(state)
     return found
 
 

@@ -84,7 +84,7 @@ def _drawn(motion: AxialMotion, count: int, random: np.random.Generator) -> Floa
     return np.asarray(drawn + motion.step_nm / 2)
 
 
-@functools.lru_cache(maxsize=1024)
+@functools.lru_cache(maxsize=2048)
 def _averaged(motion: AxialMotion, camera: Camera) -> tuple[float, float]:
     """Variance and third cumulant of heights averaged over an exposure."""
     variance = sum(
@@ -109,7 +109,7 @@ def _skewed(gaussian: FloatArray, variance: float, third: float) -> FloatArray:
     return np.asarray(math.sqrt(variance / (1 + 2 * bend**2)) * (unit + bend * (unit**2 - 1)))
 
 
-@functools.lru_cache(maxsize=1024)
+@functools.lru_cache(maxsize=2048)
 def _tables(motion: AxialMotion, step_s: float) -> tuple[FloatArray, FloatArray]:
     """(TABLE,) mean move and spread of one step, at heights from the lowest to the highest."""
     table_nm = np.linspace(float(motion.height_nm[0]), float(motion.height_nm[-1]), TABLE)

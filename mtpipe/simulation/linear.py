@@ -44,6 +44,9 @@ ROUNDING = 1e-10
 # Points of a gain over frequency, between which it is a straight line.
 GAIN_POINTS = 400
 LEAST_GAIN = 1e-6
+# States of a bead of which is kept what does not change from simulation to simulation: a force that
+# changes is some two dozen of them a plateau.
+MOST_KNOWN = 2048
 
 
 def simulate_motion(
@@ -90,7 +93,7 @@ def _give_power(motion: FloatArray, state: BeadState, camera: Camera) -> None:
         motion[:, axis] = mean + fft.irfft(content, len(motion))
 
 
-@functools.lru_cache(maxsize=256)
+@functools.lru_cache(maxsize=MOST_KNOWN)
 def _gains(state: BeadState, camera: Camera) -> tuple[FloatArray, dict[int, FloatArray]]:
     """Frequencies (n,) and what recorded amplitudes (n,) there are over those that were followed,
     of each axis of which they differ.
@@ -144,7 +147,7 @@ class _Plan:
     within: tuple[float, float]
 
 
-@functools.lru_cache(maxsize=1024)
+@functools.lru_cache(maxsize=MOST_KNOWN)
 def _plan(state: BeadState, camera: Camera) -> _Plan:
     modes = state.modes
     q = modes.quadratic(state.bending)

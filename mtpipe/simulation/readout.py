@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from mtpipe.experiment.description import Experiment, Hopping
 from mtpipe.experiment.readout import force_course, hopping_moments
-from mtpipe.experiment.state import bead_state
+from mtpipe.experiment.state import all_states
 from mtpipe.physics.camera import Camera, FloatArray
 from mtpipe.physics.langevin import simulate_mode
 
@@ -46,7 +46,8 @@ def height_within_pieces(
     relative = force_course(experiment.magnets.course(plateau), frames)
     constant = np.repeat([change for change, _ in pieces], [n for _, n in pieces])
     nodes = np.unique([relative.min(), relative.max(), *constant])
-    heights = [bead_state(experiment, force_pN * (1 + float(n))).extension_nm for n in nodes]
+    states = all_states(experiment, (force_pN * (1 + nodes)).tolist())
+    heights = [state.extension_nm for state in states]
     return np.asarray(np.interp(relative, nodes, heights) - np.interp(constant, nodes, heights))
 
 
