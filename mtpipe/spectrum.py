@@ -175,7 +175,7 @@ class Window:
     short : (SHORT_LAGS, n_bins) the same for unit covariance at lag ±m, m = 1, 2, …
     slow : spline over ln(τ/D) of the logarithm of the same for the covariance e^{−|m|D/τ}.
     ordinates, share : as of `Spectrum`.
-    phi : of the prewhitening.
+    phi : of the prewhitening. lags : by which it is made for any covariance.
     """
 
     frame_s: float
@@ -185,6 +185,7 @@ class Window:
     white: FloatArray
     short: FloatArray
     slow: interpolate.CubicSpline
+    lags: LagWeights
 
     def gain(self, frequency_hz: FloatArray) -> FloatArray:
         """What prewhitening made of the power at a frequency: |1 − φ e^{−iθ}|²."""
@@ -303,14 +304,14 @@ def _window(
         if present is None
         else np.frombuffer(present, dtype=bool).reshape(segments, length)
     )
-    expectation = _Expectation(masks, np.array(edges), phi)
+    lags = LagWeights(masks, np.array(edges))
     # one lag more than there is: prewhitening looks one ahead
-    lags = np.arange(length + 1)
-    white = expectation.of((lags == 0).astype(float))
-    short = np.array([expectation.of((lags == m).astype(float)) for m in range(1, SHORT_LAGS + 1)])
+    lag = np.arange(length + 1)
+    alone = np.eye(SHORT_LAGS + 1, length + 1)
     # two knots below τ = D keep the spline's ends away from where it is used
     ln_tau = np.arange(-2 * LN_TAU_STEP, np.log(20.0 * length) + 2 * LN_TAU_STEP, LN_TAU_STEP)
-    slow = np.array([expectation.of(np.exp(-lags * np.exp(-u))) for u in ln_tau])
+    white, *short = lags.expected(prewhitened(alone, phi))
+    slow = lags.expected(prewhitened(np.exp(-lag * np.exp(-ln_tau)[:, None]), phi))
     ordinates, share = _independent_ordinates(masks, np.array(edges))
     return Window(
         frame_s=frame_s,
@@ -318,22 +319,17 @@ def _window(
         ordinates=ordinates,
         share=share,
         white=white,
-        short=short,
+        short=np.array(short),
         slow=interpolate.CubicSpline(ln_tau, np.log(slow)),
+        lags=lags,
     )
 
 
-def expected_of(
-    used: NDArray[np.bool_], edges: NDArray[np.int64], phi: float, covariance: FloatArray
-) -> FloatArray:
-    """(n_bins,) expectation over 2D of segments' periodograms, for a covariance at every lag.
-
-    Parameters
-    ----------
-    used : (segments, length). covariance : (length + 1,) of a stationary motion, before
-        prewhitening.
-    """
-    return _Expectation(used, edges, phi).of(covariance)
+def prewhitened(covariance: FloatArray, phi: float) -> FloatArray:
+    """(…, length) covariance of x_t − φ x_(t−1) at lags 0, 1, 2, … for that of x, (…, length + 1)."""
+    before = np.concatenate([covariance[..., 1:2], covariance[..., :-2]], axis=-1)
+    here = (1 + phi**2) * covariance[..., :-1]
+    return np.asarray(here - phi * (before + covariance[..., 1:]))
 
 
 def _independent_ordinates(
@@ -372,12 +368,11 @@ def _independent_ordinates(
     return ordinates, float(min(together / ordinates.sum(), 1.0))
 
 
-class _Expectation:
-    """(1/n) Σ_segments E|Σ_t m_t (x_t − x̄) e^{−iθt}|², binned, for a given covariance of x."""
+class LagWeights:
+    """(1/n) Σ_segments E|Σ_t m_t (x_t − x̄) e^{−iθt}|², binned, for given covariances of x."""
 
-    def __init__(self, masks: NDArray[np.bool_], edges: NDArray[np.int64], phi: float) -> None:
-        self.mask, self.edges, self.phi = masks[0].astype(float), edges, phi
-        self.length, self.n = masks.shape[1], float(masks.sum())
+    def __init__(self, masks: NDArray[np.bool_], edges: NDArray[np.int64]) -> None:
+        self.edges, self.length, self.n = edges, masks.shape[1], float(masks.sum())
         self.padding = fft.next_fast_len(2 * self.length)
         pairs = np.zeros(self.padding // 2 + 1)
         for mask in masks:
@@ -386,32 +381,29 @@ class _Expectation:
         self.weights = np.maximum(weights, 0.0)
         # with several segments relaxation is short against each, and what subtracting a segment's
         # mean over its gaps changes is far below the statistical error, as it is for few gaps
-        self.mean_matters = len(masks) == 1 and self.n < MEAN_MATTERS_BELOW * self.length
-        self.mask_dft = fft.rfft(self.mask)
-        self.padded_mask_dft = fft.rfft(self.mask, self.padding)
+        mean_matters = len(masks) == 1 and self.n < MEAN_MATTERS_BELOW * self.length
+        self.gaps = masks[0].astype(float) if mean_matters else None
 
-    def of(self, covariance_of_x: FloatArray) -> FloatArray:
-        """Binned, for the covariance of x at lags 0 … length."""
-        before = np.concatenate([covariance_of_x[1:2], covariance_of_x[:-2]])
-        covariance = (1 + self.phi**2) * covariance_of_x[:-1]
-        covariance -= self.phi * (before + covariance_of_x[1:])
+    def expected(self, covariance: FloatArray) -> FloatArray:
+        """(k, n_bins) for covariances (k, length) at lags 0 … length − 1."""
         weighted = covariance * self.weights
         # at the Fourier frequencies lag m − N is the same phase as lag m
         folded = weighted.copy()
-        folded[1:] += weighted[:0:-1]
+        folded[:, 1:] += weighted[:, :0:-1]
         power = fft.rfft(folded).real
-        if self.mean_matters:
-            power = power + self._mean_subtraction(covariance)
-        binned = np.add.reduceat(power[: self.edges[-1]], self.edges[:-1]) / np.diff(self.edges)
-        return np.asarray(binned)
+        if self.gaps is not None:
+            power = power + self._mean_subtraction(covariance, self.gaps)
+        inside, first = power[:, : self.edges[-1]], self.edges[:-1]
+        return np.asarray(np.add.reduceat(inside, first, axis=1) / np.diff(self.edges))
 
-    def _mean_subtraction(self, covariance: FloatArray) -> FloatArray:
+    def _mean_subtraction(self, covariance: FloatArray, mask: FloatArray) -> FloatArray:
         """The change that subtracting the mean of the frames present makes (none without gaps)."""
-        symmetric = np.zeros(self.padding)
-        symmetric[: self.length] = covariance
-        symmetric[-self.length + 1 :] += covariance[:0:-1]
-        spectrum = fft.rfft(symmetric).real * self.padded_mask_dft
-        smooth = self.mask * fft.irfft(spectrum, self.padding)[: self.length]
-        cross = -2 * np.real(fft.rfft(smooth) / self.n * np.conj(self.mask_dft))
-        mean_variance = smooth.sum() / self.n**2
-        return np.asarray((cross + mean_variance * np.abs(self.mask_dft) ** 2) / self.n)
+        of_mask, padded = fft.rfft(mask), fft.rfft(mask, self.padding)
+        symmetric = np.zeros((len(covariance), self.padding))
+        symmetric[:, : self.length] = covariance
+        symmetric[:, -self.length + 1 :] += covariance[:, :0:-1]
+        spectrum = fft.rfft(symmetric).real * padded
+        smooth = mask * fft.irfft(spectrum, self.padding)[:, : self.length]
+        cross = -2 * np.real(fft.rfft(smooth) / self.n * np.conj(of_mask))
+        variance = smooth.sum(axis=1, keepdims=True) / self.n**2
+        return np.asarray((cross + variance * np.abs(of_mask) ** 2) / self.n)

@@ -455,7 +455,7 @@ def _wave(data: PlateauData, frequency_hz: float, coherence_s: float) -> FloatAr
     spectrum = data.spectrum
     lag_s = spectrum.windows[0].frame_s * np.arange(spectrum.used.shape[1] + 1)
     covariance = np.cos(2 * np.pi * frequency_hz * lag_s) * np.exp(-lag_s / coherence_s) / 2
-    return np.column_stack([spectrum.expected_power(covariance, axis) for axis in range(3)])
+    return spectrum.expected_power(covariance)
 
 
 def changed_spectra(

@@ -21,8 +21,8 @@ from mtpipe.spectrum import (
     LONGEST_SEGMENT,
     Window,
     bin_edges,
-    expected_of,
     frames_present,
+    prewhitened,
     window_of,
 )
 
@@ -66,16 +66,17 @@ class MatrixSpectrum:
         """(n_bins,) what two transforms have in common, real part; a transform's own power."""
         return _common_power(first, second, self.edges, self.windows[0].frame_s, self.used)
 
-    def expected_power(self, covariance_nm2: FloatArray, axis: int) -> FloatArray:
-        """(n_bins,) that an axis has of a motion with this covariance at lags of 0, 1, 2, … frames.
+    def expected_power(self, covariance_nm2: FloatArray) -> FloatArray:
+        """(n_bins, axes) that each axis has of a motion with this covariance at lags of 0, 1, 2, …
+        frames.
 
         Parameters
         ----------
         covariance_nm2 : (length + 1,).
         """
-        window = self.windows[axis]
-        per_frame = expected_of(self.used, self.edges, window.phi, covariance_nm2)
-        return np.asarray(2 * window.frame_s * per_frame)
+        each = np.array([prewhitened(covariance_nm2, window.phi) for window in self.windows])
+        per_frame = self.windows[0].lags.expected(each)
+        return np.asarray(2 * self.windows[0].frame_s * per_frame.T)
 
     def summed_common(
         self, weight: FloatArray, first: Sequence[Transform], second: Sequence[Transform]
