@@ -326,7 +326,7 @@ def _window(
 
 
 def prewhitened(covariance: FloatArray, phi: float) -> FloatArray:
-    """(…, length) covariance of x_t − φ x_(t−1) at lags 0, 1, 2, … for that of x, (…, length + 1)."""
+    """(…, length) covariance of x_t − φ x_(t−1), from that of x (…, length + 1); at lags 0, 1, …"""
     before = np.concatenate([covariance[..., 1:2], covariance[..., :-2]], axis=-1)
     here = (1 + phi**2) * covariance[..., :-1]
     return np.asarray(here - phi * (before + covariance[..., 1:]))

@@ -8,6 +8,8 @@ real. A narrow line may have a bin of its own: in one of a hundred ordinates it 
 from __future__ import annotations
 
 import functools
+import itertools
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 
@@ -29,6 +31,8 @@ from mtpipe.spectrum import (
 Transform = NDArray[np.complex128]
 # A line's bin reaches so many ordinates to either side, over which a wave between two is spread.
 LINE_ORDINATES = 2
+# Numbers of frames without a prime factor above this are transformed quickly.
+LARGEST_FACTOR = 100
 
 
 @dataclass(frozen=True, eq=False)
@@ -60,7 +64,7 @@ class MatrixSpectrum:
 
     def transform_of(self, series_nm: FloatArray, axis: int) -> Transform:
         """Of a known motion along an axis, one value a frame from the first."""
-        return _transform(series_nm, self.used, self.windows[axis].phi)
+        return _transforms(series_nm[:, None], self.used, (self.windows[axis].phi,))[0]
 
     def common_power(self, first: Transform, second: Transform) -> FloatArray:
         """(n_bins,) what two transforms have in common, real part; a transform's own power."""
@@ -128,17 +132,16 @@ def matrix_periodogram(
     if not np.any(together[1:] & together[:-1]):
         raise FitError("no two successive frames have x, y and z")
     segments = -(-(len(position_nm) - 1) // LONGEST_SEGMENT)
-    length = (len(position_nm) - 1) // segments
+    length = quick_length((len(position_nm) - 1) // segments)
     # the first frame has no frame before it to be whitened by
     used = together[1:] & together[:-1]
     used = used[: segments * length].reshape(segments, length)
     edges = edges_about(lines_hz, length, frame_s)
     windows = tuple(window_of(used, edges, frame_s, p) for p in phi)
     total = np.zeros((len(edges) - 1, len(phi), len(phi)))
-    transforms = []
-    for axis, p in enumerate(phi):
-        x = np.where(together, position_nm[:, axis], np.nan)
-        transforms.append(_transform(x - x[frames_present(x)].mean(), used, p))
+    x_nm = np.where(together[:, None], position_nm, np.nan)
+    means = [x[frames_present(x)].mean() for x in x_nm.T]
+    transforms = _transforms(x_nm - means, used, phi)
     for a in range(len(phi)):
         for b in range(a, len(phi)):
             common = _common_power(transforms[a], transforms[b], edges, frame_s, used)
@@ -150,8 +153,25 @@ def matrix_periodogram(
         edges=edges,
         windows=windows,
         used=used,
-        transforms=tuple(transforms),
+        transforms=transforms,
     )
+
+
+@functools.lru_cache(maxsize=256)
+def quick_length(frames: int) -> int:
+    """The most frames, of so many, that are transformed quickly; a few fewer at most.
+
+    A transform of 8191 frames, a prime number, takes ten times that of 8190.
+    """
+    return next(n for n in range(frames, 0, -1) if _largest_factor(n) <= LARGEST_FACTOR)
+
+
+def _largest_factor(number: int) -> int:
+    largest = 1
+    for factor in itertools.chain((2,), range(3, math.isqrt(number) + 1, 2)):
+        while number % factor == 0:
+            number, largest = number // factor, factor
+    return max(largest, number)
 
 
 def edges_about(lines_hz: tuple[float, ...], frames: int, frame_s: float) -> NDArray[np.int64]:
@@ -195,13 +215,21 @@ def _common_power(
     return np.asarray(np.add.reduceat(product[: edges[-1]], edges[:-1]) * scale)
 
 
-def _transform(x_nm: FloatArray, used: NDArray[np.bool_], phi: float) -> Transform:
-    """Of the used frames, prewhitened, less their mean; the phase of prewhitening is taken back."""
-    whitened = (x_nm[1:] - phi * x_nm[:-1])[: used.size].reshape(used.shape)
+def _transforms(
+    x_nm: FloatArray, used: NDArray[np.bool_], phi: tuple[float, ...]
+) -> tuple[Transform, ...]:
+    """Of the used frames of each axis, prewhitened, less their mean; the phase of prewhitening is
+    taken back.
+
+    Parameters
+    ----------
+    x_nm : (n, axes). used : (segments, length). phi : per axis.
+    """
+    whitened = (x_nm[1:] - np.array(phi) * x_nm[:-1])[: used.size].T.reshape(len(phi), *used.shape)
     rows = np.where(used, whitened, 0.0)
-    mean = rows.sum(axis=1, keepdims=True) / np.maximum(used.sum(axis=1, keepdims=True), 1)
-    transform = fft.rfft(np.where(used, rows - mean, 0.0), axis=1)
-    return np.asarray(transform * _turned_back(phi, used.shape[1]))
+    mean = rows.sum(axis=2, keepdims=True) / np.maximum(used.sum(axis=1, keepdims=True), 1)
+    each = fft.rfft(np.where(used, rows - mean, 0.0), axis=2)
+    return tuple(one * _turned_back(p, used.shape[1]) for one, p in zip(each, phi, strict=True))
 
 
 @functools.lru_cache(maxsize=256)
