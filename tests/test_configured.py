@@ -14,7 +14,7 @@ from hypothesis import strategies as st
 
 from mtpipe.configured import spectra
 from mtpipe.configured.data import plateau_data
-from mtpipe.configured.expectation import Subtraction, expectation
+from mtpipe.configured.expectation import Subtraction
 from mtpipe.configured.fit import fit_configured, gradient_of, nearby_fit, slopes
 from mtpipe.configured.model import ConfiguredModel
 from mtpipe.configured.spectra import edges_about, matrix_periodogram
@@ -43,7 +43,7 @@ def fitted():
 
 
 def test_diagonal_of_the_matrix_is_the_spectrum_of_each_axis():
-    x = np.cumsum(generator(1).normal(size=(3000, 2)), axis=0)
+    x = np.cumsum(generator(1).normal(size=(3001, 2)), axis=0)
     x[700:720] = np.nan
     phi = (0.9, 0.5)
     found = matrix_periodogram(x, FRAME_S, phi)
@@ -94,7 +94,7 @@ def test_mean_heights_scatter_as_stated_where_noise_is_most_of_it(fitted):
     subtraction = Subtraction((0.1, 0.1, 0.1), (0.0, 0.0, 30.0))
     nothing = Subtraction((None, None, None), (0.0, 0.0, 0.0))
     stderr, without = (
-        expectation(data, of, there, 0, 20.0).extension_stderr_nm
+        replace(model, data=(data,), subtraction=of).expected(there, 0, 20.0).extension_stderr_nm
         for of, there in ((subtraction, noisy), (nothing, quiet))
     )
     assert stderr**2 - without**2 == pytest.approx((noise_nm**2 + 30.0**2) / 100)
@@ -148,7 +148,7 @@ def test_a_wave_whose_phase_diffuses_is_expected_as_it_is_simulated(fitted):
     ]
     apart = replace(data, spectrum=spectra_of[0])
     with_it, without = (
-        expectation(apart, model.subtraction, there, 0, 7.0).power[:, 0, 0]
+        replace(model, data=(apart,)).expected(there, 0, 7.0).power[:, 0, 0]
         for there in (with_stage(experiment, lines=(line,)), experiment)
     )
     mean = np.mean([found.power[:, 0, 0] for found in spectra_of], axis=0)

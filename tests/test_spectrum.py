@@ -8,7 +8,14 @@ import pytest
 from mtpipe.errors import FitError
 from mtpipe.physics.camera import Camera, frame_variance, lag_one_covariance, power_spectrum
 from mtpipe.physics.langevin import simulate_mode
-from mtpipe.spectrum import bin_edges, expected_matrix, periodogram, prewhitening, window_of
+from mtpipe.spectrum import (
+    bin_edges,
+    expected_matrices,
+    periodogram,
+    prewhitening,
+    recorded_modes,
+    window_of,
+)
 
 CAMERA = Camera(1 / 100, 0.6 / 100)
 
@@ -145,9 +152,11 @@ def test_modes_that_move_several_axes_are_the_sum_of_their_covariances():
     amplitude = random.normal(size=(len(tau_s), 3))
     amplitude[1, 2] = amplitude[3, 0] = 0.0
     covariance = amplitude[:, :, None] * amplitude[:, None, :]
-    found = expected_matrix(windows, tau_s, covariance, CAMERA.exposure_s)
+    modes = recorded_modes(tau_s, windows[0].longest_s, CAMERA)
+    found = expected_matrices(windows, modes, covariance, np.array([0, 2, 5]))
     unit = np.array([one.expected(np.ones(5), tau_s, CAMERA.exposure_s) for one in windows])
-    expected = np.einsum("mab,amf,bmf->fab", covariance, np.sqrt(unit), np.sqrt(unit))
+    each = np.einsum("mab,amf,bmf->mfab", covariance, np.sqrt(unit), np.sqrt(unit))
+    expected = np.array([each[:2].sum(axis=0), each[2:].sum(axis=0)])
     assert found == pytest.approx(expected, rel=1e-12, abs=1e-12 * np.abs(expected).max())
 
 

@@ -1,7 +1,7 @@
 """What one plateau's data are expected to be under a described experiment, at a force.
 
-Fits ask for the same again and again, since most parameters of an experiment concern one plateau,
-or are none of the motion's: what was computed is kept for a while.
+That is the bead's own motion (`mtpipe.configured.motions`), the noise of tracker and reference, and
+lines.
 """
 
 from __future__ import annotations
@@ -15,23 +15,17 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from mtpipe.configured.data import PlateauData
-from mtpipe.configured.layers import Moving, Steady, steady_of
-from mtpipe.configured.recent import Recent
+from mtpipe.configured.layers import Steady, steady_of
+from mtpipe.configured.motions import Motion, motions
 from mtpipe.configured.spectra import Transform
 from mtpipe.configured.three_axes import inverses
-from mtpipe.configured.walk import line_of, sees_walks
+from mtpipe.configured.walk import line_of
 from mtpipe.drift.lowpass import response
 from mtpipe.errors import FitError
-from mtpipe.experiment import state as bead
-from mtpipe.experiment.description import (
-    Experiment,
-    ForceCourse,
-    Line,
-    Triple,
-)
-from mtpipe.experiment.readout import Readout, force_course, readout, recorded_height_nm
-from mtpipe.physics.camera import Camera, FloatArray, mean_variance, power_spectrum
-from mtpipe.spectrum import expected_matrices, recorded_modes
+from mtpipe.experiment.description import Experiment, ForceCourse, Line, Triple
+from mtpipe.experiment.readout import force_course, recorded_height_nm
+from mtpipe.experiment.state import recorded_modes
+from mtpipe.physics.camera import Camera, FloatArray, power_spectrum
 from mtpipe.window_power import with_noise
 
 # Heights are not believed better than this: rounding, interpolated formulas, time steps.
@@ -245,20 +239,20 @@ def _at_steady_forces(
     subtraction: Subtraction, those: Sequence[tuple[PlateauData, Steady, float]]
 ) -> list[Expectation | FitError]:
     """What is expected of experiments at steady forces, or why there is nothing."""
-    motions = _motions([(data, steady.moving, force) for data, steady, force in those])
+    moved = motions([(data, steady.moving, force) for data, steady, force in those])
     found: list[Expectation | FitError] = []
     for data, together in itertools.groupby(
-        zip(those, motions, strict=True), key=lambda one: one[0][0]
+        zip(those, moved, strict=True), key=lambda one: one[0][0]
     ):
         some = [(steady.experiment, motion) for (_, steady, _), motion in together]
-        held = [(e, motion) for e, motion in some if isinstance(motion, _Motion)]
+        held = [(e, motion) for e, motion in some if isinstance(motion, Motion)]
         recorded = iter(_recorded(data, subtraction, held) if held else [])
         found += [motion if isinstance(motion, FitError) else next(recorded) for _, motion in some]
     return found
 
 
 def _recorded(
-    data: PlateauData, subtraction: Subtraction, those: Sequence[tuple[Experiment, _Motion]]
+    data: PlateauData, subtraction: Subtraction, those: Sequence[tuple[Experiment, Motion]]
 ) -> list[Expectation]:
     """What is expected of motions in one plateau with all that is added to them."""
     added_nm2 = np.array([_added_nm2(data, subtraction, experiment) for experiment, _ in those])
@@ -285,7 +279,7 @@ def _with_lines(
     data: PlateauData,
     subtraction: Subtraction,
     experiment: Experiment,
-    motion: _Motion,
+    motion: Motion,
     power: FloatArray,
 ) -> Expectation:
     """What is expected with lines, which are added to the power (n_bins, 3, 3) of all else."""
@@ -304,104 +298,6 @@ def _with_lines(
         motion.walked_nm2,
         line_of(data).power if motion.walked_nm2.any() else None,
     )
-
-
-@dataclass(frozen=True, eq=False)
-class _Motion:
-    """What is expected of the bead's own motion.
-
-    Attributes
-    ----------
-    power : (n_bins, 3, 3). height_variance_nm2 : of the mean height, apart from a random walk's.
-    walked_nm2 : (3,) as of `Expectation`.
-    """
-
-    power: FloatArray
-    extension_nm: float
-    height_variance_nm2: float
-    walked_nm2: FloatArray
-
-
-_Key = tuple[PlateauData, Moving, float]
-# Noise is no matter of the motion, which is asked for again with another.
-_KNOWN: Recent[_Key, _Motion] = Recent(512)
-
-
-def _motions(those: Sequence[_Key]) -> list[_Motion | FitError]:
-    """The bead's own motion in plateaus, under descriptions at forces, or why there is none."""
-    found: dict[_Key, _Motion | FitError] = {}
-    missing: dict[Camera, list[tuple[_Key, Readout]]] = {}
-    for key in dict.fromkeys(those):
-        data, moving, force_pN = key
-        known = _KNOWN.get(key)
-        if known is not None:
-            found[key] = known
-            continue
-        try:
-            state = moving.core.state(force_pN)
-        except FitError as error:
-            found[key] = error
-            continue
-        parts = readout(moving.experiment, state, data.duration_s)
-        missing.setdefault(moving.experiment.camera, []).append((key, parts))
-    for camera, some in missing.items():
-        seen = _seen(camera, [(key[0], parts) for key, parts in some])
-        for (key, _), motion in zip(some, seen, strict=True):
-            found[key] = motion
-            _KNOWN.put(key, motion)
-    return [found[key] for key in those]
-
-
-def _seen(camera: Camera, those: Sequence[tuple[PlateauData, Readout]]) -> list[_Motion]:
-    """Motions in plateaus as one camera sees them."""
-    counts = [len(parts.tau_s) for _, parts in those]
-    first = np.cumsum([0, *counts])
-    tau_s = np.concatenate([parts.tau_s for _, parts in those])
-    covariance = np.concatenate([parts.covariance_nm2 for _, parts in those])
-    longest_s = np.repeat([data.spectrum.windows[0].longest_s for data, _ in those], counts)
-    # frames that are lost are taken for time that is lost
-    frames = np.repeat([data.frames for data, _ in those], counts)
-    modes = recorded_modes(tau_s, longest_s, camera)
-    of_mean = mean_variance(covariance[:, 2, 2], tau_s, camera, frames)
-    found: list[_Motion] = []
-    for data, together in itertools.groupby(those, key=lambda one: one[0]):
-        some = [parts for _, parts in together]
-        begins = first[len(found) : len(found) + len(some) + 1]
-        power = expected_matrices(data.spectrum.windows, modes, covariance, begins)
-        for parts, own, (a, b) in zip(some, power, itertools.pairwise(begins), strict=True):
-            # a walk moves the heights of all later plateaus: that is the model's business
-            variance_nm2 = float(of_mean[a : b - parts.walks].sum())
-            found.append(_with_white(data, camera, parts, own, variance_nm2))
-    return found
-
-
-def _with_white(
-    data: PlateauData, camera: Camera, parts: Readout, power: FloatArray, variance_nm2: float
-) -> _Motion:
-    """A motion with its white part, and without the line of a walk.
-
-    Parameters
-    ----------
-    power : (n_bins, 3, 3) of its modes, which is changed. variance_nm2 : their part of the mean
-        height's.
-    """
-    if parts.white_nm2.any():
-        power += 2 * camera.frame_s * parts.white_nm2 * _white(data)
-        variance_nm2 += float(parts.white_nm2[2, 2]) / data.frames
-    walked_nm2 = np.zeros(3)
-    if parts.walks and sees_walks(data):
-        gone = -np.expm1(-data.duration_s / parts.tau_s[-1])
-        walked_nm2 = 2 * np.diag(parts.covariance_nm2[-1]) * gone
-        line = line_of(data).power[:, DIAGONAL, DIAGONAL]
-        power[:, DIAGONAL, DIAGONAL] -= walked_nm2 * line
-    return _Motion(power, parts.extension_nm, variance_nm2, walked_nm2)
-
-
-@functools.lru_cache(maxsize=256)
-def _white(data: PlateauData) -> FloatArray:
-    """(n_bins, 3, 3) what the windows make of white noise of each axis, and common to two."""
-    root = np.sqrt([window.white for window in data.spectrum.windows])
-    return np.asarray(np.einsum("af,bf->fab", root, root))
 
 
 @functools.lru_cache(maxsize=1024)
@@ -469,7 +365,7 @@ def changed_spectra(
     ----------
     here : (n_bins, 3, 3) expected power.
     """
-    parts = bead.recorded_modes(steady_of(experiment).moving.core.state(force_pN))
+    parts = recorded_modes(steady_of(experiment).moving.core.state(force_pN))
     changes = np.empty((3, 2, len(here)))
     for axis in range(3):
         window = data.spectrum.windows[axis]
