@@ -17,7 +17,7 @@ from mtpipe.configured.data import plateau_data
 from mtpipe.configured.expectation import Subtraction
 from mtpipe.configured.fit import fit_configured, gradient_of, nearby_fit, slopes
 from mtpipe.configured.model import ConfiguredModel
-from mtpipe.configured.spectra import edges_about, matrix_periodogram
+from mtpipe.configured.spectra import edges_about, matrix_periodogram, quick_length
 from mtpipe.configured.three_axes import inverses
 from mtpipe.configured.walk import sees_walks
 from mtpipe.crosschecking.case import described, prepare
@@ -27,8 +27,17 @@ from mtpipe.effects.catalogue import OWN
 from mtpipe.effects.effect import Evidence
 from mtpipe.errors import FitError
 from mtpipe.experiment.changes import with_stage
-from mtpipe.experiment.description import Line, Optics, Stage, Tracker
+from mtpipe.experiment.description import (
+    Clock,
+    ForceCourse,
+    Line,
+    Magnets,
+    Optics,
+    Stage,
+    Tracker,
+)
 from mtpipe.experiment.parameter import Parameter
+from mtpipe.physics.camera import Camera
 from mtpipe.simulation.readout import recorded
 from mtpipe.spectrum import bin_edges, periodogram
 from tests.small_case import FORCES_PN, NOISE_NM, case, generator, raw, setup
@@ -387,3 +396,74 @@ def test_a_doubtful_pixel_lets_x_and_y_be_larger_than_they_are():
     (k,) = (k for k, p in enumerate(found.fit.model.parameters) if p.name == "ln scale of x and y")
     assert stderr[found.fit.model.plateaus + k] < 0.03
     assert abs(np.log(scale / 1.03)) < 3 * stderr[found.fit.model.plateaus + k]
+
+
+def test_experiments_asked_for_together_are_expected_as_one_by_one(fitted):
+    """Of two plateaus, by other cameras, noises and courses; one of them holds no bead."""
+    model, theta = fitted[0].fit.model, fitted[0].fit.theta
+    experiment = model.described(theta)
+    course = ForceCourse(0.3, "settling", 0.2)
+    camera = experiment.camera
+    others = [
+        experiment,
+        replace(experiment, tracker=Tracker(noise_nm=(1.0, 2.0, 3.0))),
+        replace(experiment, camera=Camera(camera.frame_s, 0.5 * camera.exposure_s)),
+        replace(experiment, clock=Clock(dropped_share=0.1)),
+        replace(experiment, stage=Stage(unsubtracted_nm_per_root_s=(1.0, 0.0, 2.0))),
+        replace(experiment, magnets=Magnets(courses=(course,) * model.plateaus)),
+        experiment,
+    ]
+    asked = [(other, i, force_pN) for i in (0, 1) for other in others for force_pN in (1e-4, 5.0)]
+    found = model.expectations([model.asked(*one) for one in asked])
+    refused = 0
+    for one, together in zip(asked, found, strict=True):
+        if isinstance(together, FitError):
+            refused += 1
+            with pytest.raises(FitError, match="does not hold"):
+                model.expected(*one)
+            continue
+        alone = model.expected(*one)
+        assert together.power == pytest.approx(alone.power, rel=1e-12, abs=0)
+        assert together.extension_nm == alone.extension_nm
+        assert together.extension_stderr_nm == pytest.approx(alone.extension_stderr_nm, rel=1e-12)
+        assert together.walked_nm2 == pytest.approx(alone.walked_nm2, rel=1e-12)
+    assert refused == len(asked) / 2
+
+
+def test_a_fit_that_has_arrived_is_not_tried_again_and_again(fitted, monkeypatch):
+    one = fitted[0].fit
+    calls = []
+    all_expected = ConfiguredModel.all_expected
+    monkeypatch.setattr(
+        ConfiguredModel,
+        "all_expected",
+        lambda model, theta: calls.append(1) or all_expected(model, theta),
+    )
+    again = fit_configured(one.model, one.theta)
+    for _ in range(3):
+        again = fit_configured(one.model, again.theta)
+    calls.clear()
+    last = fit_configured(one.model, again.theta)
+    assert last.converged
+    assert len(calls) <= 3
+    assert last.log_likelihood == pytest.approx(again.log_likelihood, abs=1e-5)
+
+
+@given(frames=st.integers(1, 40_000))
+def test_quick_lengths_are_the_largest_without_a_large_prime_factor(frames):
+    length = quick_length(frames)
+    assert max(prime_factors(length), default=1) <= spectra.LARGEST_FACTOR
+    for more in range(length + 1, frames + 1):
+        assert max(prime_factors(more)) > spectra.LARGEST_FACTOR
+    assert frames - length <= max(2, 0.005 * frames)
+
+
+def prime_factors(number):
+    found, factor = [], 2
+    while number > 1:
+        if number % factor == 0:
+            found.append(factor)
+            number //= factor
+        else:
+            factor += 1
+    return found

@@ -362,12 +362,16 @@ def test_what_is_recorded_prints_the_same_again_unless_it_was_changed(proof, tmp
     command.write_rows(path, about, rows)
     assert command.read_rows(path) == rows
     assert "2 of 3 recordings have not been run" in command.page_part(about, rows)
-    (tmp_path / "about.json").write_text('{"seed": 1, "frames": 4096}')
+    assert "--plateaus" not in command.page_part(about, rows)
+    assert "--plateaus 8" in command.page_part(about | {"plateaus": 8}, rows)
+    here = {key: about[key] for key in ("seed", "frames", "formula")}
+    (tmp_path / "about.json").write_text(json.dumps(here))
     command.put_back(path, tmp_path)
     assert command.unsealed_rows(tmp_path, range(3)) == rows
-    (tmp_path / "about.json").write_text('{"seed": 2, "frames": 4096}')
-    with pytest.raises(SystemExit, match="another seed"):
-        command.put_back(path, tmp_path)
+    for other in ({"seed": 2}, {"plateaus": 8}):
+        (tmp_path / "about.json").write_text(json.dumps(here | other))
+        with pytest.raises(SystemExit, match="another seed or form"):
+            command.put_back(path, tmp_path)
     path.write_text(path.read_text(encoding="utf-8").replace('"clear"', '"faint"'))
     with pytest.raises(sealing.BrokenSealError):
         command.read_rows(path)

@@ -66,7 +66,7 @@ def test_a_harmonic_motion_relaxes_at_its_own_rate():
     x = special.ndtri((np.arange(4000) + 0.5) / 4000)
     weight = np.full(len(x), 1 / len(x))
     tau_s, variance = relaxation_modes(
-        weight, x[None], np.ones((1, 1, len(x))), np.full((1, len(x)), 5.0)
+        weight, x[None], [([0], np.ones((1, len(x))))], np.full((1, len(x)), 5.0)
     )
     assert tau_s == pytest.approx(float(weight @ x**2) / 5.0)
     assert variance == pytest.approx(float(weight @ x**2))
@@ -77,9 +77,10 @@ def test_diffusion_between_two_walls_relaxes_no_slower_than_it_does():
     x = (np.arange(4000) + 0.5) / 4000 - 0.5
     powers = (1, 3, 5)
     functions = np.array([x**n for n in powers])
-    slopes = np.array([[n * x ** (n - 1) for n in powers]])
+    slopes = np.array([n * x ** (n - 1) for n in powers])
     weight = np.full(len(x), 1 / len(x))
-    tau_s, variance = relaxation_modes(weight, functions, slopes, np.full((1, len(x)), 2.0))
+    diffusivity = np.full((1, len(x)), 2.0)
+    tau_s, variance = relaxation_modes(weight, functions, [([0, 1, 2], slopes)], diffusivity)
     assert 1 / tau_s[0] == pytest.approx(2 * math.pi**2, rel=1e-4)
     assert 1 / tau_s[0] > 2 * math.pi**2 * (1 - 1e-6)
     assert variance[0] == pytest.approx(8 / math.pi**4, rel=1e-3)

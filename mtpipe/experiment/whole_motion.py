@@ -161,18 +161,26 @@ def _parity(powers: tuple[int, ...]) -> tuple[int, int]:
 
 def _polynomials(
     values: FloatArray, slopes: FloatArray, powers: tuple[tuple[int, ...], ...]
-) -> tuple[FloatArray, FloatArray]:
-    """Monomials (m, points) of the values and their derivatives (coordinates, m, points)."""
+) -> tuple[FloatArray, list[tuple[list[int], FloatArray]]]:
+    """Monomials (m, points) of the values; and for each coordinate which of them follow it, and the
+    derivatives (followers, points) of these.
+    """
     to_the = [np.ones_like(values)]
     for _ in range(DEGREE):
         to_the.append(to_the[-1] * values)
-    functions = np.empty((len(powers), values.shape[1]))
-    derivatives = np.zeros((len(values), *functions.shape))
-    for m, exponents in enumerate(powers):
-        factors = {i: to_the[exponent][i] for i, exponent in enumerate(exponents) if exponent}
-        functions[m] = functools.reduce(np.multiply, factors.values())
-        for i in factors:
-            others = [one for k, one in factors.items() if k != i]
-            lower = exponents[i] * to_the[exponents[i] - 1][i] * slopes[i]
-            derivatives[i, m] = functools.reduce(np.multiply, others, lower)
+    factors = [
+        {i: to_the[exponent][i] for i, exponent in enumerate(exponents) if exponent}
+        for exponents in powers
+    ]
+    functions = np.array([functools.reduce(np.multiply, one.values()) for one in factors])
+    derivatives = []
+    for i, slope in enumerate(slopes):
+        follow = [m for m, exponents in enumerate(powers) if exponents[i]]
+        found = np.empty((len(follow), values.shape[1]))
+        for row, m in zip(found, follow, strict=True):
+            np.multiply(powers[m][i] * slope, to_the[powers[m][i] - 1][i], out=row)
+            for k, other in factors[m].items():
+                if k != i:
+                    row *= other
+        derivatives.append((follow, found))
     return functions, derivatives

@@ -9,6 +9,8 @@ A reflecting wall needs nothing but that the density ends there.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
 
 from mtpipe.physics.camera import FloatArray
@@ -18,7 +20,10 @@ ROUNDING = 1e-8
 
 
 def relaxation_modes(
-    weight: FloatArray, functions: FloatArray, slopes: FloatArray, diffusivity: FloatArray
+    weight: FloatArray,
+    functions: FloatArray,
+    slopes: Sequence[tuple[Sequence[int], FloatArray]],
+    diffusivity: FloatArray,
 ) -> tuple[FloatArray, FloatArray]:
     """Relaxation of the first function.
 
@@ -26,7 +31,7 @@ def relaxation_modes(
     ----------
     weight : (n,) share of each point of the equilibrium; the sum is 1.
     functions : (m, n) at the points, each with mean 0.
-    slopes : (coordinates, m, n) their derivatives.
+    slopes : for each coordinate, which functions follow it, and their derivatives (followers, n).
     diffusivity : (coordinates, n) of each coordinate at the points, unit² per second.
 
     Returns
@@ -35,8 +40,8 @@ def relaxation_modes(
     """
     covariance = (functions * weight) @ functions.T
     rate = np.zeros_like(covariance)
-    for slope, spread in zip(slopes, diffusivity, strict=True):
-        rate += (slope * (weight * spread)) @ slope.T
+    for (follow, slope), spread in zip(slopes, diffusivity, strict=True):
+        rate[np.ix_(follow, follow)] += (slope * (weight * spread)) @ slope.T
     return modes_of_first(covariance, rate)
 
 

@@ -32,6 +32,8 @@ from scoring import score
 import mtpipe
 
 MARK = "<!-- proof -->"
+# Options that say what a set's recordings have in common, and what they usually are.
+FORM = {"frames": 4096, "plateaus": None, "formula": "marko-siggia"}
 RECORDED = Path(__file__).with_name("results.jsonl")
 
 
@@ -64,9 +66,10 @@ def _choice() -> argparse.Namespace:
     parser.add_argument("--results", type=Path, help="folder of results; none: print --from")
     parser.add_argument("--recordings", type=int, default=300, help="size of the set")
     parser.add_argument("--seed", type=int, default=1, help="of the set")
-    parser.add_argument("--frames", type=int, default=4096, help="per plateau")
+    parser.add_argument("--frames", type=int, default=FORM["frames"], help="per plateau")
+    parser.add_argument("--plateaus", type=int, help="per recording; none: drawn")
     parser.add_argument(
-        "--formula", choices=("marko-siggia", "bouchiat", "drawn"), default="marko-siggia"
+        "--formula", choices=("marko-siggia", "bouchiat", "drawn"), default=FORM["formula"]
     )
     parser.add_argument("--workers", type=int, default=1, help="processes; 0: only print")
     parser.add_argument("--only", type=_numbers, help="run only these recordings: N..M, M included")
@@ -89,9 +92,11 @@ def _numbers(text: str) -> range:
 def settled(choice: argparse.Namespace) -> dict[str, Any]:
     """What the results in the folder are of; it holds those of one seed and form only."""
     about = {"seed": choice.seed, "frames": choice.frames, "formula": choice.formula}
+    if choice.plateaus is not None:
+        about["plateaus"] = choice.plateaus
     path = choice.results / "about.json"
     if path.exists() and json.loads(path.read_text(encoding="utf-8")) != about:
-        raise SystemExit(f"{choice.results} holds results of another seed, length or formula")
+        raise SystemExit(f"{choice.results} holds results of another seed or form")
     choice.results.mkdir(parents=True, exist_ok=True)
     path.write_text(json.dumps(about), encoding="utf-8")
     made = {"date": f"{datetime.now(UTC):%Y-%m-%d}", "mtpipe": mtpipe.__version__}
@@ -107,8 +112,8 @@ def put_back(recorded: Path, results: Path) -> None:
     """
     about = json.loads(recorded.read_text(encoding="utf-8").splitlines()[0])["about"]
     here = json.loads((results / "about.json").read_text(encoding="utf-8"))
-    if any(about[key] != value for key, value in here.items()):
-        raise SystemExit(f"{recorded} holds results of another seed, length or formula")
+    if any(about.get(key) != here.get(key) for key in ("seed", *FORM)):
+        raise SystemExit(f"{recorded} holds results of another seed or form")
     for row in read_rows(recorded):
         name, number = row["answer"]["name"], row["answer"]["number"]
         files = {
@@ -125,7 +130,7 @@ def put_back(recorded: Path, results: Path) -> None:
 def run_missing(choice: argparse.Namespace, numbers: Sequence[int]) -> None:
     """Run recordings that have no outcome yet, in order, until the time is over."""
     formula = None if choice.formula == "drawn" else choice.formula
-    form = Form(frames=choice.frames, formula=formula)
+    form = Form(frames=choice.frames, plateaus=choice.plateaus, formula=formula)
     missing = [n for n in numbers if not blind.outcome_file(choice.results, n).exists()]
     jobs = (blind.Job(choice.seed, n, form, choice.results) for n in missing)
     limit = float("inf") if choice.limit_minutes is None else 60 * choice.limit_minutes
@@ -192,8 +197,9 @@ def page_part(about: dict[str, Any], rows: Sequence[dict[str, Any]]) -> str:
         f"python workflows/proof/proof.py --results DIR --recordings {about['recordings']} "
         f"--seed {about['seed']}"
     )
-    usual = {"frames": 4096, "formula": "marko-siggia"}
-    command += "".join(f" --{key} {about[key]}" for key in usual if about[key] != usual[key])
+    command += "".join(
+        f" --{key} {about[key]}" for key, usual in FORM.items() if about.get(key) != usual
+    )
     scores = [score(row["answer"], row["outcome"]) for row in rows]
     printed = f"{about['date']}, mtpipe {about['mtpipe']}: `{command}`."
     unfinished = about["recordings"] - len(rows)

@@ -172,7 +172,7 @@ def times(scores: Sequence[Score]) -> str:
     return (
         f"{len(scores)} recordings; {failed} failed. CPU time per recording, from file to answer: "
         f"{np.median(seconds):.0f} s in the median, {np.quantile(seconds, 0.9):.0f} s in nine of "
-        f"ten, {max(seconds):.0f} s at most."
+        f"ten, {max(seconds):.0f} s at most; {sum(s > 60 for s in seconds)} over a minute."
     )
 
 
