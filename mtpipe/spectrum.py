@@ -37,6 +37,8 @@ BIN_GROWTH = 1.04
 # τ < D: powers of e^{−D/τ} ≤ 1/e; 36 terms leave 2e-16. τ ≥ D: spline in ln τ.
 SHORT_LAGS = 36
 LN_TAU_STEP = 0.2
+# So many covariances are transformed at once.
+AT_A_TIME = 8
 # Modes that relax within a smaller share of a frame are as white as this one.
 SHORTEST = 1e-9
 MINIMUM_FRAMES = 64
@@ -307,11 +309,18 @@ def _window(
     lags = LagWeights(masks, np.array(edges))
     # one lag more than there is: prewhitening looks one ahead
     lag = np.arange(length + 1)
-    alone = np.eye(SHORT_LAGS + 1, length + 1)
     # two knots below τ = D keep the spline's ends away from where it is used
     ln_tau = np.arange(-2 * LN_TAU_STEP, np.log(20.0 * length) + 2 * LN_TAU_STEP, LN_TAU_STEP)
-    white, *short = lags.expected(prewhitened(alone, phi))
-    slow = lags.expected(prewhitened(np.exp(-lag * np.exp(-ln_tau)[:, None]), phi))
+    white, *short = (
+        one
+        for some in _few_at_a_time(np.arange(SHORT_LAGS + 1.0))
+        for one in lags.expected(prewhitened((lag == some[:, None]).astype(float), phi))
+    )
+    slow = [
+        one
+        for some in _few_at_a_time(ln_tau)
+        for one in lags.expected(prewhitened(np.exp(-lag * np.exp(-some)[:, None]), phi))
+    ]
     ordinates, share = _independent_ordinates(masks, np.array(edges))
     return Window(
         frame_s=frame_s,
@@ -323,6 +332,11 @@ def _window(
         slow=interpolate.CubicSpline(ln_tau, np.log(slow)),
         lags=lags,
     )
+
+
+def _few_at_a_time(values: FloatArray) -> list[FloatArray]:
+    """Of long segments more take too much memory."""
+    return np.array_split(values, -(-len(values) // AT_A_TIME))
 
 
 def prewhitened(covariance: FloatArray, phi: float) -> FloatArray:

@@ -162,9 +162,7 @@ class ConfiguredModel:
 
     def walk_nm2_per_s(self, theta: FloatArray) -> float:
         """Square of the random walk of z that subtraction has left, at θ."""
-        experiment = self.experiment
-        for k in self.walking:
-            experiment = self.parameters[k - self.plateaus].change(experiment, float(theta[k]))
+        experiment = self.described(theta) if self.walking else self.experiment
         return _walk_nm2_per_s(experiment)
 
     @functools.cached_property
@@ -259,11 +257,14 @@ def power_about_course(data: PlateauData, expected: Expectation) -> FloatArray:
     return data.spectrum.power if course is None else data.spectrum.power_about(course, 2)
 
 
-@functools.lru_cache(maxsize=256)
 def ends_of(data: PlateauData, expected: Expectation) -> Walked | None:
     """Where a bead that walks has ended; None where it does not."""
-    if not expected.walked_nm2.any():
-        return None
+    return _ends_of(data, expected) if expected.walked_nm2.any() else None
+
+
+@functools.lru_cache(maxsize=64)
+def _ends_of(data: PlateauData, expected: Expectation) -> Walked:
+    """Kept, as spectra and heights ask for the same."""
     inverse, _ = expected.inverse
     return walked(data, inverse, expected.walked_nm2, expected.course_transform)
 
