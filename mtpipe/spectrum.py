@@ -177,7 +177,7 @@ class Window:
     short : (SHORT_LAGS, n_bins) the same for unit covariance at lag ±m, m = 1, 2, …
     slow : spline over ln(τ/D) of the logarithm of the same for the covariance e^{−|m|D/τ}.
     ordinates, share : as of `Spectrum`.
-    phi : of the prewhitening. lags : by which it is made for any covariance.
+    phi : of the prewhitening. lags : for any other covariance.
     """
 
     frame_s: float
@@ -209,7 +209,7 @@ class Window:
 
         Source: PHYSICS section 1, forms A and B with the window's lag weights.
         """
-        modes = recorded_modes(tau_s, self.longest_s, Camera(self.frame_s, exposure_s))
+        modes = seen_modes(tau_s, self.longest_s, Camera(self.frame_s, exposure_s))
         of_window = (self.white, self.short, self.slow.x, self.slow.c)
         unit = powers_of_modes(*modes, *of_window)
         return np.asarray((2 * self.frame_s * np.asarray(variance))[:, None] * unit)
@@ -220,7 +220,7 @@ class Window:
         return float(self.frame_s * np.exp(self.slow.x[-1]))
 
 
-def recorded_modes(
+def seen_modes(
     tau_s: FloatArray, longest_s: FloatArray | float, camera: Camera
 ) -> tuple[FloatArray, FloatArray, FloatArray]:
     """Relaxation times over D, white and correlated part (`camera.recorded_parts`) of modes.
@@ -249,7 +249,7 @@ def expected_matrices(
 
     Parameters
     ----------
-    windows : one per axis, of the same frames. modes : of all motions (`recorded_modes`).
+    windows : one per axis, of the same frames. modes : of all motions (`seen_modes`).
     covariance : (n, axes, axes) in nm². first : (motions + 1,) first mode of each motion, and one
         after the last.
 
@@ -301,12 +301,7 @@ def _window(
     frame_s: float,
     phi: float,
 ) -> Window:
-    masks = (
-        np.ones((segments, length), dtype=bool)
-        if present is None
-        else np.frombuffer(present, dtype=bool).reshape(segments, length)
-    )
-    lags = LagWeights(masks, np.array(edges))
+    lags, ordinates, share = _of_frames(segments, length, present, edges)
     # one lag more than there is: prewhitening looks one ahead
     lag = np.arange(length + 1)
     # two knots below τ = D keep the spline's ends away from where it is used
@@ -321,7 +316,6 @@ def _window(
         for some in _few_at_a_time(ln_tau)
         for one in lags.expected(prewhitened(np.exp(-lag * np.exp(-some)[:, None]), phi))
     ]
-    ordinates, share = _independent_ordinates(masks, np.array(edges))
     return Window(
         frame_s=frame_s,
         phi=phi,
@@ -332,6 +326,19 @@ def _window(
         slow=interpolate.CubicSpline(ln_tau, np.log(slow)),
         lags=lags,
     )
+
+
+@functools.lru_cache(maxsize=32)
+def _of_frames(
+    segments: int, length: int, present: bytes | None, edges: tuple[int, ...]
+) -> tuple[LagWeights, FloatArray, float]:
+    """What windows of the same frames have in common: lag weights, and `_independent_ordinates`."""
+    masks = (
+        np.ones((segments, length), dtype=bool)
+        if present is None
+        else np.frombuffer(present, dtype=bool).reshape(segments, length)
+    )
+    return LagWeights(masks, np.array(edges)), *_independent_ordinates(masks, np.array(edges))
 
 
 def _few_at_a_time(values: FloatArray) -> list[FloatArray]:
@@ -383,7 +390,9 @@ def _independent_ordinates(
 
 
 class LagWeights:
-    """(1/n) Σ_segments E|Σ_t m_t (x_t − x̄) e^{−iθt}|², binned, for given covariances of x."""
+    """(1/n) Σ_segments E|Σ_t m_t (x_t − x̄) e^{−iθt}|², binned, for given covariances of x, which is
+    prewhitened already.
+    """
 
     def __init__(self, masks: NDArray[np.bool_], edges: NDArray[np.int64]) -> None:
         self.edges, self.length, self.n = edges, masks.shape[1], float(masks.sum())

@@ -6,12 +6,14 @@ stated beside it.
 
 from dataclasses import replace
 from functools import partial
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from mtpipe.configured import fit as fit_module
 from mtpipe.configured import spectra
 from mtpipe.configured.data import plateau_data
 from mtpipe.configured.expectation import Subtraction
@@ -414,39 +416,73 @@ def test_experiments_asked_for_together_are_expected_as_one_by_one(fitted):
         experiment,
     ]
     asked = [(other, i, force_pN) for i in (0, 1) for other in others for force_pN in (1e-4, 5.0)]
+    # plateaus in turns as well
+    asked += [(other, i, 7.0) for other in others for i in (0, 1)]
     found = model.expectations([model.asked(*one) for one in asked])
+    # other data, of which nothing is known already
+    fresh = replace(model, data=tuple(replace(one) for one in model.data))
     refused = 0
     for one, together in zip(asked, found, strict=True):
         if isinstance(together, FitError):
             refused += 1
             with pytest.raises(FitError, match="does not hold"):
-                model.expected(*one)
+                fresh.expected(*one)
             continue
-        alone = model.expected(*one)
+        alone = fresh.expected(*one)
         assert together.power == pytest.approx(alone.power, rel=1e-12, abs=0)
         assert together.extension_nm == alone.extension_nm
         assert together.extension_stderr_nm == pytest.approx(alone.extension_stderr_nm, rel=1e-12)
         assert together.walked_nm2 == pytest.approx(alone.walked_nm2, rel=1e-12)
-    assert refused == len(asked) / 2
+    assert refused == 2 * len(others)
 
 
-def test_a_fit_that_has_arrived_is_not_tried_again_and_again(fitted, monkeypatch):
-    one = fitted[0].fit
-    calls = []
-    all_expected = ConfiguredModel.all_expected
+@pytest.fixture
+def parabola(monkeypatch):
+    """Of a bound of the first of two coordinates, and what each look at the likelihood takes off
+    it: a model whose likelihood is a parabola with its peak far beyond the bound, and how often it
+    was looked at.
+    """
+    information, slope = np.array([[1.0, 0.99], [0.99, 1.0]]), np.array([1.0, 0.9])
+
+    def made(bound, lost=0.0):
+        looks = []
+
+        def log_likelihood(expected, theta):
+            looks.append(theta)
+            return float(slope @ theta - theta @ information @ theta / 2) - lost * len(looks)
+
+        model = SimpleNamespace(
+            lower=np.full(2, -10.0),
+            upper=np.array([bound, 10.0]),
+            data=(),
+            all_expected=lambda theta: [],
+            log_likelihood=log_likelihood,
+        )
+        return model, looks
+
+    monkeypatch.setattr(fit_module, "slopes", lambda *_: [])
     monkeypatch.setattr(
-        ConfiguredModel,
-        "all_expected",
-        lambda model, theta: calls.append(1) or all_expected(model, theta),
+        fit_module, "gradient_of", lambda model, data, theta, *_: slope - information @ theta
     )
-    again = fit_configured(one.model, one.theta)
-    for _ in range(3):
-        again = fit_configured(one.model, again.theta)
-    calls.clear()
-    last = fit_configured(one.model, again.theta)
-    assert last.converged
-    assert len(calls) <= 3
-    assert last.log_likelihood == pytest.approx(again.log_likelihood, abs=1e-5)
+    monkeypatch.setattr(fit_module, "information_of", lambda *_: information)
+    return made
+
+
+def test_a_fit_goes_on_where_a_bound_turns_its_step_round(parabola):
+    """Clipped, the first step has a predicted rise of -4: shorter ones are tried."""
+    model, _ = parabola(bound=0.1)
+    found = fit_configured(model, np.zeros(2))
+    assert found.converged
+    assert found.theta == pytest.approx([0.1, 0.9 - 0.99 * 0.1], abs=0.05)
+
+
+def test_a_step_that_changes_nothing_is_not_tried_again_and_again(parabola):
+    """At the peak, where rounding makes each look a little worse."""
+    model, looks = parabola(bound=10.0, lost=1e-7)
+    peak = np.linalg.solve([[1.0, 0.99], [0.99, 1.0]], [1.0, 0.9])
+    found = fit_configured(model, peak)
+    assert found.converged
+    assert len(looks) == 2
 
 
 @given(frames=st.integers(1, 40_000))
@@ -455,7 +491,7 @@ def test_quick_lengths_are_the_largest_without_a_large_prime_factor(frames):
     assert max(prime_factors(length), default=1) <= spectra.LARGEST_FACTOR
     for more in range(length + 1, frames + 1):
         assert max(prime_factors(more)) > spectra.LARGEST_FACTOR
-    assert frames - length <= max(2, 0.005 * frames)
+    assert frames - length <= max(2, 0.01 * frames)
 
 
 def prime_factors(number):

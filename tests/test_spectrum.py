@@ -13,7 +13,7 @@ from mtpipe.spectrum import (
     expected_matrices,
     periodogram,
     prewhitening,
-    recorded_modes,
+    seen_modes,
     window_of,
 )
 
@@ -152,7 +152,7 @@ def test_modes_that_move_several_axes_are_the_sum_of_their_covariances():
     amplitude = random.normal(size=(len(tau_s), 3))
     amplitude[1, 2] = amplitude[3, 0] = 0.0
     covariance = amplitude[:, :, None] * amplitude[:, None, :]
-    modes = recorded_modes(tau_s, windows[0].longest_s, CAMERA)
+    modes = seen_modes(tau_s, windows[0].longest_s, CAMERA)
     found = expected_matrices(windows, modes, covariance, np.array([0, 2, 5]))
     unit = np.array([one.expected(np.ones(5), tau_s, CAMERA.exposure_s) for one in windows])
     each = np.einsum("mab,amf,bmf->mfab", covariance, np.sqrt(unit), np.sqrt(unit))

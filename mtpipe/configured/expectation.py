@@ -16,7 +16,7 @@ import numpy as np
 
 from mtpipe.configured.data import PlateauData
 from mtpipe.configured.layers import Steady, steady_of
-from mtpipe.configured.motions import Motion, motions
+from mtpipe.configured.motions import DIAGONAL, Motion, motions
 from mtpipe.configured.spectra import Transform
 from mtpipe.configured.three_axes import inverses
 from mtpipe.configured.walk import line_of
@@ -35,7 +35,6 @@ LEAST_POWER = 1e-6
 # So many forces stand for a plateau during which the force changes; fewer, and of spectra their
 # mean alone, where it changes by less than so much.
 COURSE_POINTS, FEWER_POINTS, SMALL_CHANGE = 5, 3, 0.1
-DIAGONAL = np.arange(3)
 
 
 @dataclass(frozen=True)
@@ -105,12 +104,12 @@ class Expectation:
 
 @dataclass(frozen=True, eq=False)
 class Asked:
-    """What a plateau's data should be under a description at a force; the mean over the plateau's
-    time where the force changes.
+    """A question: what should a plateau's data be, the mean over its time where the force changes?
 
     Attributes
     ----------
     data : of the plateau; their values are not read, but which frames there are.
+    steady : description of the experiment. course, force_pN : of the force, and its mean.
     """
 
     data: PlateauData

@@ -39,9 +39,9 @@ from mtpipe.experiment.parameter import Parameter
 from mtpipe.physics.camera import FloatArray
 
 MOST_ROUNDS = 15
-# Where the predicted rise of ln likelihood is below this, the fit has arrived; where it is below
-# the second, it is lost in rounding.
-ARRIVED, ROUNDING_NATS = 1e-3, 1e-6
+# Where the predicted rise of ln likelihood is below this, the fit has arrived; a step that should
+# change it by less than the second, and does not raise it, is not tried any shorter.
+ARRIVED, NOTHING_NATS = 1e-3, 1e-6
 # One step changes ln of a power by no more than this, and leaves axes no more correlated than that.
 MOST_MOVED, MOST_CORRELATED = 2.0, 0.999
 FORCE_GRID_PN, GRID_STRIDE = np.geomspace(0.01, 150.0, 45), 3
@@ -144,7 +144,7 @@ def fit_configured(
             if there > value - 1e-9:
                 moved = True
                 break
-            if rise < ROUNDING_NATS:
+            if abs(rise) < NOTHING_NATS:
                 break
             damping = max(damping, 1e-4) * 8
         if not moved:

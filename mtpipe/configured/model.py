@@ -97,7 +97,7 @@ class ConfiguredModel:
         return replace(experiment, rests=rests)
 
     def asked(self, experiment: Experiment, plateau: int, force_pN: float) -> Asked:
-        """What one plateau's data should be; the mean over its time where the force changes."""
+        """The question what one plateau's data should be in an experiment, at a force."""
         course = experiment.magnets.course(plateau)
         return Asked(self.data[plateau], steady_of(experiment), course, force_pN)
 

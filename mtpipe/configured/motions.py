@@ -20,7 +20,7 @@ from mtpipe.configured.walk import line_of, sees_walks
 from mtpipe.errors import FitError
 from mtpipe.experiment.readout import Readout, readout
 from mtpipe.physics.camera import Camera, FloatArray, mean_variance
-from mtpipe.spectrum import expected_matrices, recorded_modes
+from mtpipe.spectrum import expected_matrices, seen_modes
 
 DIAGONAL = np.arange(3)
 
@@ -42,8 +42,10 @@ class Motion:
 
 
 Key = tuple[PlateauData, Moving, float]
-# Noise is no matter of the motion, which is asked for again with another.
-_KNOWN: Recent[Key, Motion] = Recent(512)
+# Noise is no matter of the motion, which is asked for again with another: a fit's slopes of few
+# plateaus are kept.
+MOST_KNOWN = 512
+_KNOWN: Recent[Key, Motion] = Recent(MOST_KNOWN)
 
 
 def motions(those: Sequence[Key]) -> list[Motion | FitError]:
@@ -59,7 +61,7 @@ def motions(those: Sequence[Key]) -> list[Motion | FitError]:
         try:
             state = moving.core.state(force_pN)
         except FitError as error:
-            found[key] = error
+            found[key] = error.with_traceback(None)
             continue
         parts = readout(moving.experiment, state, data.duration_s)
         missing.setdefault(moving.experiment.camera, []).append((key, parts))
@@ -80,7 +82,7 @@ def _seen(camera: Camera, those: Sequence[tuple[PlateauData, Readout]]) -> list[
     longest_s = np.repeat([data.spectrum.windows[0].longest_s for data, _ in those], counts)
     # frames that are lost are taken for time that is lost
     frames = np.repeat([data.frames for data, _ in those], counts)
-    modes = recorded_modes(tau_s, longest_s, camera)
+    modes = seen_modes(tau_s, longest_s, camera)
     of_mean = mean_variance(covariance[:, 2, 2], tau_s, camera, frames)
     found: list[Motion] = []
     for data, together in itertools.groupby(those, key=lambda one: one[0]):

@@ -117,7 +117,8 @@ def matrix_periodogram(
     phi: tuple[float, ...],
     lines_hz: tuple[float, ...] = (),
 ) -> MatrixSpectrum:
-    """Binned periodograms of the frames in which all axes are there.
+    """Binned periodograms of the frames in which all axes are there, but for the last few where
+    their number is not transformed quickly (`quick_length`).
 
     Parameters
     ----------
@@ -159,7 +160,7 @@ def matrix_periodogram(
 
 @functools.lru_cache(maxsize=256)
 def quick_length(frames: int) -> int:
-    """The most frames, of so many, that are transformed quickly; a few fewer at most.
+    """The most frames, of so many, that are transformed quickly; a hundredth fewer at most.
 
     A transform of 8191 frames, a prime number, takes ten times that of 8190.
     """

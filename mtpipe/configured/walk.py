@@ -45,7 +45,7 @@ def sees_walks(data: PlateauData) -> bool:
 def line_of(data: PlateauData) -> Line:
     """The line of a plateau."""
     spectrum = data.spectrum
-    frames = spectrum.used.size + 1
+    frames = round(data.duration_s / spectrum.windows[0].frame_s)
     rising = np.arange(frames) / frames
     transforms = tuple(spectrum.transform_of(rising, axis) for axis in range(3))
     return Line(

@@ -155,7 +155,9 @@ class Optics:
         c, s = math.cos(self.angle_rad), math.sin(self.angle_rad)
         turned = np.array([[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]])
         scale = np.array([self.lateral_scale, self.lateral_scale, self.axial_scale])
-        return np.asarray(scale[:, None] * turned)
+        found = np.asarray(scale[:, None] * turned)
+        found.flags.writeable = False
+        return found
 
 
 @dataclass(frozen=True)

@@ -182,7 +182,8 @@ def _held(
 
     Parameters
     ----------
-    force_pN, tethers, extension_nm : n of each, the mean heights. lateral : as `_lateral` has it.
+    force_pN, tethers, extension_nm : n of each, the mean heights.
+    lateral : as `_lateral` has it; the stiffness is completed.
     whole : n, motion through the whole potential, None where that is not taken.
     """
     energy = experiment.fluid.thermal_energy_pN_nm

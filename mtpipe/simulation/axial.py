@@ -23,6 +23,9 @@ MOST_STEPS = 60
 TABLE = 512
 # A parabola of a Gaussian variable, monotonic where it matters, is no more skewed than this.
 MOST_SKEWED = 1.5
+# Of so many states is kept what does not change from simulation to simulation. A plateau whose
+# force changes has some two dozen, each in a few variants.
+MOST_KNOWN = 2048
 
 
 def simulate_heights(
@@ -84,7 +87,7 @@ def _drawn(motion: AxialMotion, count: int, random: np.random.Generator) -> Floa
     return np.asarray(drawn + motion.step_nm / 2)
 
 
-@functools.lru_cache(maxsize=2048)
+@functools.lru_cache(maxsize=MOST_KNOWN)
 def _averaged(motion: AxialMotion, camera: Camera) -> tuple[float, float]:
     """Variance and third cumulant of heights averaged over an exposure."""
     variance = sum(
@@ -109,7 +112,7 @@ def _skewed(gaussian: FloatArray, variance: float, third: float) -> FloatArray:
     return np.asarray(math.sqrt(variance / (1 + 2 * bend**2)) * (unit + bend * (unit**2 - 1)))
 
 
-@functools.lru_cache(maxsize=2048)
+@functools.lru_cache(maxsize=MOST_KNOWN)
 def _tables(motion: AxialMotion, step_s: float) -> tuple[FloatArray, FloatArray]:
     """(TABLE,) mean move and spread of one step, at heights from the lowest to the highest."""
     table_nm = np.linspace(float(motion.height_nm[0]), float(motion.height_nm[-1]), TABLE)

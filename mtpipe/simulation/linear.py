@@ -32,7 +32,7 @@ from mtpipe.physics.camera import (
     power_spectrum,
 )
 from mtpipe.physics.langevin import mode_path
-from mtpipe.simulation.axial import simulate_heights
+from mtpipe.simulation.axial import MOST_KNOWN, simulate_heights
 
 # Products of modes are averaged over parts of the exposure, each at most this many relaxation times
 # long, as far as so many parts reach. What a product fluctuates within a part is nearly independent
@@ -44,9 +44,6 @@ ROUNDING = 1e-10
 # Points of a gain over frequency, between which it is a straight line.
 GAIN_POINTS = 400
 LEAST_GAIN = 1e-6
-# States of a bead of which is kept what does not change from simulation to simulation: a force that
-# changes is some two dozen of them a plateau.
-MOST_KNOWN = 2048
 
 
 def simulate_motion(
