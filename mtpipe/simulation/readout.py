@@ -114,10 +114,10 @@ def hops(
     keeps = random.random((frames, HOP_PARTS)) < stay[:, None]
     drawn = random.random((frames, HOP_PARTS)) < share[:, None]
     keeps[0, 0] = False
-    # a part in which nothing is drawn anew is in the state of the last that was
-    last = np.maximum.accumulate(np.where(keeps.ravel(), -1, np.arange(keeps.size)))
-    state = drawn.ravel()[last].reshape(frames, HOP_PARTS)
-    return np.asarray(hopping.step_nm * state[:, :exposed].mean(axis=1))
+    # numba is loaded where there are hops only
+    from mtpipe.simulation.hop_steps import mean_states
+
+    return np.asarray(hopping.step_nm * mean_states(keeps, drawn, exposed))
 
 
 def reference_motion(
