@@ -42,8 +42,8 @@ class Motion:
 
 
 Key = tuple[PlateauData, Moving, float]
-# Noise is no matter of the motion, which is asked for again with another: a fit's slopes of few
-# plateaus are kept.
+# Noise is no matter of the motion, which is asked for again with another. So many are those that a
+# fit's slopes ask for in a recording of usual size.
 MOST_KNOWN = 512
 _KNOWN: Recent[Key, Motion] = Recent(MOST_KNOWN)
 

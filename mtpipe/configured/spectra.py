@@ -162,7 +162,7 @@ def matrix_periodogram(
 def quick_length(frames: int) -> int:
     """The most frames, of so many, that are transformed quickly; a hundredth fewer at most.
 
-    A transform of 8191 frames, a prime number, takes ten times that of 8190.
+    A transform of 8191 frames, a prime number, takes several times that of 8190.
     """
     return next(n for n in range(frames, 0, -1) if _largest_factor(n) <= LARGEST_FACTOR)
 
