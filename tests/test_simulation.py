@@ -41,7 +41,7 @@ class UnitVectors:
     def __init__(self, one):
         self.left = one
 
-    def normal(self, size=()):
+    def standard_normal(self, size=()):
         count = int(np.prod(size))
         numbers = np.zeros(count)
         if 0 <= self.left < count:

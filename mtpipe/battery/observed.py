@@ -71,28 +71,37 @@ def bridged(series: FloatArray) -> FloatArray:
     for column in filled:
         lost = np.isnan(column)
         if lost.any():
-            column[lost] = np.interp(rows[lost], rows[~lost], column[~lost])
-        column -= column[~lost].mean()
+            known = column[~lost]
+            column[lost] = np.interp(rows[lost], rows[~lost], known)
+            column -= known.mean()
+        else:
+            column -= column.mean()
     return np.asarray(filled)
 
 
 def whitened(seen: Observed) -> Whitened:
     """Single ordinates without 0 and Nyquist, tapered against leakage (Hann)."""
     n = len(seen.position_nm)
-    taper = np.hanning(n) * np.sqrt(8 / 3)
-    frequency = np.arange(1, (n - 1) // 2 + 1) / (n * seen.frame_s)
+    taper, frequency, ln_frequency = _ordinates(n, seen.frame_s)
     scale = np.sqrt(2 * seen.frame_s / n)
     transform = fft.rfft(seen.bridged_nm * taper)[:, 1 : len(frequency) + 1]
     spectrum = seen.data.spectrum
-    level = np.empty((3, len(frequency)))
+    ln_level = np.empty((3, len(frequency)))
+    ln_known = np.log(spectrum.frequency_hz)
     for axis in range(3):
         expected = seen.expected.power[:, axis, axis] / spectrum.gain(axis)
-        level[axis] = np.exp(
-            np.interp(np.log(frequency), np.log(spectrum.frequency_hz), np.log(expected))
-        )
+        ln_level[axis] = np.interp(ln_frequency, ln_known, np.log(expected))
     reference: np.ndarray[tuple[int, ...], np.dtype[np.complex128]] | None = None
     if seen.reference_nm is not None:
         other = fft.rfft(bridged(seen.reference_nm) * taper)[:, 1 : len(frequency) + 1]
         size = np.sqrt(np.mean(np.abs(other) ** 2, axis=1, keepdims=True))
         reference = np.asarray(other / np.where(size > 0, size, 1.0), dtype=np.complex128)
-    return Whitened(frequency, transform * scale / np.sqrt(level), reference)
+    return Whitened(frequency, transform * (scale * np.exp(-ln_level / 2)), reference)
+
+
+@functools.lru_cache(maxsize=64)
+def _ordinates(frames: int, frame_s: float) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Taper (frames,), frequencies (n,) of the ordinates between 0 and Nyquist, and their ln."""
+    taper = np.hanning(frames) * np.sqrt(8 / 3)
+    frequency = np.arange(1, (frames - 1) // 2 + 1) / (frames * frame_s)
+    return taper, frequency, np.log(frequency)

@@ -63,10 +63,13 @@ def plateau_data(
     FitError : too few frames, or an axis that never moves.
     """
     together = np.asarray(np.isfinite(position_nm)).all(axis=1)
-    complete = np.where(np.asarray(together)[:, None], position_nm, np.nan)
+    frames = int(together.sum())
+    complete = position_nm
+    if frames < len(position_nm):
+        complete = np.where(np.asarray(together)[:, None], position_nm, np.nan)
     return PlateauData(
         matrix_periodogram(complete, frame_s, phi, lines_hz),
-        np.asarray(np.nanmean(complete, axis=0)),
-        int(together.sum()),
+        np.asarray(complete[together].mean(axis=0)),
+        frames,
         len(position_nm) * frame_s,
     )

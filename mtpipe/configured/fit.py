@@ -44,6 +44,9 @@ MOST_ROUNDS = 15
 ARRIVED, NOTHING_NATS = 1e-3, 1e-6
 # One step changes ln of a power by no more than this, and leaves axes no more correlated than that.
 MOST_MOVED, MOST_CORRELATED = 2.0, 0.999
+# Where a step has failed the next one tried promises at most this share of its rise: one that is
+# hardly shorter fails as well.
+SHORTER = 0.8
 FORCE_GRID_PN, GRID_STRIDE = np.geomspace(0.01, 150.0, 45), 3
 
 
@@ -131,11 +134,14 @@ def fit_configured(
         free = ~(
             ((theta <= model.lower) & (gradient < 0)) | ((theta >= model.upper) & (gradient > 0))
         )
-        moved = False
+        moved, failed = False, np.inf
         for _ in range(12):
             step = _step(gradient, information, free, damping)
             trial = np.clip(theta + step, model.lower, model.upper)
             rise = float(gradient @ (trial - theta))
+            if 0 < SHORTER * failed < rise:
+                damping = max(damping, 1e-4) * 8
+                continue
             try:
                 following = model.all_expected(trial)
                 there = model.log_likelihood(following, trial)
@@ -146,6 +152,7 @@ def fit_configured(
                 break
             if abs(rise) < NOTHING_NATS:
                 break
+            failed = rise
             damping = max(damping, 1e-4) * 8
         if not moved:
             converged = rise < 0.1

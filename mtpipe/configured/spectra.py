@@ -226,10 +226,13 @@ def _transforms(
     ----------
     x_nm : (n, axes). used : (segments, length). phi : per axis.
     """
-    whitened = (x_nm[1:] - np.array(phi) * x_nm[:-1])[: used.size].T.reshape(len(phi), *used.shape)
-    rows = np.where(used, whitened, 0.0)
+    x = np.ascontiguousarray(x_nm.T)
+    whitened = (x[:, 1:] - np.array(phi)[:, None] * x[:, :-1])[:, : used.size]
+    rows = whitened.reshape(len(phi), *used.shape)
+    if not used.all():
+        rows = np.where(used, rows, 0.0)
     mean = rows.sum(axis=2, keepdims=True) / np.maximum(used.sum(axis=1, keepdims=True), 1)
-    each = fft.rfft(np.where(used, rows - mean, 0.0), axis=2)
+    each = fft.rfft((rows - mean) * used, axis=2)
     return tuple(one * _turned_back(p, used.shape[1]) for one, p in zip(each, phi, strict=True))
 
 

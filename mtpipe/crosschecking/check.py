@@ -28,9 +28,11 @@ from mtpipe.crosschecking.nulls import (
 from mtpipe.crosschecking.twin import Twin, TwinMaker
 from mtpipe.physics.camera import FloatArray
 
-# The number of simulations grows through these until the answer is clear.
-ROUNDS = (48, 120)
-CLEARLY_CONSISTENT, CLEARLY_NOT = 0.2, 1e-5
+# The number of simulations grows through these until the answer is clear. Fewer than enough can
+# only say that recording and simulation are far off.
+ROUNDS = (24, 48, 120)
+ENOUGH = 48
+CLEARLY_CONSISTENT, CLEARLY_NOT, FAR_OFF = 0.2, 1e-5, 1e-12
 # Twice its cutoff the low-pass of the drift takes 6 % of a motion's amplitude.
 CLEAR_OF_CUTOFF = 2.0
 # Statistics of which only large values are odd.
@@ -76,40 +78,41 @@ def check_bead(
     ----------
     random : of the simulations.
     rounds : numbers of simulations after which it may be clear what comes out.
-    with_curves : keep the curves of the first round's simulations.
+    with_curves : keep the curves of `ENOUGH` simulations.
     progress : called with (simulations done, of how many in this round).
     """
     battery = _Battery(case)
     recorded = recorded_of(case)
     looks, observed = battery.looks(recorded)
-    upper = np.array([_is_upper(look) for look in looks])
-    pooled = np.array([look.pooled for look in looks])
-    kinds = [(look.statistic, look.pooled) for look in looks]
-    statistic = np.array([kinds.index(kind) for kind in kinds])
     maker = TwinMaker(case)
     simulated: list[FloatArray] = []
     curves = CurveSet(recorded) if with_curves else None
+    # for curves alone, so that what is found does not depend on whether they are drawn
+    (beside,) = random.spawn(1)
     open_as_yet: Together | None = None
     for goal in rounds:
         while len(simulated) < goal:
             twin = battery.simulated(maker.draw(random))
             simulated.append(battery.looks(twin)[1])
-            if curves is not None and len(simulated) <= rounds[0]:
+            if curves is not None and len(simulated) <= ENOUGH:
                 curves.add(twin)
             if progress is not None:
                 progress(len(simulated), goal)
-        nulls = Nulls(np.array(simulated), upper, statistic)
-        # where the fitted experiment is so far off that a look has no value, it is as odd as can be
-        p_values = np.nan_to_num(nulls.p_values(observed), nan=SMALLEST_P)
-        own = np.nan_to_num(nulls.own_p_values(), nan=1.0)
-        overall = together(p_values, own, [pooled, ~pooled])
+        p_values, overall = _judged(looks, observed, np.array(simulated))
         if open_as_yet is not None:
             alike = alikeness(open_as_yet.own, overall.own[: len(open_as_yet.own)])
             p_value = of_those_looked_at_again(overall.p_value, CLEARLY_CONSISTENT, alike)
             overall = replace(overall, p_value=p_value)
+        if goal < ENOUGH:
+            if overall.p_value < FAR_OFF:
+                break
+            continue
         if overall.p_value > CLEARLY_CONSISTENT or overall.p_value < CLEARLY_NOT:
             break
         open_as_yet = overall
+    if curves is not None:
+        for _ in range(ENOUGH - len(simulated)):
+            curves.add(battery.simulated(maker.draw(beside)))
     return BeadCheck(
         case,
         looks,
@@ -119,6 +122,63 @@ def check_bead(
         overall,
         () if curves is None else curves.curves(),
     )
+
+
+def comparable_p_values(one: BeadCheck, other: BeadCheck) -> tuple[float, float]:
+    """p-values of two checks, of as many simulations where one has few.
+
+    Student's law of few has longer tails: what is equally far off is less odd by it.
+    """
+    simulations = min(len(one.simulated), len(other.simulated))
+    if simulations >= ENOUGH:
+        return one.p_value, other.p_value
+    first, second = (
+        _judged(check.looks, check.observed, check.simulated[:simulations])[1].p_value
+        for check in (one, other)
+    )
+    return first, second
+
+
+def foreseen_p_value(check: BeadCheck, case: Case) -> float:
+    """p-value of a bead's traces, changed and fitted anew, beside the simulations that there are of
+    the old ones, by the looks that both have.
+
+    Parameters
+    ----------
+    check : of the old ones. case : with the new ones.
+    """
+    looks, observed = _Battery(case).looks(recorded_of(case))
+    before, there = _numbered(check.looks), _numbered(looks)
+    both = [key for key in there if key in before]
+    new, old = [there[key] for key in both], [before[key] for key in both]
+    judged = tuple(looks[i] for i in new)
+    return _judged(judged, observed[new], check.simulated[:, old])[1].p_value
+
+
+def _numbered(looks: tuple[Look, ...]) -> dict[tuple[object, ...], int]:
+    """Index of each look, by what it is at and the how manieth of those it is."""
+    found: dict[tuple[object, ...], int] = {}
+    so_many: dict[tuple[object, ...], int] = {}
+    for i, look in enumerate(looks):
+        kind = look.statistic, look.axis, look.plateaus, look.pooled
+        so_many[kind] = so_many.get(kind, 0) + 1
+        found[*kind, so_many[kind]] = i
+    return found
+
+
+def _judged(
+    looks: tuple[Look, ...], observed: FloatArray, simulated: FloatArray
+) -> tuple[FloatArray, Together]:
+    """p-value of each look by itself, and of all together."""
+    upper = np.array([_is_upper(look) for look in looks])
+    pooled = np.array([look.pooled for look in looks])
+    kinds = [(look.statistic, look.pooled) for look in looks]
+    statistic = np.array([kinds.index(kind) for kind in kinds])
+    nulls = Nulls(simulated, upper, statistic)
+    # where the fitted experiment is so far off that a look has no value, it is as odd as can be
+    p_values = np.nan_to_num(nulls.p_values(observed), nan=SMALLEST_P)
+    own = np.nan_to_num(nulls.own_p_values(), nan=1.0)
+    return p_values, together(p_values, own, [pooled, ~pooled])
 
 
 def _is_upper(look: Look) -> bool:

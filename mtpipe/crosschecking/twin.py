@@ -69,6 +69,8 @@ class TwinMaker:
             for other in _varied(self.experiment)
         ]
         self.force_pN = np.repeat(forces, frames)
+        self.middles_nm = [np.nanmean(real[:, :2], axis=0) for real in case.positions_nm]
+        self.lost = [np.isnan(real) for real in case.positions_nm]
 
     def draw(self, random: np.random.Generator) -> Twin:
         """Simulate once."""
@@ -87,18 +89,24 @@ class TwinMaker:
             walk_nm = case.stage_nm_per_root_s[axis] if cutoff_hz is not None else 0.0
             if noise_nm == 0 and walk_nm == 0 and not own[:, axis].any():
                 continue
-            stage = walk_nm * math.sqrt(case.frame_s) * np.cumsum(random.normal(size=len(motion)))
-            reference = stage + own[:, axis] + noise_nm * random.normal(size=len(motion))
+            stage = random.standard_normal(len(motion))
+            np.cumsum(stage, out=stage)
+            stage *= walk_nm * math.sqrt(case.frame_s)
+            reference = random.standard_normal(len(motion))
+            reference *= noise_nm
+            reference += stage
+            reference += own[:, axis]
             slow = low_pass(reference, rate, cutoff_hz)
             motion[:, axis] += stage - slow
             rest[:, axis] = reference - slow
         positions = []
         references = []
         dropped = experiment.clock.dropped_share
-        for piece, real in zip(self.slices, case.positions_nm, strict=True):
-            rows = np.minimum(kept_frames(len(real), dropped, random), piece.stop - piece.start - 1)
-            seen = np.where(np.isfinite(real), motion[piece][rows], np.nan)
-            seen[:, :2] += np.nanmean(real[:, :2], axis=0)
+        for piece, lost, middle_nm in zip(self.slices, self.lost, self.middles_nm, strict=True):
+            rows = np.minimum(kept_frames(len(lost), dropped, random), piece.stop - piece.start - 1)
+            seen = motion[piece][rows]
+            seen[lost] = np.nan
+            seen[:, :2] += middle_nm
             # the fit does not believe heights better than this, so neither may the simulation be
             seen[:, 2] += LEAST_HEIGHT_STDERR_NM * random.normal()
             positions.append(seen)

@@ -2,19 +2,22 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
 
 from mtpipe.corrections.catalogue import CORRECTIONS
+from mtpipe.corrections.correction import Correction
 from mtpipe.corrections.retraced import with_positions
 from mtpipe.crosschecking.case import Case
-from mtpipe.crosschecking.check import BeadCheck, check_bead
+from mtpipe.crosschecking.check import BeadCheck, check_bead, comparable_p_values, foreseen_p_value
 from mtpipe.diagnosis.explanation import ALARM_P, Named
 
-# A correction is kept where ln p falls to this share.
-MOST_OF_THE_ODDITY = 0.5
+# A correction is kept where ln p falls to this share. One with which it does not fall to the second
+# beside the simulations that are there already is not simulated.
+MOST_OF_THE_ODDITY, HARDLY_LESS_ODD = 0.5, 0.8
 
 
 def corrected(check: BeadCheck, random: np.random.Generator) -> tuple[list[Named], BeadCheck]:
@@ -25,13 +28,19 @@ def corrected(check: BeadCheck, random: np.random.Generator) -> tuple[list[Named
     named = []
     for find in CORRECTIONS:
         found = find(check)
-        if found is None:
+        if found is None or _hardly_helps(check, found):
             continue
         after = check_bead(found.case, random)
-        if after.p_value >= ALARM_P or after.p_value > check.p_value**MOST_OF_THE_ODDITY:
+        p_before, p_after = comparable_p_values(check, after)
+        if after.p_value >= ALARM_P or p_after > p_before**MOST_OF_THE_ODDITY:
             named.append(Named(found, (), check, after, float("nan")))
             check = after
     return named, check
+
+
+def _hardly_helps(check: BeadCheck, found: Correction) -> bool:
+    foreseen = foreseen_p_value(check, found.case)
+    return foreseen < min(ALARM_P, math.pow(check.p_value, HARDLY_LESS_ODD))
 
 
 def late_corrections(

@@ -26,7 +26,13 @@ from mtpipe.configured.hypotheses import (
 )
 from mtpipe.corrections.correction import Correction
 from mtpipe.crosschecking.case import Case
-from mtpipe.crosschecking.check import CLEARLY_CONSISTENT, CLEARLY_NOT, BeadCheck, check_bead
+from mtpipe.crosschecking.check import (
+    CLEARLY_CONSISTENT,
+    CLEARLY_NOT,
+    BeadCheck,
+    check_bead,
+    comparable_p_values,
+)
 from mtpipe.diagnosis.bent_scale import Instead, bend_instead
 from mtpipe.diagnosis.corrected import corrected, late_corrections
 from mtpipe.diagnosis.evidence import evidence_of
@@ -69,8 +75,9 @@ MOST_CANDIDATES, MORE_ODD = 3, 1.25
 # likelihood and in ln p: what no name describes looks like something that one does, but for a fifth
 # or more of it.
 MOST_OF_IT = 0.9
-# A p-value of 120 simulations differs tenfold from one set of them to the next where it is small.
-SURE_SIMULATIONS = 400
+# A p-value of 120 simulations differs tenfold from one set of them to the next where it is small,
+# of twice as many fivefold.
+SURE_SIMULATIONS = 240
 Progress = Callable[[str], None]
 
 
@@ -193,7 +200,8 @@ def preferred_bend(
             with_it = check_bead(replace(check.case, fit=found.bend.fit), random)
         except (FitError, ValueError):
             return None
-        lead += _ln_of(with_it.p_value) - _ln_of(check.p_value)
+        p_effects, p_bend = comparable_p_values(check, with_it)
+        lead += _ln_of(p_bend) - _ln_of(p_effects)
     return found if lead > 0 else None
 
 
@@ -368,7 +376,8 @@ def _named(
         after = check_bead(replace(case, fit=fit), random)
     except (FitError, ValueError) as error:
         return Rejected(one, f"gains {one.gain:.0f} nats, but cannot be simulated ({error})")
-    if after.p_value < min(ALARM_P, check.p_value**MORE_ODD):
+    p_before, p_after = comparable_p_values(check, after)
+    if p_after < min(ALARM_P, p_before**MORE_ODD):
         return Rejected(one, _more_odd(one, check, after))
     # all as they were tried, so that none has been fitted better than the others
     alternatives = alike(chosen, tried, {one.effect.name}, partial(_foretold, case))
@@ -482,7 +491,8 @@ def certain(named: list[Named]) -> list[Named]:
     kept: list[Named] = []
     for one in named:
         little = explained_share(one.before, one.after) < MOST_OF_IT
-        still_odd = one.after.p_value < one.before.p_value ** (1 - MOST_OF_IT)
+        p_before, p_after = comparable_p_values(one.before, one.after)
+        still_odd = p_after < p_before ** (1 - MOST_OF_IT)
         if isinstance(one.found, Tried) and (little or still_odd):
             break
         kept.append(one)

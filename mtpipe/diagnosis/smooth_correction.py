@@ -142,11 +142,11 @@ def smooth_correction(spectra: Spectra) -> SmoothCorrection | None:
     """The corrections that earn their coefficients, axis after axis; None if none does."""
     band = float(spectra.frequency_hz.min()), float(spectra.frequency_hz.max())
     basis = spline_basis(spectra.frequency_hz, band)
-    without = best_solution(spectra, [], [])
+    without = best_solution(spectra, None, [])
     best, taken = without, list[Term]()
     while True:
         tried = [
-            best_solution(spectra, taken, terms_of(spectra, basis, band, axis, common))
+            best_solution(spectra, best, terms_of(spectra, basis, band, axis, common))
             for axis in sorted(set(spectra.axis.tolist()) - {term.axis for term in taken})
             for common in ((True, False) if spectra.plateaus > 1 else (True,))
         ]

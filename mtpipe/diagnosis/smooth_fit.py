@@ -126,16 +126,28 @@ def terms_of(
     return [Term(axis, common, columns, one) for one in each]
 
 
-def best_solution(spectra: Spectra, taken: list[Term], last: list[Term]) -> Solution:
-    """Solution with the terms taken and the most likely of the last; none: without."""
+def best_solution(spectra: Spectra, begun: Solution | None, last: list[Term]) -> Solution:
+    """Solution with the terms that there are and the most likely of the last.
+
+    Parameters
+    ----------
+    begun : with the terms that there are; None: none. last : one term with every prior; none: none.
+    """
+    taken = [] if begun is None else begun.terms
     terms = [*taken, *last[:1]]
     design = np.hstack([spectra.response, *(term.columns for term in terms)])
     missing = design.shape[1] - spectra.response.shape[1]
     pulls = np.pad(spectra.pull_response, ((0, 0), (0, missing)))
     # about ln of its mean a gamma variate tells as much as it has ordinates, whatever the mean
     information = design.T @ (spectra.ordinates[:, None] * design) + pulls.T @ pulls
-    tried = [[*taken, one] for one in last] or [[]]
-    solutions = [_solved(spectra, one, design, pulls, information) for one in tried]
+    z = np.zeros(design.shape[1])
+    if begun is not None:
+        z[: len(begun.z)] = begun.z
+    solutions = []
+    for one in [[*taken, one] for one in last] or [[]]:
+        # what is fitted has one best place, which the prior moves a little
+        solutions.append(_solved(spectra, one, design, pulls, information, z))
+        z = solutions[-1].z
     return max(solutions, key=lambda one: one.ln_evidence)
 
 
@@ -145,8 +157,9 @@ def _solved(
     design: FloatArray,
     pulls: FloatArray,
     information: FloatArray,
+    z: FloatArray,
 ) -> Solution:
-    """Fisher scoring; θ at a bound that the step would leave is held there.
+    """Fisher scoring from z; θ at a bound that the step would leave is held there.
 
     Laplace's approximation of the marginal likelihood, up to what is the same whatever the terms.
     """
@@ -165,7 +178,6 @@ def _solved(
             spectral = float(n @ (ln + spectra.ratio * np.exp(-ln)))
         return -spectral - 0.5 * float(off @ off) - 0.5 * float(z @ precision @ z)
 
-    z = np.zeros(len(total))
     value, moving, factor = value_of(z), np.zeros(len(z), dtype=bool), None
     for _ in range(MOST_ROUNDS):
         excess = n * (spectra.ratio * np.exp(-design @ z) - 1)

@@ -62,7 +62,8 @@ def response(frequency_hz: FloatArray, cutoff_hz: float | None) -> FloatArray:
     """Amplitude response of the low-pass, 1 / (1 + (f/f_c)^4); 1 everywhere for None."""
     if cutoff_hz is None:
         return np.ones_like(frequency_hz)
-    return np.asarray(1.0 / (1.0 + (frequency_hz / cutoff_hz) ** 4))
+    square = (frequency_hz / cutoff_hz) ** 2
+    return np.asarray(1.0 / (1.0 + square * square))
 
 
 def low_pass(series_nm: FloatArray, rate_hz: float, cutoff_hz: float | None) -> FloatArray:
@@ -187,6 +188,8 @@ def coefficients(piece_nm: FloatArray) -> FloatArray:
 
 def stretches(known: NDArray[np.bool_], longest_gap: int) -> list[tuple[int, int]]:
     """Ranges [start, stop) that begin and end with known frames, cut at gaps that are too long."""
+    if known.all():
+        return [(0, len(known))] if len(known) else []
     rows = np.flatnonzero(known)
     if not len(rows):
         return []
@@ -216,10 +219,14 @@ def _line(piece: FloatArray) -> FloatArray:
     n = len(piece)
     known = np.isfinite(piece)
     time = np.linspace(-1.0, 1.0, n) if n > 1 else np.zeros(1)
-    t, y = time[known], piece[known]
-    spread = float(np.sum((t - t.mean()) ** 2))
-    slope = float(np.sum((t - t.mean()) * (y - y.mean()))) / spread if len(y) > 2 else 0.0
-    return np.asarray(y.mean() + slope * (time - t.mean()))
+    t, y = (time, piece) if known.all() else (time[known], piece[known])
+    middle, level = float(t.mean()), float(y.mean())
+    t = t - middle
+    slope = float(t @ (y - level)) / float(t @ t) if len(y) > 2 else 0.0
+    time -= middle
+    time *= slope
+    time += level
+    return time
 
 
 def _interpolated(piece: FloatArray) -> FloatArray:

@@ -49,23 +49,28 @@ def mode_path(
     """
     part_s, dead_s = camera.exposure_s / parts, camera.frame_s - camera.exposure_s
     a = part_s / tau_s
-    decay = math.exp(-a)
+    decay, dead_decay = math.exp(-a), math.exp(-dead_s / tau_s)
+    # what is drawn for a part moves where it ends and, of the last one, the dead time behind it
     end_variance = -math.expm1(-2 * a)
-    # of the mean over a part, given the start: on x_end it depends by `slope`, the rest is its own
-    slope = 0.5 * _tanhc(a / 2)
-    rest = math.sqrt(max(_mean_variance(a) - slope**2 * end_variance, 0.0))
-    kick = math.sqrt(end_variance) * random.normal(size=(parts, frames))
-    average = rest * random.normal(size=(parts, frames))
-    average += slope * kick
-    dead_decay = math.exp(-dead_s / tau_s)
-    carried = dead_decay * decay ** (parts - 1) * kick[0]
-    for part in range(1, parts):
-        carried += dead_decay * decay ** (parts - 1 - part) * kick[part]
-    if dead_s > 0:
-        carried += math.sqrt(-math.expm1(-2 * dead_s / tau_s)) * random.normal(size=frames)
+    moved = np.full(parts, end_variance)
+    moved[-1] = dead_decay**2 * end_variance - math.expm1(-2 * dead_s / tau_s)
+    # of the mean over a part, given the start: on x_end it depends by this, on what was drawn by
+    # `slope`, and the rest is its own
+    of_end = 0.5 * _tanhc(a / 2)
+    slope = np.full(parts, of_end)
+    slope[-1] *= dead_decay * end_variance / moved[-1]
+    rest = np.sqrt(np.maximum(_mean_variance(a) - slope**2 * moved, 0.0))
+    kick = random.standard_normal((parts, frames))
+    kick *= np.sqrt(moved)[:, None]
+    average = random.standard_normal((parts, frames))
+    average *= rest[:, None]
+    average += slope[:, None] * kick
+    carried = kick[-1]
+    for part in range(parts - 1):
+        carried = carried + dead_decay * decay ** (parts - 1 - part) * kick[part]
     whole = math.exp(-camera.frame_s / tau_s)
     here = np.empty(frames)
-    here[0] = random.normal() if start is None else start
+    here[0] = random.standard_normal() if start is None else start
     following, _ = signal.lfilter([1.0], [1.0, -whole], carried, zi=[whole * here[0]])
     here[1:] = following[:-1]
     edge = _edge(a)

@@ -68,11 +68,13 @@ def recorded(
         seen[:, 2] += hops(experiment.hopping, force_pN, energy, camera, random)
     optics = experiment.optics
     seen = seen @ optics.matrix.T
-    seen[:, 2] += optics.bend * np.maximum(seen[:, 2] - optics.bend_from_nm, 0.0)
+    if optics.bend:
+        seen[:, 2] += optics.bend * np.maximum(seen[:, 2] - optics.bend_from_nm, 0.0)
     walk = np.asarray(experiment.stage.unsubtracted_nm_per_root_s)
     if walk.any():
-        steps = math.sqrt(camera.frame_s) * walk * random.normal(size=(frames, 3))
-        seen = seen + np.cumsum(steps, axis=0)
+        steps = random.standard_normal((frames, 3))
+        steps *= math.sqrt(camera.frame_s) * walk
+        seen += np.cumsum(steps, axis=0, out=steps)
     time_s = camera.frame_s * np.arange(frames)[:, None]
     for line in experiment.stage.lines:
         phase = 2 * np.pi * random.random(3)
@@ -83,8 +85,10 @@ def recorded(
         # near half the frame rate a wave's phase decides how much of it is recorded, and a line's
         # amplitude is of what is recorded
         wave /= np.sqrt(2 * np.mean(wave**2, axis=0))
-        seen = seen + np.asarray(line.amplitude_nm) * wave
-    seen = seen + np.asarray(experiment.tracker.noise_nm) * random.normal(size=seen.shape)
+        seen += np.asarray(line.amplitude_nm) * wave
+    noise = random.standard_normal(seen.shape)
+    noise *= np.asarray(experiment.tracker.noise_nm)
+    seen += noise
     seen[:, 2] += experiment.optics.z_zero_nm
     return np.asarray(seen)
 
