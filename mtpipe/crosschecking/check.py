@@ -35,7 +35,8 @@ ENOUGH = 48
 CLEARLY_CONSISTENT, CLEARLY_NOT, FAR_OFF = 0.2, 1e-5, 1e-12
 # Twice its cutoff the low-pass of the drift takes 6 % of a motion's amplitude.
 CLEAR_OF_CUTOFF = 2.0
-# Statistics of which only large values are odd.
+# Statistics that are not taken relative to what is fitted, and of which only large values are odd.
+ABSOLUTE = ("allan_variance",)
 UPPER = ("line", "second_line", "mean_step", "mean_excursion", "variance_step", "variance_spread")
 
 
@@ -141,7 +142,7 @@ def comparable_p_values(one: BeadCheck, other: BeadCheck) -> tuple[float, float]
 
 def foreseen_p_value(check: BeadCheck, case: Case) -> float:
     """p-value of a bead's traces, changed and fitted anew, beside the simulations that there are of
-    the old ones, by the looks that both have.
+    the old ones, by the looks that both have and that do not change with the forces found.
 
     Parameters
     ----------
@@ -149,7 +150,7 @@ def foreseen_p_value(check: BeadCheck, case: Case) -> float:
     """
     looks, observed = _Battery(case).looks(recorded_of(case))
     before, there = _numbered(check.looks), _numbered(looks)
-    both = [key for key in there if key in before]
+    both = [key for key in there if key in before and key[0] not in ABSOLUTE]
     new, old = [there[key] for key in both], [before[key] for key in both]
     judged = tuple(looks[i] for i in new)
     return _judged(judged, observed[new], check.simulated[:, old])[1].p_value
