@@ -9,9 +9,11 @@ import pytest
 
 from mtpipe.corrections import pixel_locking, surface_sticking
 from mtpipe.corrections.catalogue import CORRECTIONS
+from mtpipe.corrections.correction import Correction
 from mtpipe.corrections.surface_sticking import bound_stretches
 from mtpipe.crosschecking.check import BeadCheck, check_bead
 from mtpipe.crosschecking.nulls import Together
+from mtpipe.diagnosis import corrected as corrected_module
 from mtpipe.plateaus import find_plateaus
 from mtpipe.recording import Recording
 from tests import small_case
@@ -218,3 +220,29 @@ def test_other_effects_are_not_taken_for_these(effect):
     raw = small_case.raw(11, lost_share=0.02)
     check = unchecked(effect(raw, small_case.generator(11, 1)))
     assert [find(check) for find in CORRECTIONS] == [None, None]
+
+
+@pytest.mark.parametrize("helps", [True, False])
+def test_a_correction_that_hardly_helps_is_not_simulated(monkeypatch, helps):
+    """Foreseen beside the simulations that there are."""
+    raw = small_case.raw(3)
+    clean, odd = small_case.case(raw), small_case.case(moved(raw, waved(raw, 8.0)))
+    check = check_bead(odd, small_case.generator(1), rounds=(24,))
+    found = Correction("made_up", clean if helps else odd, (), "")
+    asked = []
+
+    def simulated(case, random):
+        asked.append(case)
+        return check
+
+    monkeypatch.setattr(corrected_module, "CORRECTIONS", (lambda check: found,))
+    monkeypatch.setattr(corrected_module, "check_bead", simulated)
+    named, after = corrected_module.corrected(check, small_case.generator(2))
+    assert asked == ([clean] if helps else [])
+    # it is the simulation that decides
+    assert named == []
+    assert after is check
+
+
+def waved(raw: Recording, size_nm: float):
+    return np.outer(size_nm * np.sin(2 * np.pi * 31.7 * raw.time_s), [0, 1, 0])

@@ -13,7 +13,8 @@ import pytest
 import mtpipe
 from mtpipe.crosschecking.beads import bead_generator
 from mtpipe.crosschecking.case import described, prepare
-from mtpipe.crosschecking.check import check_bead
+from mtpipe.crosschecking.check import ENOUGH, check_bead, comparable_p_values, foreseen_p_value
+from mtpipe.crosschecking.check import ROUNDS as ROUNDS_OF
 from mtpipe.crosschecking.curves import KINDS
 from mtpipe.crosschecking.recording import COLUMNS
 from mtpipe.crosschecking.twin import TwinMaker
@@ -239,3 +240,48 @@ def test_without_reference_beads_the_drift_is_seen(clean):
     assert found.p_value < 1e-4
     # a drift of z is a trend, and puts mean heights off as much
     assert {"mean_trend", "extension"} <= {look.statistic for look in oddest(found)}
+
+
+def shaken(recording, size_nm):
+    return moved(
+        recording, np.outer(size_nm * np.sin(2 * np.pi * 31.7 * recording.time_s), [0, 1, 0])
+    )
+
+
+def test_few_simulations_may_say_that_a_recording_is_far_off_and_not_that_it_agrees(clean):
+    assert len(check_bead(case(shaken(clean, 40.0)), generator(1)).simulated) == ROUNDS_OF[0]
+    agrees = check_bead(case(clean), generator(1))
+    assert agrees.p_value > 0.01
+    assert len(agrees.simulated) >= ENOUGH > ROUNDS_OF[0]
+
+
+def test_curves_are_of_enough_simulations_and_change_nothing_else(clean):
+    drawn, without = (
+        check_bead(case(clean), generator(1), rounds=(12,), with_curves=with_curves)
+        for with_curves in (True, False)
+    )
+    assert np.array_equal(drawn.simulated, without.simulated)
+    assert len(drawn.simulated) == 12
+    # of twelve the outermost two would hold fewer of the recorded values
+    inside = np.concatenate([(c.recorded >= c.low) & (c.recorded <= c.high) for c in drawn.curves])
+    assert 0.88 < np.mean(inside) < 0.98
+
+
+def test_p_values_compare_from_as_many_simulations():
+    clean = raw(12)
+    full = check_bead(case(shaken(clean, 8.0)), generator(2), rounds=(ENOUGH,))
+    few = replace(full, simulated=full.simulated[:24], overall=replace(full.overall, p_value=0.5))
+    assert comparable_p_values(full, full) == (full.p_value, full.p_value)
+    first, second = comparable_p_values(full, few)
+    assert first == second
+    assert full.p_value < first < 1e-3
+
+
+def test_what_a_change_of_traces_will_do_is_foreseen_beside_the_simulations_there_are(clean):
+    odd = check_bead(case(shaken(clean, 8.0)), generator(3), rounds=(ENOUGH,))
+    assert foreseen_p_value(odd, odd.case) == pytest.approx(odd.p_value, rel=5)
+    assert foreseen_p_value(odd, case(clean)) > 0.01
+    lost = replace(clean, positions_nm=clean.positions_nm | {"b1": clean.positions_nm["b1"].copy()})
+    lost.positions_nm["b1"][300:420] = np.nan
+    # lost frames are looked at where there are enough: what only one of them has is left out
+    assert foreseen_p_value(odd, case(lost)) > 0.01
