@@ -29,7 +29,7 @@ from mtpipe.experiment.state import (
 from mtpipe.experiment.tethers import tethers_at
 from mtpipe.experiment.whole_motion import whole_motion
 from mtpipe.physics.camera import Camera, power_spectrum
-from mtpipe.physics.relaxation import relaxation_modes
+from mtpipe.physics.relaxation import modes_of_first, relaxation_matrices
 from mtpipe.physics.tether import Chain, log_distance_density, mean_extension_nm
 from mtpipe.simulation.bead import brownian_bead
 from mtpipe.simulation.linear import _stretch, simulate_motion
@@ -60,6 +60,11 @@ def variances(state):
 def slow_power(state):
     modes = recorded_modes(state)
     return np.einsum("maa,m->a", modes.covariance_nm2, modes.tau_s)
+
+
+def relaxation_modes(*of):
+    covariance, rates = relaxation_matrices(*of)
+    return modes_of_first(covariance, rates.sum(axis=0))
 
 
 def test_a_harmonic_motion_relaxes_at_its_own_rate():
@@ -180,7 +185,7 @@ def test_at_higher_forces_the_closed_form_is_the_whole_motion(contour_nm, radius
         state = bead_state(replace(here, anharmonic=False), force)
         assert state.stepped is None
         (tether,) = tethers_at(here.chain, [force])
-        mean, tau_s, covariance = whole_motion(here, force, tether.distance_nm, tether.weight)
+        mean, tau_s, covariance = whole_motion(here, force, tether)
         of_z = covariance[:, 2, 2]
         assert state.extension_nm == pytest.approx(mean, abs=0.02 * math.sqrt(of_z.sum()))
         assert variances(state)[2] == pytest.approx(of_z.sum(), rel=0.006)
@@ -310,3 +315,15 @@ def test_it_is_tried_where_the_tether_tilts_enough(contour_nm, lowest_pN, tried)
     evidence = Evidence((), (8.0, lowest_pN))
     assert bool(EFFECT.hypotheses(replace(here, anharmonic=False), evidence)) == tried
     assert not EFFECT.hypotheses(here, evidence)
+
+
+def test_an_allowed_friction_of_z_slows_z_by_itself():
+    """How fast the correlation of z, or x, begins to fall is exact."""
+    here = experiment(1200.0, 1400.0)
+    (tether,) = tethers_at(here.chain, [0.3])
+    begins = []
+    for allowance in (Allowance(), Allowance(upward_friction=1.25), Allowance(upward_variance=2.0)):
+        _, tau_s, covariance = whole_motion(replace(here, allowance=allowance), 0.3, tether)
+        begins.append(np.einsum("maa,m->a", covariance, 1 / tau_s))
+    np.testing.assert_allclose(begins[1] / begins[0], [1, 1, 1 / 1.25], rtol=1e-9)
+    np.testing.assert_array_equal(begins[2], begins[0])

@@ -268,7 +268,7 @@ def _mixed(one: RecordedModes, share: float, other: RecordedModes) -> RecordedMo
 
 def _whole(experiment: Experiment, tether: Tether, force_pN: float) -> tuple[float, RecordedModes]:
     """Mean height and motion through the whole potential."""
-    mean, tau_s, covariance = whole_motion(experiment, force_pN, tether.distance_nm, tether.weight)
+    mean, tau_s, covariance = whole_motion(experiment, force_pN, tether)
     return mean, _softer(RecordedModes(tau_s, covariance), experiment)
 
 

@@ -17,35 +17,54 @@ from __future__ import annotations
 
 import functools
 import itertools
+from dataclasses import dataclass, replace
 
 import numpy as np
 from scipy.stats import qmc
 
 from mtpipe.errors import FitError
-from mtpipe.experiment.description import Experiment
+from mtpipe.experiment.description import Allowance, Experiment
 from mtpipe.experiment.frictions import LEAST_HEIGHT_NM, frictions_at
+from mtpipe.experiment.tethers import Tether
 from mtpipe.physics.camera import FloatArray
-from mtpipe.physics.relaxation import relaxation_modes
+from mtpipe.physics.relaxation import modes_of_first, relaxation_matrices
 
 # ln 2 of how many points sample the equilibrium; degree of the polynomials.
 LN2_POINTS, DEGREE = 12, 3
 # The surface cuts the density off within this many standard deviations that z has without it, so
 # that expectations follow the force smoothly. So many points have to be left above.
 EDGE, FEWEST = 0.02, 100
+# Of so many equilibria what sets the relaxation is kept.
+MOST_KNOWN = 512
 X, Y, Z, PHI, PSI = range(5)
 # Whether a function changes its sign with x, and whether with y.
 PARITY = {X: (1, 0), Y: (0, 1), Z: (0, 0)}
 
 
+@dataclass(frozen=True, eq=False)
+class _OneAxis:
+    """What sets the relaxation of one axis.
+
+    Attributes
+    ----------
+    axis : X, Y or Z. size_nm : its spread. covariance : (m, m) of polynomials, the axis first.
+    rates : (coordinates, m, m) how fast their correlations begin to fall by each coordinate.
+    """
+
+    axis: int
+    size_nm: float
+    covariance: FloatArray
+    rates: FloatArray
+
+
 def whole_motion(
-    experiment: Experiment, force_pN: float, distance_nm: FloatArray, share: FloatArray
+    experiment: Experiment, force_pN: float, tether: Tether
 ) -> tuple[float, FloatArray, FloatArray]:
     """Mean height and relaxation of the motion of a bead that turns about the field's axis.
 
     Parameters
     ----------
-    distance_nm, share : uniform grid of the chain's end-to-end distance, and the share of the
-        equilibrium without a surface at each.
+    tether : the experiment's chain at the force, without a surface.
 
     Returns
     -------
@@ -56,8 +75,28 @@ def whole_motion(
     ------
     FitError : the tether holds the bead in the surface nearly always.
     """
+    mean, axes = _sampled(replace(experiment, allowance=Allowance()), force_pN, tether)
+    tau_s, covariance = [], []
+    of_camera = {X: experiment.along, Y: 1 - experiment.along, Z: Z}
+    for one in axes:
+        allowed = np.ones(len(one.rates))
+        allowed[Z] = 1 / experiment.allowance.upward_friction
+        times, variance = modes_of_first(one.covariance, np.tensordot(allowed, one.rates, 1))
+        of_axis = np.zeros((len(times), 3, 3))
+        seen = of_camera[one.axis]
+        of_axis[:, seen, seen] = variance * one.size_nm**2
+        tau_s.append(times)
+        covariance.append(of_axis)
+    return mean, np.concatenate(tau_s), np.concatenate(covariance)
+
+
+@functools.lru_cache(maxsize=MOST_KNOWN)
+def _sampled(
+    experiment: Experiment, force_pN: float, tether: Tether
+) -> tuple[float, tuple[_OneAxis, ...]]:
+    """Mean height, and each axis. Kept, as fits ask again with other allowances."""
     energy = experiment.fluid.thermal_energy_pN_nm
-    place, weight = _equilibrium(experiment, force_pN, distance_nm, share)
+    place, weight = _equilibrium(experiment, force_pN, tether.distance_nm, tether.weight)
     height = place[Z]
     mean = float(weight @ height)
     # angles count by their sine
@@ -67,19 +106,14 @@ def whole_motion(
     size = np.sqrt(values**2 @ weight)
     unit, slope = values / size[:, None], slopes / size[:, None]
     diffusivity = energy * _mobility(experiment, height, len(place))
-    tau_s, covariance = [], []
-    of_camera = {X: experiment.along, Y: 1 - experiment.along, Z: Z}
+    axes = []
     for axis, parity in PARITY.items():
         powers = _powers(len(place), axis, parity)
         functions, derivatives = _polynomials(unit, slope, powers)
         functions -= (functions @ weight)[:, None]
-        times, variance = relaxation_modes(weight, functions, derivatives, diffusivity)
-        of_axis = np.zeros((len(times), 3, 3))
-        seen = of_camera[axis]
-        of_axis[:, seen, seen] = variance * size[axis] ** 2
-        tau_s.append(times)
-        covariance.append(of_axis)
-    return mean, np.concatenate(tau_s), np.concatenate(covariance)
+        matrices = relaxation_matrices(weight, functions, derivatives, diffusivity)
+        axes.append(_OneAxis(axis, float(size[axis]), *matrices))
+    return mean, tuple(axes)
 
 
 @functools.cache
@@ -138,9 +172,7 @@ def _angle(swing: float, uniform: FloatArray) -> FloatArray:
 
 def _mobility(experiment: Experiment, height_nm: FloatArray, coordinates: int) -> FloatArray:
     """(coordinates, points) inverse friction at each height."""
-    friction = frictions_at(experiment, np.maximum(height_nm, LEAST_HEIGHT_NM), coordinates)
-    friction[Z] *= experiment.allowance.upward_friction
-    return 1 / friction
+    return 1 / frictions_at(experiment, np.maximum(height_nm, LEAST_HEIGHT_NM), coordinates)
 
 
 @functools.cache

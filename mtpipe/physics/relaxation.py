@@ -19,13 +19,13 @@ from mtpipe.physics.camera import FloatArray
 ROUNDING = 1e-8
 
 
-def relaxation_modes(
+def relaxation_matrices(
     weight: FloatArray,
     functions: FloatArray,
     slopes: Sequence[tuple[Sequence[int], FloatArray]],
     diffusivity: FloatArray,
 ) -> tuple[FloatArray, FloatArray]:
-    """Relaxation of the first function.
+    """What sets the relaxation of functions.
 
     Parameters
     ----------
@@ -36,13 +36,14 @@ def relaxation_modes(
 
     Returns
     -------
-    As of `modes_of_first`.
+    Covariances (m, m), and how fast correlations begin to fall by each coordinate's diffusion,
+    (coordinates, m, m).
     """
     covariance = (functions * weight) @ functions.T
-    rate = np.zeros_like(covariance)
-    for (follow, slope), spread in zip(slopes, diffusivity, strict=True):
-        rate[np.ix_(follow, follow)] += (slope * (weight * spread)) @ slope.T
-    return modes_of_first(covariance, rate)
+    rates = np.zeros((len(slopes), *covariance.shape))
+    for rate, (follow, slope), spread in zip(rates, slopes, diffusivity, strict=True):
+        rate[np.ix_(follow, follow)] = (slope * (weight * spread)) @ slope.T
+    return covariance, rates
 
 
 def modes_of_first(covariance: FloatArray, rate: FloatArray) -> tuple[FloatArray, FloatArray]:
