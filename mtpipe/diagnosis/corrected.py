@@ -39,6 +39,12 @@ def corrected(check: BeadCheck, random: np.random.Generator) -> tuple[list[Named
 
 
 def _hardly_helps(check: BeadCheck, found: Correction) -> bool:
+    lost = [
+        [np.isnan(position) for position in case.positions_nm] for case in (check.case, found.case)
+    ]
+    if any(not np.array_equal(here, there) for here, there in zip(*lost, strict=True)):
+        # simulations lose what the recording has lost
+        return False
     foreseen = foreseen_p_value(check, found.case)
     return foreseen < min(ALARM_P, math.pow(check.p_value, HARDLY_LESS_ODD))
 
