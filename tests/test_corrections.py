@@ -222,13 +222,22 @@ def test_other_effects_are_not_taken_for_these(effect):
     assert [find(check) for find in CORRECTIONS] == [None, None]
 
 
-@pytest.mark.parametrize("helps", [True, False])
-def test_a_correction_that_hardly_helps_is_not_simulated(monkeypatch, helps):
-    """Foreseen beside the simulations that there are."""
+@pytest.mark.parametrize(
+    ("by", "is_simulated"), [("helping", True), ("nothing", False), ("losing frames", True)]
+)
+def test_a_correction_that_hardly_helps_is_not_simulated(monkeypatch, by, is_simulated):
+    """Foreseen beside the simulations that there are, which lost what the recording had lost."""
     raw = small_case.raw(3)
-    clean, odd = small_case.case(raw), small_case.case(moved(raw, waved(raw, 8.0)))
+    waving = moved(raw, waved(raw, 8.0))
+    odd = small_case.case(waving)
     check = check_bead(odd, small_case.generator(1), rounds=(24,))
-    found = Correction("made_up", clean if helps else odd, (), "")
+    lost = np.where(np.arange(len(raw.frame)) % 50 == 7, np.nan, 0.0)[:, None]
+    case = {
+        "helping": small_case.case(raw),
+        "nothing": odd,
+        "losing frames": small_case.case(moved(waving, lost)),
+    }[by]
+    found = Correction("made_up", case, (), "")
     asked = []
 
     def simulated(case, random):
@@ -238,7 +247,7 @@ def test_a_correction_that_hardly_helps_is_not_simulated(monkeypatch, helps):
     monkeypatch.setattr(corrected_module, "CORRECTIONS", (lambda check: found,))
     monkeypatch.setattr(corrected_module, "check_bead", simulated)
     named, after = corrected_module.corrected(check, small_case.generator(2))
-    assert asked == ([clean] if helps else [])
+    assert asked == ([case] if is_simulated else [])
     # it is the simulation that decides
     assert named == []
     assert after is check
