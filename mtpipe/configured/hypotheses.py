@@ -9,6 +9,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from mtpipe.configured.excess import excess
 from mtpipe.configured.fit import (
     MOST_ROUNDS,
     ConfiguredFit,
@@ -32,8 +33,9 @@ WORTHWHILE_NATS, WORTHWHILE_SHARE = 30.0, 0.6
 AHEAD, PROMISING, PAIR_NATS = 6, 5, 3.0
 # Changes whose cosine is beyond this are one and the same.
 ALONG_ONE = 0.98
-# Recorded heights this many standard errors from the fitted ones are out of the tether's reach.
-FAR_FROM_IT = 8.0
+# Recorded heights this many standard errors from the fitted ones are out of the tether's reach. A
+# fit begun afresh that is this share of the whole misfit worse than before has not found its way.
+FAR_FROM_IT, LOST_SHARE = 8.0, 0.1
 
 
 @dataclass(frozen=True, eq=False)
@@ -64,12 +66,13 @@ class Tried:
 
 
 def with_hypothesis(
-    fit: ConfiguredFit, hypothesis: Hypothesis, *, rounds: int = MOST_ROUNDS
+    fit: ConfiguredFit, hypothesis: Hypothesis, *, rounds: int = MOST_ROUNDS, afresh: bool = False
 ) -> ConfiguredFit:
     """Fit a hypothesis, beginning where the fit without it stands.
 
-    Where the experiment without it cannot reach the recorded heights its forces and noise say
-    little, and the fit is begun afresh too; the better of both is taken.
+    Parameters
+    ----------
+    afresh : whether the fit is begun afresh too; the better of both is taken.
     """
     model = replace(
         fit.model,
@@ -78,13 +81,30 @@ def with_hypothesis(
     )
     start = np.concatenate([fit.theta, [p.start for p in hypothesis.parameters]])
     begun = fit_configured(model, start, rounds=rounds, arrived=TRIED_NATS)
-    if np.abs(fit.height_pulls).max() < FAR_FROM_IT:
+    if not afresh:
         return begun
     try:
-        afresh = fit_configured(model, first_guess(model), rounds=rounds, arrived=TRIED_NATS)
+        fresh = fit_configured(model, first_guess(model), rounds=rounds, arrived=TRIED_NATS)
     except (FitError, ValueError):
         return begun
-    return max(begun, afresh, key=lambda one: one.log_likelihood)
+    return max(begun, fresh, key=lambda one: one.log_likelihood)
+
+
+def worth_beginning_afresh(fit: ConfiguredFit) -> bool:
+    """Whether hypotheses are begun afresh too, and not only where the fit without them stands.
+
+    Its forces and noise say little where the experiment without them cannot reach the recorded
+    heights. But where the fit itself, begun afresh, is soon lost, fits with one effect more are so.
+    """
+    if np.abs(fit.height_pulls).max() < FAR_FROM_IT:
+        return False
+    try:
+        fresh = fit_configured(
+            fit.model, first_guess(fit.model), rounds=FIRST_ROUNDS, arrived=TRIED_NATS
+        )
+    except (FitError, ValueError):
+        return True
+    return fit.log_likelihood - fresh.log_likelihood < LOST_SHARE * excess(fit)
 
 
 def gained_by_motion(one: Tried) -> float:
@@ -218,13 +238,14 @@ def try_effects(fit: ConfiguredFit, effects: Sequence[Effect], evidence: Evidenc
     """
     taken = {parameter.name for parameter in fit.model.parameters}
     begun: list[Tried] = []
+    afresh = worth_beginning_afresh(fit)
     for effect in effects:
         hypotheses = effect.hypotheses(fit.model.experiment, evidence)
         for index, hypothesis in enumerate(hypotheses):
             if taken & {parameter.name for parameter in hypothesis.parameters}:
                 continue
             try:
-                fitted = with_hypothesis(fit, hypothesis, rounds=FIRST_ROUNDS)
+                fitted = with_hypothesis(fit, hypothesis, rounds=FIRST_ROUNDS, afresh=afresh)
             except (FitError, ValueError):
                 continue
             penalty = 0.5 * hypothesis.numbers * math.log(fit.model.ordinates)

@@ -30,7 +30,7 @@ from mtpipe.physics.camera import FloatArray
 
 # The number of simulations grows through these until the answer is clear. Fewer than enough can
 # only say that recording and simulation are far off.
-ROUNDS = (24, 48, 120)
+ROUNDS = (12, 24, 48, 120)
 ENOUGH = 48
 CLEARLY_CONSISTENT, CLEARLY_NOT, FAR_OFF = 0.2, 1e-5, 1e-12
 # Twice its cutoff the low-pass of the drift takes 6 % of a motion's amplitude.
