@@ -249,7 +249,7 @@ def shaken(recording, size_nm):
 
 
 def test_few_simulations_may_say_that_a_recording_is_far_off_and_not_that_it_agrees(clean):
-    assert len(check_bead(case(shaken(clean, 40.0)), generator(1)).simulated) == ROUNDS_OF[0]
+    assert len(check_bead(case(shaken(clean, 200.0)), generator(1)).simulated) == ROUNDS_OF[0]
     agrees = check_bead(case(clean), generator(1))
     assert agrees.p_value > 0.01
     assert len(agrees.simulated) >= ENOUGH > ROUNDS_OF[0]

@@ -15,6 +15,7 @@ with variances of either sign; so cameras, lost frames and the like act on it as
 from __future__ import annotations
 
 import numpy as np
+from scipy import linalg
 
 from mtpipe.physics.camera import FloatArray
 
@@ -26,7 +27,7 @@ RATES = np.concatenate(
 LEAST_SHARE = 0.02
 # They are fitted at so many frequencies, from far below the slowest such mode to far above the
 # fastest. That variance and power at frequency 0 are those without memory counts like EXACT ones.
-POINTS, BELOW, ABOVE, EXACT = 400, 1e-3, 1e4, 1e4
+POINTS, BELOW, ABOVE, EXACT = 120, 1e-3, 1e4, 1e4
 
 
 def memory_time_s(radius_nm: float, viscosity_mPa_s: float) -> float:
@@ -75,7 +76,8 @@ def remembering(
     kept = EXACT * np.vstack([np.ones_like(rates) / total, 1 / rates / (variance_nm2 @ tau_s)])
     of_each = np.vstack([_power(omega, 1 / rates) / without[:, None], kept])
     size = np.sqrt(np.sum(of_each**2, axis=0))
-    found = np.linalg.lstsq(of_each / size, np.append(target, [EXACT, EXACT]), rcond=1e-11)[0]
+    wanted = np.append(target, [EXACT, EXACT])
+    found = linalg.lstsq(of_each / size, wanted, cond=1e-11, lapack_driver="gelsy")[0]
     return np.asarray(1 / rates), np.asarray(found / size)
 
 
