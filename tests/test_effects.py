@@ -9,6 +9,7 @@ import re
 import tomllib
 from dataclasses import dataclass, field, replace
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -424,6 +425,35 @@ def test_a_hypothesis_is_fitted_from_where_the_fit_without_it_stands():
     assert fit.log_likelihood > silent.log_likelihood
     assert fit.model.parameters == known.hypothesis.parameters
     np.testing.assert_allclose(fit.force_pN, FORCES_PN, atol=5 * fit.force_stderr_pN.max())
+
+
+@pytest.mark.parametrize(
+    ("pull", "lost", "worth"), [(3.0, 0.0, False), (20.0, 0.0, True), (20.0, 50.0, False)]
+)
+def test_hypotheses_are_begun_afresh_where_the_fit_itself_finds_its_way_so(
+    monkeypatch, pull, lost, worth
+):
+    """Of a misfit of 100 nats; and not where heights are in reach."""
+    fit = SimpleNamespace(model=None, height_pulls=np.array([0.0, -pull]), log_likelihood=70.0)
+    fresh = SimpleNamespace(log_likelihood=70.0 - lost)
+    monkeypatch.setattr(hypotheses, "first_guess", lambda model: None)
+    monkeypatch.setattr(hypotheses, "fit_configured", lambda *given, **options: fresh)
+    monkeypatch.setattr(hypotheses, "excess", lambda fit: 100.0)
+    assert hypotheses.worth_beginning_afresh(fit) is worth
+
+
+def test_the_better_of_both_beginnings_is_taken(monkeypatch):
+    known = next(known for known in KNOWN if known.name == "viscosity")
+    model, _ = model_of(known.changed, np.random.default_rng(4))
+    silent = fit_configured(replace(model, experiment=known.base))
+    monkeypatch.setattr(
+        hypotheses, "first_guess", lambda model: np.array([*np.log(FORCES_PN), *known.strength])
+    )
+    begun, both = (
+        with_hypothesis(silent, known.hypothesis, rounds=1, afresh=afresh)
+        for afresh in (False, True)
+    )
+    assert both.log_likelihood > begun.log_likelihood
 
 
 def installed(folder, content, name="mtpipe_persistence.py"):
