@@ -428,10 +428,17 @@ def test_a_hypothesis_is_fitted_from_where_the_fit_without_it_stands():
 
 
 @pytest.mark.parametrize(
-    ("pull", "lost", "worth"), [(3.0, 0.0, False), (20.0, 0.0, True), (20.0, 50.0, False)]
+    ("pull", "beside", "lost", "worth"),
+    [
+        (3.0, False, 0.0, False),
+        (3.0, True, 0.0, False),
+        (20.0, False, 50.0, True),
+        (20.0, True, 0.0, True),
+        (20.0, True, 50.0, False),
+    ],
 )
 def test_hypotheses_are_begun_afresh_where_the_fit_itself_finds_its_way_so(
-    monkeypatch, pull, lost, worth
+    monkeypatch, pull, beside, lost, worth
 ):
     """Of a misfit of 100 nats; and not where heights are in reach."""
     fit = SimpleNamespace(model=None, height_pulls=np.array([0.0, -pull]), log_likelihood=70.0)
@@ -439,7 +446,7 @@ def test_hypotheses_are_begun_afresh_where_the_fit_itself_finds_its_way_so(
     monkeypatch.setattr(hypotheses, "first_guess", lambda model: None)
     monkeypatch.setattr(hypotheses, "fit_configured", lambda *given, **options: fresh)
     monkeypatch.setattr(hypotheses, "excess", lambda fit: 100.0)
-    assert hypotheses.worth_beginning_afresh(fit) is worth
+    assert hypotheses.worth_beginning_afresh(fit, beside=beside) is worth
 
 
 def test_the_better_of_both_beginnings_is_taken(monkeypatch):

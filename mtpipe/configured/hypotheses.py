@@ -90,14 +90,21 @@ def with_hypothesis(
     return max(begun, fresh, key=lambda one: one.log_likelihood)
 
 
-def worth_beginning_afresh(fit: ConfiguredFit) -> bool:
+def worth_beginning_afresh(fit: ConfiguredFit, *, beside: bool) -> bool:
     """Whether hypotheses are begun afresh too, and not only where the fit without them stands.
 
     Its forces and noise say little where the experiment without them cannot reach the recorded
-    heights. But where the fit itself, begun afresh, is soon lost, fits with one effect more are so.
+    heights. But those of a fit that has an effect already were found with it, and where that fit,
+    begun afresh, is soon lost, fits with one effect more are so.
+
+    Parameters
+    ----------
+    beside : whether the fit has an effect already.
     """
     if np.abs(fit.height_pulls).max() < FAR_FROM_IT:
         return False
+    if not beside:
+        return True
     try:
         fresh = fit_configured(
             fit.model, first_guess(fit.model), rounds=FIRST_ROUNDS, arrived=TRIED_NATS
@@ -230,15 +237,21 @@ def promised_gains(gains: FloatArray, changes: FloatArray) -> FloatArray:
     return np.asarray(np.where(alike, best, inside) / 2)
 
 
-def try_effects(fit: ConfiguredFit, effects: Sequence[Effect], evidence: Evidence) -> list[Tried]:
+def try_effects(
+    fit: ConfiguredFit, effects: Sequence[Effect], evidence: Evidence, *, beside: bool = False
+) -> list[Tried]:
     """Fit every effect that applies, each with the best of its hypotheses; best first.
 
     All begin with a few steps; those that have gained something like the best are then fitted to
     the end, the others stay where they are.
+
+    Parameters
+    ----------
+    beside : whether the fit has an effect already.
     """
     taken = {parameter.name for parameter in fit.model.parameters}
     begun: list[Tried] = []
-    afresh = worth_beginning_afresh(fit)
+    afresh = worth_beginning_afresh(fit, beside=beside)
     for effect in effects:
         hypotheses = effect.hypotheses(fit.model.experiment, evidence)
         for index, hypothesis in enumerate(hypotheses):

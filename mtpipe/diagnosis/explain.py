@@ -225,7 +225,8 @@ def _searched(
     named, nearest = list(corrections), None
     while len(named) < MOST_EFFECTS:
         say("trying effects")
-        tried = try_effects(fit, effects, evidence_of(check))
+        beside = len(named) > len(corrections)
+        tried = try_effects(fit, effects, evidence_of(check), beside=beside)
         needed = KEPT_NATS if check.p_value < ALARM_P else SEEN_NATS
         if named and check.p_value >= CLEARLY_CONSISTENT:
             needed = BESIDE_NATS
@@ -233,7 +234,7 @@ def _searched(
             nearest = Rejected(tried[0], _too_little(tried[0], needed)) if tried else None
             break
         able = [one for one in tried if one.net >= needed]
-        if len(named) == len(corrections) and len(able) > 1:
+        if not beside and len(able) > 1:
             say("trying pairs of effects")
             able = looking_ahead(fit, able)
         rejected: list[Rejected] = []
@@ -309,7 +310,7 @@ def _with_alternatives(
         without = begun_again(together(case.fit, others, named[-1].after.case.fit))
     except (FitError, ValueError):
         return replace(one, alternatives=())
-    tried = try_effects(without, effects, one.found.evidence)
+    tried = try_effects(without, effects, one.found.evidence, beside=bool(others))
     own = next((other for other in tried if other.effect.name == one.name), None)
     if own is None:
         return replace(one, alternatives=())
