@@ -360,7 +360,6 @@ def test_a_third_effect_has_to_be_unmistakable(net, names, corrections):
         (0.03, 28.7, 0.06, "first"),  # and nearly as much to the other
         (0.25, 29.9, 0.9, "first"),  # both are clearly consistent
         (1e-9, 25.5, 0.3, "rival"),
-        (1e-9, 25.5, 1e-4, "first"),  # something is left with either
     ],
 )
 def test_of_effects_that_are_nearly_as_likely_the_battery_decides(first_p, net, rival_p, taken):
@@ -462,8 +461,9 @@ def test_what_was_an_alarm_has_to_agree_better_than_to_be_none(before, after, ag
 def test_whether_something_is_left_is_not_left_to_the_chance_of_few_simulations(
     monkeypatch, after, asked
 ):
-    def check_bead(case, random, *, rounds):
+    def check_bead(case, random, *, rounds, begun):
         assert rounds[0] > 120
+        assert begun is one.after
         return SimpleNamespace(p_value=0.2, case=case)
 
     module = importlib.import_module("mtpipe.diagnosis.explain")

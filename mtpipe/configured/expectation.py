@@ -13,6 +13,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
+from scipy import interpolate
 
 from mtpipe.configured.data import PlateauData
 from mtpipe.configured.layers import Steady, steady_of
@@ -189,24 +190,52 @@ def _in_course(one: Asked) -> _InCourse | FitError | None:
     """None where the force is steady."""
     if one.course.relative_change == 0:
         return None
-    relative, nodes = _course_nodes(one.data, one.course, one.steady.experiment.camera.frame_s)
-    forces = (one.force_pN * (1 + nodes)).tolist()
+    played = _played(one.data, one.course, one.steady.experiment.camera.frame_s)
     try:
-        heights = [height_nm(one.steady, force) for force in forces]
+        heights = [height_nm(one.steady, one.force_pN * (1 + node)) for node in played.nodes]
     except FitError as error:
         return error.with_traceback(None)
-    # heights bend with ln of the force, far less than they rise with it
-    rising = np.polynomial.Polynomial.fit(np.log1p(nodes), heights, len(nodes) - 1)
-    height = rising(np.log1p(np.clip(relative, nodes[0], nodes[-1])))
+    course = course_of(one.data, np.tensordot(heights, played.transforms, 1))
+    forces = (one.force_pN * (1 + played.standing)).tolist()
+    return _InCourse(float(played.means @ heights), course, forces, played.share)
+
+
+@dataclass(frozen=True, eq=False)
+class _Played:
+    """A force's course through a plateau, whatever the bead.
+
+    Heights follow from those at a few nodes: they bend with ln of the force, far less than they
+    rise with it.
+
+    Attributes
+    ----------
+    nodes : force over its mean, less 1. transforms : (nodes, segments, length//2 + 1) of the recorded
+        z, and means : (nodes,) of the height, per nm of height at each.
+    standing, share : force over its mean, less 1, that stands for spectra, and for how much of the
+        time.
+    """
+
+    nodes: tuple[float, ...]
+    transforms: Transform
+    means: FloatArray
+    standing: FloatArray
+    share: FloatArray
+
+
+@functools.lru_cache(maxsize=64)
+def _played(data: PlateauData, course: ForceCourse, frame_s: float) -> _Played:
+    relative, nodes = _course_nodes(data, course, frame_s)
+    within = np.log1p(np.clip(relative, nodes[0], nodes[-1]))
+    of_each = interpolate.BarycentricInterpolator(np.log1p(nodes), np.eye(len(nodes)))(within).T
+    transforms = np.array([data.spectrum.transform_of(height, 2) for height in of_each])
     if np.ptp(relative) < SMALL_CHANGE:
-        forces, share = [one.force_pN], np.ones(1)
+        standing, share = np.zeros(1), np.ones(1)
     else:
         # of the time that counts for each node, linear between them; a step needs its two ends
         share = np.array([np.interp(relative, nodes, row).mean() for row in np.eye(len(nodes))])
         counts = share > 1e-3
-        forces, share = np.array(forces)[counts].tolist(), share[counts] / share[counts].sum()
-    course = course_of(one.data, one.data.spectrum.transform_of(height, 2))
-    return _InCourse(float(height.mean()), course, forces, share)
+        standing, share = nodes[counts], share[counts] / share[counts].sum()
+    return _Played(tuple(nodes.tolist()), transforms, of_each.mean(axis=1), standing, share)
 
 
 @functools.lru_cache(maxsize=256)

@@ -47,6 +47,9 @@ MOST_MOVED, MOST_CORRELATED = 2.0, 0.999
 # Where a step has failed the next one tried promises at most this share of its rise: one that is
 # hardly shorter fails as well.
 SHORTER = 0.8
+# A step that raises ln likelihood by less than this share of what its slope promises (a half where
+# the curvature is as expected) has gone too far.
+OVERSHOT = 0.25
 FORCE_GRID_PN, GRID_STRIDE = np.geomspace(0.01, 150.0, 45), 3
 
 
@@ -142,11 +145,7 @@ def fit_configured(
             if 0 < SHORTER * failed < rise:
                 damping = max(damping, 1e-4) * 8
                 continue
-            try:
-                following = model.all_expected(trial)
-                there = model.log_likelihood(following, trial)
-            except (FitError, ValueError):
-                there = -np.inf
+            following, there = _found_at(model, trial)
             if there > value - 1e-9:
                 moved = True
                 break
@@ -158,12 +157,28 @@ def fit_configured(
             converged = rise < 0.1
             break
         gained = there - value
+        if gained < OVERSHOT * rise:
+            # it bends more than was expected: there is a higher point before
+            before = theta + 0.5 * rise / (rise - gained) * (trial - theta)
+            found, height = _found_at(model, before)
+            if height > there:
+                trial, following, there = before, found, height
+                gained = there - value
         theta, expected, value = trial, following, there
         damping = damping / 6 if damping > 1e-9 else 0.0
         if gained < arrived and rise < 2 * arrived + 1e-2:
             converged = True
             break
     return ConfiguredFit(model, theta, expected, value, converged)
+
+
+def _found_at(model: ConfiguredModel, theta: FloatArray) -> tuple[list[Expectation], float]:
+    """Expectations and ln likelihood at θ; −inf where it makes no sense."""
+    try:
+        expected = model.all_expected(theta)
+        return expected, model.log_likelihood(expected, theta)
+    except (FitError, ValueError):
+        return [], -np.inf
 
 
 def exchanged(

@@ -10,11 +10,13 @@ covariance.
 from __future__ import annotations
 
 import functools
+from collections.abc import Hashable
 from dataclasses import dataclass, replace
 
 import numpy as np
 
 from mtpipe.configured.data import PlateauData
+from mtpipe.configured.recent import Recent
 from mtpipe.configured.spectra import Transform
 from mtpipe.physics.camera import FloatArray
 
@@ -25,13 +27,15 @@ class Line:
 
     Attributes
     ----------
-    transforms : per axis, as of the recorded ones.
-    power : (n_bins, 3, 3) of two lines in common; with_data : of each line and each recorded axis.
+    transforms : per axis, as of the recorded ones. power : (n_bins, 3, 3) of two lines in common.
     """
 
     transforms: tuple[Transform, ...]
     power: FloatArray
-    with_data: FloatArray
+
+
+# All data of the same frames, as simulated ones are, have the same line.
+_LINES: Recent[tuple[Hashable, ...], Line] = Recent(64)
 
 
 def sees_walks(data: PlateauData) -> bool:
@@ -41,18 +45,24 @@ def sees_walks(data: PlateauData) -> bool:
     return len(data.spectrum.used) == 1
 
 
-@functools.lru_cache(maxsize=64)
 def line_of(data: PlateauData) -> Line:
     """The line of a plateau."""
     spectrum = data.spectrum
     frames = round(data.duration_s / spectrum.windows[0].frame_s)
-    rising = np.arange(frames) / frames
-    transforms = tuple(spectrum.transform_of(rising, axis) for axis in range(3))
-    return Line(
-        transforms,
-        _in_common(data, transforms, transforms),
-        _in_common(data, transforms, spectrum.transforms),
-    )
+    key = (*spectrum.windows, frames)
+    line = _LINES.get(key)
+    if line is None:
+        rising = np.arange(frames) / frames
+        transforms = tuple(spectrum.transform_of(rising, axis) for axis in range(3))
+        line = Line(transforms, _in_common(data, transforms, transforms))
+        _LINES.put(key, line)
+    return line
+
+
+@functools.lru_cache(maxsize=64)
+def _with_data(data: PlateauData) -> FloatArray:
+    """(n_bins, 3, 3) of the line of each axis and each recorded axis in common."""
+    return _in_common(data, line_of(data).transforms, data.spectrum.transforms)
 
 
 def _in_common(
@@ -115,7 +125,7 @@ def walked(
     line = line_of(data)
     weighted = data.spectrum.ordinates[:, None, None] * inverse
     sharpness = np.einsum("fab,fab->ab", weighted, line.power)
-    towards = np.einsum("fab,fab->a", weighted, _about(data, line, course))
+    towards = np.einsum("fab,fab->a", weighted, _about(data, course))
     grown = np.eye(3) + 2 * sharpness * variance_nm2
     left = np.linalg.inv(grown)
     pull = 2 * left @ towards
@@ -124,13 +134,13 @@ def walked(
     return Walked(mean, variance_nm2[:, None] * left, nats, pull, 2 * left @ sharpness, left)
 
 
-def _about(data: PlateauData, line: Line, course: Transform | None) -> FloatArray:
+def _about(data: PlateauData, course: Transform | None) -> FloatArray:
     """(n_bins, 3, 3) of each line and each recorded axis, z about its course."""
     if course is None:
-        return line.with_data
-    found = line.with_data.copy()
+        return _with_data(data)
+    found = _with_data(data).copy()
     rest = data.spectrum.transforms[2] - course
-    for axis, transform in enumerate(line.transforms):
+    for axis, transform in enumerate(line_of(data).transforms):
         found[:, axis, 2] = data.spectrum.common_power(transform, rest)
     return found
 
@@ -145,6 +155,6 @@ def power_without(
     power : recorded, about the course. course : that was taken off.
     """
     line = line_of(data)
-    crossed = ends.mean_nm[:, None] * _about(data, line, course)
+    crossed = ends.mean_nm[:, None] * _about(data, course)
     square = np.outer(ends.mean_nm, ends.mean_nm) + ends.covariance_nm2
     return np.asarray(power - crossed - np.swapaxes(crossed, 1, 2) + square * line.power)

@@ -70,6 +70,8 @@ def check_bead(
     random: np.random.Generator,
     *,
     rounds: tuple[int, ...] = ROUNDS,
+    far_off: float = FAR_OFF,
+    begun: BeadCheck | None = None,
     with_curves: bool = False,
     progress: Callable[[int, int], None] | None = None,
 ) -> BeadCheck:
@@ -79,6 +81,8 @@ def check_bead(
     ----------
     random : of the simulations.
     rounds : numbers of simulations after which it may be clear what comes out.
+    far_off : p-value below which few simulations are enough.
+    begun : a check of the same case, whose simulations count.
     with_curves : keep the curves of `ENOUGH` simulations.
     progress : called with (simulations done, of how many in this round).
     """
@@ -86,7 +90,7 @@ def check_bead(
     recorded = recorded_of(case)
     looks, observed = battery.looks(recorded)
     maker = TwinMaker(case)
-    simulated: list[FloatArray] = []
+    simulated: list[FloatArray] = [] if begun is None else list(begun.simulated)
     curves = CurveSet(recorded) if with_curves else None
     # for curves alone, so that what is found does not depend on whether they are drawn
     (beside,) = random.spawn(1)
@@ -105,7 +109,7 @@ def check_bead(
             p_value = of_those_looked_at_again(overall.p_value, CLEARLY_CONSISTENT, alike)
             overall = replace(overall, p_value=p_value)
         if goal < ENOUGH:
-            if overall.p_value < FAR_OFF:
+            if overall.p_value < far_off:
                 break
             continue
         if overall.p_value > CLEARLY_CONSISTENT or overall.p_value < CLEARLY_NOT:

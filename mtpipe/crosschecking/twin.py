@@ -11,6 +11,7 @@ import math
 from dataclasses import dataclass, replace
 
 import numpy as np
+from numpy.typing import NDArray
 
 from mtpipe.configured.expectation import LEAST_HEIGHT_STDERR_NM
 from mtpipe.configured.known_forces import prior_scatter, relative_stderr
@@ -57,7 +58,7 @@ class TwinMaker:
         self.experiment = described(case)
         # where frames are dropped, more have to be simulated than the file has
         self.stretch = 1 / (1 - self.experiment.clock.dropped_share)
-        stretches, self.slices = _timetable(case, self.experiment, self.stretch)
+        stretches, self.slices, self.first_of = _timetable(case, self.experiment, self.stretch)
         self.within_nm = np.zeros(sum(n for _, n in stretches))
         for i, piece in enumerate(self.slices):
             force_pN, length = float(case.fit.force_pN[i]), piece.stop - piece.start
@@ -75,7 +76,8 @@ class TwinMaker:
     def draw(self, random: np.random.Generator) -> Twin:
         """Simulate once."""
         case, experiment = self.case, self.experiment
-        chosen = random.integers(len(self.variants), size=len(self.variants[0]))
+        # theory is off by the same all through a plateau
+        chosen = random.integers(len(self.variants), size=len(self.variants[0]))[self.first_of]
         stretches = [self.variants[k][i] for i, k in enumerate(chosen)]
         motion = simulate_motion(stretches, experiment.camera, random)
         motion[:, 2] += self.within_nm
@@ -142,8 +144,9 @@ def _varied(experiment: Experiment) -> list[Experiment]:
 
 def _timetable(
     case: Case, experiment: Experiment, stretch: float
-) -> tuple[list[tuple[float, int]], list[slice]]:
-    """Stretches (force, frames) of the recording, and where its plateaus lie in them.
+) -> tuple[list[tuple[float, int]], list[slice], NDArray[np.int64]]:
+    """Stretches (force, frames) of the recording, where its plateaus lie in them, and of each
+    stretch the first one of its plateau; of a move it is itself.
 
     Parameters
     ----------
@@ -152,6 +155,7 @@ def _timetable(
     forces = [float(f) for f in case.fit.force_pN]
     stretches: list[tuple[float, int]] = []
     slices: list[slice] = []
+    first_of: list[int] = []
     at = 0
     for i, (start, real) in enumerate(zip(case.starts, case.positions_nm, strict=True)):
         if i:
@@ -164,8 +168,10 @@ def _timetable(
                 stretches.append((force, frames))
             at += gap
         frames = len(real) if stretch == 1 else math.ceil(1.05 * stretch * len(real)) + 50
-        for part, rows in force_pieces(experiment, i, frames):
-            stretches.append((forces[i] * (1 + part), rows))
+        first_of += range(len(first_of), len(stretches))
+        parts = force_pieces(experiment, i, frames)
+        first_of += [len(stretches)] * len(parts)
+        stretches += [(forces[i] * (1 + part), rows) for part, rows in parts]
         slices.append(slice(at, at + frames))
         at += frames
-    return stretches, slices
+    return stretches, slices, np.array(first_of)

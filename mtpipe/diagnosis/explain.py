@@ -29,6 +29,7 @@ from mtpipe.crosschecking.case import Case
 from mtpipe.crosschecking.check import (
     CLEARLY_CONSISTENT,
     CLEARLY_NOT,
+    FAR_OFF,
     BeadCheck,
     check_bead,
     comparable_p_values,
@@ -75,6 +76,8 @@ MOST_CANDIDATES, MORE_ODD = 3, 1.25
 # likelihood and in ln p: what no name describes looks like something that one does, but for a fifth
 # or more of it.
 MOST_OF_IT = 0.9
+# Few simulations say that recording and simulation will not agree where p is that far below.
+RULED_OUT = 1e-4 * AGREES_P
 # A p-value of 120 simulations differs tenfold from one set of them to the next where it is small,
 # of twice as many fivefold.
 SURE_SIMULATIONS = 240
@@ -131,7 +134,7 @@ def made_sure(
     """
     if not named or agrees(check, before) or check.p_value < CLEARLY_NOT:
         return named, check
-    check = check_bead(check.case, random, rounds=(SURE_SIMULATIONS,))
+    check = check_bead(check.case, random, rounds=(SURE_SIMULATIONS,), begun=check)
     return [*named[:-1], replace(named[-1], after=check)], check
 
 
@@ -255,7 +258,9 @@ def _searched(
         # those before it have been rejected
         rivals = [c for c in able[able.index(one) + 1 :] if one.net - c.net < ALIKE_NATS]
         found = better_judged(
-            found, rivals, partial(_named, tried=tried, check=check, case=case, random=random)
+            found,
+            rivals,
+            partial(_named, tried=tried, check=check, case=case, random=random, agreeing=True),
         )
         named.append(found)
         check, fit = found.after, found.after.case.fit
@@ -267,19 +272,19 @@ def better_judged(
 ) -> Named:
     """Of effects that are nearly as likely, the one that likelihood and battery together speak for.
 
-    A p-value that is clearly consistent is as good as any; below, its ln is lost. A rival takes the
-    place only if recording and simulation agree with it.
+    A p-value that is clearly consistent is as good as any; below, its ln is lost.
 
     Parameters
     ----------
-    found : the likeliest. rivals : those that are alike, best first. checked : checks one.
+    found : the likeliest. rivals : those that are alike, best first. checked : checks one, which is
+        rejected where recording and simulation do not agree with it.
     """
 
     for one in rivals:
         if _judged(one, CLEARLY_CONSISTENT) <= _judged(found.found, found.after.p_value):
             continue
         other = checked(one)
-        if not isinstance(other, Named) or other.after.p_value < AGREES_P:
+        if isinstance(other, Rejected):
             continue
         found = max(found, other, key=lambda named: _judged(named.found, named.after.p_value))
     return found
@@ -360,9 +365,15 @@ def _named(
     check: BeadCheck,
     case: Case,
     random: np.random.Generator,
+    *,
+    agreeing: bool = False,
 ) -> Named | Rejected:
     """The effect, checked; rejected where it is not seen to move, tells nothing of time that was
     not fitted, cannot be simulated, or makes recording and simulation differ even more.
+
+    Parameters
+    ----------
+    agreeing : whether it is wanted only if recording and simulation agree with it.
     """
     without = check.case.fit
     fit = best_formula(begun_again(with_forces_found(chosen, check).fit))
@@ -374,9 +385,12 @@ def _named(
     if heldout <= 0:
         return Rejected(one, f"gains {one.gain:.0f} nats, but none on time that was not fitted")
     try:
-        after = check_bead(replace(case, fit=fit), random)
+        far_off = RULED_OUT if agreeing else FAR_OFF
+        after = check_bead(replace(case, fit=fit), random, far_off=far_off)
     except (FitError, ValueError) as error:
         return Rejected(one, f"gains {one.gain:.0f} nats, but cannot be simulated ({error})")
+    if agreeing and after.p_value < AGREES_P:
+        return Rejected(one, f"gains {one.gain:.0f} nats, but leaves p {after.p_value:.1g}")
     p_before, p_after = comparable_p_values(check, after)
     if p_after < min(ALARM_P, p_before**MORE_ODD):
         return Rejected(one, _more_odd(one, check, after))

@@ -52,6 +52,11 @@ class AxialMotion:
         return float(self.height_nm[1] - self.height_nm[0])
 
     @functools.cached_property
+    def mean_nm(self) -> float:
+        """Mean height."""
+        return float(np.sum(self.height_nm * self.density) * self.step_nm)
+
+    @functools.cached_property
     def modes(self) -> tuple[FloatArray, FloatArray]:
         """Relaxation times (modes,) in s, slowest first, and the variance of each in nm²."""
         diagonal, beside = self._relaxation

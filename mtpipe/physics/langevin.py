@@ -8,14 +8,18 @@ is a check on the other.
 
 from __future__ import annotations
 
+import functools
 import math
 from dataclasses import dataclass
 
 import numpy as np
-from scipy import signal
 
 from mtpipe.physics.camera import Camera, FloatArray
 from mtpipe.physics.modes import SINGLE_MODE, Modes
+
+# Of so many modes is kept what does not change from simulation to simulation. A plateau whose force
+# changes has a hundred, in a few variants.
+MOST_KNOWN = 8192
 
 
 @dataclass(frozen=True, eq=False)
@@ -47,6 +51,21 @@ def mode_path(
     start : position at the start of the first exposure; None: drawn from equilibrium.
     parts : each exposure is averaged in so many parts.
     """
+    # numba is loaded where something is simulated only
+    from mtpipe.physics.langevin_steps import follow
+
+    kick = random.standard_normal((parts, frames))
+    average = random.standard_normal((parts, frames))
+    begun = float(random.standard_normal()) if start is None else start
+    end = follow(kick, average, *_frame(tau_s, camera, parts), begun)
+    return ModePath(average, float(end))
+
+
+@functools.lru_cache(maxsize=MOST_KNOWN)
+def _frame(
+    tau_s: float, camera: Camera, parts: int
+) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray, float, float, float]:
+    """What of a mode and a camera does not change from frame to frame (`langevin_steps.follow`)."""
     part_s, dead_s = camera.exposure_s / parts, camera.frame_s - camera.exposure_s
     a = part_s / tau_s
     decay, dead_decay = math.exp(-a), math.exp(-dead_s / tau_s)
@@ -60,25 +79,9 @@ def mode_path(
     slope = np.full(parts, of_end)
     slope[-1] *= dead_decay * end_variance / moved[-1]
     rest = np.sqrt(np.maximum(_mean_variance(a) - slope**2 * moved, 0.0))
-    kick = random.standard_normal((parts, frames))
-    kick *= np.sqrt(moved)[:, None]
-    average = random.standard_normal((parts, frames))
-    average *= rest[:, None]
-    average += slope[:, None] * kick
-    carried = kick[-1]
-    for part in range(parts - 1):
-        carried = carried + dead_decay * decay ** (parts - 1 - part) * kick[part]
+    carried_by = dead_decay * decay ** np.arange(parts - 1.0, -1.0, -1.0)
     whole = math.exp(-camera.frame_s / tau_s)
-    here = np.empty(frames)
-    here[0] = random.standard_normal() if start is None else start
-    following, _ = signal.lfilter([1.0], [1.0, -whole], carried, zi=[whole * here[0]])
-    here[1:] = following[:-1]
-    edge = _edge(a)
-    for part in range(parts):
-        average[part] += edge * here
-        if part + 1 < parts:
-            here = decay * here + kick[part]
-    return ModePath(average, float(following[-1]))
+    return np.sqrt(moved), rest, slope, carried_by, decay, whole, _edge(a)
 
 
 def _edge(a: float) -> float:

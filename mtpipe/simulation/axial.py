@@ -42,16 +42,15 @@ def simulate_heights(
     start_nm : height at the start; None: drawn from equilibrium.
     """
     tau_s, variance = motion.modes
-    mean = float(np.sum(motion.height_nm * motion.density) * motion.step_nm)
     steps = math.ceil(camera.frame_s / (STEP_RELAXATIONS * float(tau_s[0])))
     if steps > MOST_STEPS and camera.exposure_s == 0:
         # so long after one another, instantaneous heights know nothing of each other
-        return _drawn(motion, frames, random), mean
+        return _drawn(motion, frames, random), motion.mean_nm
     if steps > MOST_STEPS:
         heights = np.zeros(frames)
         for tau, one in zip(tau_s, variance, strict=True):
             heights += math.sqrt(one) * mode_path(float(tau), camera, frames, random).averages[0]
-        return mean + _skewed(heights, *_averaged(motion, camera)), mean
+        return motion.mean_nm + _bent(heights, *_averaged(motion, camera)), motion.mean_nm
     from mtpipe.simulation.axial_steps import averaged_heights
 
     steps = max(steps, 2)
@@ -89,25 +88,29 @@ def _drawn(motion: AxialMotion, count: int, random: np.random.Generator) -> Floa
 
 @functools.lru_cache(maxsize=MOST_KNOWN)
 def _averaged(motion: AxialMotion, camera: Camera) -> tuple[float, float]:
-    """Variance and third cumulant of heights averaged over an exposure."""
-    variance = sum(
-        float(frame_variance(one, tau, camera)) for tau, one in zip(*motion.modes, strict=True)
-    )
-    return variance, motion.third_cumulant_nm3(camera.exposure_s)
-
-
-def _skewed(gaussian: FloatArray, variance: float, third: float) -> FloatArray:
-    """A Gaussian series of this variance bent so that it has this third cumulant as well.
+    """Variance of heights averaged over an exposure, and the bend that makes a Gaussian series as
+    skewed as they are.
 
     Of y = c (g + b (g² − σ²)) the variance is c² (σ² + 2 b² σ⁴), and the third cumulant
     c³ (6 b σ⁴ + 8 b³ σ⁶).
     """
+    variance = sum(
+        float(frame_variance(one, tau, camera)) for tau, one in zip(*motion.modes, strict=True)
+    )
     if variance <= 0:
-        return gaussian
+        return 0.0, 0.0
+    third = motion.third_cumulant_nm3(camera.exposure_s)
     skewness = float(np.clip(third / variance**1.5, -MOST_SKEWED, MOST_SKEWED))
     bend = optimize.brentq(
         lambda b: (6 * b + 8 * b**3) / (1 + 2 * b**2) ** 1.5 - skewness, -0.5, 0.5
     )
+    return variance, float(bend)
+
+
+def _bent(gaussian: FloatArray, variance: float, bend: float) -> FloatArray:
+    """A Gaussian series of this variance bent, its variance kept (`_averaged`)."""
+    if bend == 0:
+        return gaussian
     unit = gaussian / math.sqrt(variance)
     return np.asarray(math.sqrt(variance / (1 + 2 * bend**2)) * (unit + bend * (unit**2 - 1)))
 

@@ -202,14 +202,19 @@ def _stretch(
         }
         for i in block:
             end[i] = paths[i].end
-            mean = paths[i].averages.mean(axis=0)
+            mean = _over_parts(paths[i].averages)
             for axis in np.flatnonzero(plan.amplitude_nm[:, i]):
                 recorded[axis] += plan.amplitude_nm[axis, i] * mean
         for one in products:
             averages = paths[one.first].averages * paths[one.second].averages
-            recorded[2] += one.weight * (np.mean(averages, axis=0) - one.offset)
+            recorded[2] += one.weight * (_over_parts(averages) - one.offset)
     recorded[2] += _moving_average(*plan.within, frames, random)
     return recorded.T, end
+
+
+def _over_parts(averages: FloatArray) -> FloatArray:
+    """(frames,) mean over the parts (parts, frames) of each exposure."""
+    return averages[0] if len(averages) == 1 else np.asarray(averages.mean(axis=0))
 
 
 def _parts(relaxations: float) -> int:

@@ -18,8 +18,9 @@ from mtpipe.physics.camera import Camera, FloatArray
 from mtpipe.physics.langevin import simulate_mode
 
 HOP_PARTS = 24
-# Stretches of constant force that stand for a plateau during which it changes.
-COURSE_PIECES = 24
+# Stretches of constant force that stand for a plateau during which it changes, fewer where they
+# would differ by less than this share of the force.
+MOST_PIECES, FEWEST_PIECES, PIECE_CHANGE = 24, 4, 0.01
 
 
 def force_pieces(experiment: Experiment, plateau: int, frames: int) -> list[tuple[float, int]]:
@@ -29,10 +30,11 @@ def force_pieces(experiment: Experiment, plateau: int, frames: int) -> list[tupl
     course = experiment.magnets.course(plateau)
     if course.relative_change == 0:
         return [(0.0, frames)]
-    edges = np.linspace(0, frames, COURSE_PIECES + 1).round().astype(int).tolist()
+    relative = force_course(course, frames)
+    pieces = min(max(math.ceil(np.ptp(relative) / PIECE_CHANGE), FEWEST_PIECES), MOST_PIECES)
+    edges = np.linspace(0, frames, pieces + 1).round().astype(int).tolist()
     if course.kind == "step":
         edges = [0, round(course.at * frames), frames]
-    relative = force_course(course, frames)
     return [(float(relative[a:b].mean()), b - a) for a, b in itertools.pairwise(edges) if b > a]
 
 
