@@ -21,7 +21,7 @@ from mtpipe.configured.fit import fit_configured, gradient_of, nearby_fit, slope
 from mtpipe.configured.model import ConfiguredModel
 from mtpipe.configured.spectra import edges_about, matrix_periodogram, quick_length
 from mtpipe.configured.three_axes import inverses
-from mtpipe.configured.walk import sees_walks
+from mtpipe.configured.walk import line_of, sees_walks
 from mtpipe.crosschecking.case import described, prepare
 from mtpipe.crosschecking.twin import TwinMaker
 from mtpipe.drift import subtract_drift
@@ -352,6 +352,20 @@ def test_nearby_fit_of_a_simulation_is_its_full_fit(fitted):
             assert quick.extension_nm == pytest.approx(exact.extension_nm, abs=0.1 + 0.1 * change)
 
 
+def test_a_line_is_that_of_the_frames_and_worked_out_once():
+    """Other traces with the same frames have it, those that lose others have another."""
+    random = generator(3)
+    first, again, lost = (random.normal(size=(600, 3)) for _ in range(3))
+    lost[100:140] = np.nan
+    data = [plateau_data(x, FRAME_S, (0.2, 0.3, 0.4)) for x in (first, again, lost)]
+    assert line_of(data[0]) is line_of(data[1])
+    assert line_of(data[2]) is not line_of(data[0])
+    rising = np.arange(600) / 600
+    for one in data:
+        exact = [one.spectrum.transform_of(rising, axis) for axis in range(3)]
+        assert np.array_equal(line_of(one).transforms, exact)
+
+
 def test_stated_error_of_the_viscosity_is_used():
     stated = {"viscosity_mPa_s": 0.89 / 1.08, "viscosity_mPa_s_stderr": 0.05}
     recording = replace(raw(4), setup=setup(buffer=stated))
@@ -430,7 +444,7 @@ def test_experiments_asked_for_together_are_expected_as_one_by_one(fitted):
             continue
         alone = fresh.expected(*one)
         assert together.power == pytest.approx(alone.power, rel=1e-12, abs=0)
-        assert together.extension_nm == alone.extension_nm
+        assert together.extension_nm == pytest.approx(alone.extension_nm, rel=1e-13)
         assert together.extension_stderr_nm == pytest.approx(alone.extension_stderr_nm, rel=1e-12)
         assert together.walked_nm2 == pytest.approx(alone.walked_nm2, rel=1e-12)
     assert refused == 2 * len(others)
@@ -440,11 +454,13 @@ def test_experiments_asked_for_together_are_expected_as_one_by_one(fitted):
 def parabola(monkeypatch):
     """Of a bound of the first of two coordinates, and what each look at the likelihood takes off
     it: a model whose likelihood is a parabola with its peak far beyond the bound, and how often it
-    was looked at.
+    was looked at. `expected_share` : of its bend is expected.
     """
     information, slope = np.array([[1.0, 0.99], [0.99, 1.0]]), np.array([1.0, 0.9])
+    expected = {"share": 1.0}
 
-    def made(bound, lost=0.0):
+    def made(bound, lost=0.0, expected_share=1.0):
+        expected["share"] = expected_share
         looks = []
 
         def log_likelihood(expected, theta):
@@ -464,7 +480,7 @@ def parabola(monkeypatch):
     monkeypatch.setattr(
         fit_module, "gradient_of", lambda model, data, theta, *_: slope - information @ theta
     )
-    monkeypatch.setattr(fit_module, "information_of", lambda *_: information)
+    monkeypatch.setattr(fit_module, "information_of", lambda *_: expected["share"] * information)
     return made
 
 
@@ -483,6 +499,23 @@ def test_a_step_that_changes_nothing_is_not_tried_again_and_again(parabola):
     found = fit_configured(model, peak)
     assert found.converged
     assert len(looks) == 2
+
+
+@pytest.mark.parametrize(("share", "most"), [(1.0, 4), (0.51, 9)])
+def test_a_step_that_goes_too_far_is_shortened(parabola, share, most):
+    """Where half of the bend is expected, each step ends as far beyond the peak as it began
+    before it.
+    """
+    model, looks = parabola(bound=10.0, expected_share=share)
+    found = fit_configured(model, np.array([3.0, 2.0]))
+    assert found.converged
+    assert found.log_likelihood == pytest.approx(best_of_parabola(), abs=5e-3)
+    assert len(looks) <= most
+
+
+def best_of_parabola():
+    information, slope = np.array([[1.0, 0.99], [0.99, 1.0]]), np.array([1.0, 0.9])
+    return float(slope @ np.linalg.solve(information, slope) / 2)
 
 
 @given(frames=st.integers(1, 40_000))

@@ -27,6 +27,8 @@ from mtpipe.crosschecking.twin import TwinMaker
 from mtpipe.diagnosis.evidence import evidence_of
 from mtpipe.drift import subtract_drift
 from mtpipe.errors import RecordingError
+from mtpipe.experiment.changes import with_magnets
+from mtpipe.experiment.description import ForceCourse
 from mtpipe.plateaus import find_plateaus
 from mtpipe.setup import Setup
 from mtpipe.tables import crosscheck_curves, crosscheck_table
@@ -261,6 +263,37 @@ def test_few_simulations_may_say_that_a_recording_is_far_off_and_not_that_it_agr
     agrees = check_bead(case(clean), generator(1))
     assert agrees.p_value > 0.01
     assert len(agrees.simulated) >= ENOUGH
+
+
+def test_how_far_off_few_simulations_have_to_say_is_for_the_asker(clean):
+    odd = case(shaken(clean, 10.0))
+    enough = check_bead(odd, generator(1), rounds=(12, 48))
+    assert enough.p_value < 1e-5
+    assert len(enough.simulated) == 48
+    assert len(check_bead(odd, generator(1), rounds=(12, 48), far_off=1e-3).simulated) == 12
+
+
+def test_a_check_goes_on_from_the_simulations_of_another(clean):
+    whole = check_bead(case(clean), generator(1), rounds=(20,))
+    random = generator(1)
+    begun = check_bead(case(clean), random, rounds=(12,))
+    more = check_bead(begun.case, random, rounds=(20,), begun=begun)
+    assert np.array_equal(more.simulated[:12], begun.simulated)
+    assert more.simulated.shape == whole.simulated.shape
+
+
+def test_theory_is_off_by_the_same_all_through_a_plateau(clean):
+    """A plateau whose force changes is played in pieces; moves are by themselves."""
+    prepared = case(clean)
+    model = prepared.fit.model
+    courses = (ForceCourse(0.1), ForceCourse(), ForceCourse(0.3, "step", 0.5))
+    model = replace(model, experiment=with_magnets(model.experiment, courses=courses))
+    maker = TwinMaker(replace(prepared, fit=replace(prepared.fit, model=model)))
+    first = maker.first_of.tolist()
+    assert len(first) == len(maker.variants[0])
+    pieces = sorted(first.count(one) for one in set(first))
+    assert pieces[-2:] == [2, 10]
+    assert set(pieces[:-2]) == {1}
 
 
 def test_curves_are_of_enough_simulations_and_change_nothing_else(clean):

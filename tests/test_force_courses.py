@@ -55,6 +55,7 @@ def fitted(experiment, seed):
         forces = force * (1 + np.array(changes))
         states = [bead_state(experiment, float(f)) for f in forces]
         motion = simulate_motion(list(zip(states, frames, strict=True)), experiment.camera, random)
+        motion[:, 2] += height_within_pieces(experiment, i, force, FRAMES)
         positions.append(recorded(motion, np.repeat(forces, frames), experiment, random))
     phi = [whitening(x, FRAME_S) for x in positions]
     data = tuple(plateau_data(x, FRAME_S, p) for x, p in zip(positions, phi, strict=True))
@@ -175,6 +176,12 @@ def test_a_course_has_its_mean_and_its_change(course):
     assert sum(frames for _, frames in pieces) == FRAMES
     assert sum(change * frames for change, frames in pieces) / FRAMES == pytest.approx(0, abs=2e-3)
     assert len(pieces) < 5 if course.kind == "step" else len(pieces) > 10
+
+
+@pytest.mark.parametrize(("change", "pieces"), [(0.01, 4), (0.12, 12), (-0.6, 24)])
+def test_the_less_a_force_changes_the_fewer_pieces_play_it(change, pieces):
+    courses = (ForceCourse(change),) * 3
+    assert len(force_pieces(with_magnets(STEADY, courses=courses), 0, FRAMES)) == pieces
 
 
 def test_a_steady_plateau_is_played_in_one_piece():

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 import math
 from collections.abc import Sequence
 
@@ -13,7 +14,8 @@ from mtpipe.battery.observed import Observed
 from mtpipe.physics.camera import FloatArray
 from mtpipe.recording import AXES
 
-AVERAGES = (1, 4, 16, 64, 256)
+GROWTH = 4
+AVERAGES = tuple(GROWTH**k for k in range(5))
 FEWEST_BLOCKS = 16
 # Positions are folded at a length and binned; periods of pixels lie between those given.
 FOLD_NM, FOLD_BINS = 2560.0, 512
@@ -33,23 +35,24 @@ def moments(seen: Sequence[Observed]) -> Values:
     change neither value where it is that of a normal distribution (`nearly_normal_skewness`,
     `nearly_normal_kurtosis`).
     """
-    values: Values = []
-    for statistic, power, scale in (
-        ("skewness", 3, nearly_normal_skewness),
-        ("kurtosis", 4, nearly_normal_kurtosis),
-    ):
+    scales = {"skewness": nearly_normal_skewness, "kurtosis": nearly_normal_kurtosis}
+    each: dict[tuple[str, str], list[float]] = {}
+    for one in seen:
         for axis, name in enumerate(AXES):
-            each = []
-            for i, one in enumerate(seen):
-                x = one.position_nm[:, axis]
-                x = x[np.isfinite(x)]
-                x = (x - x.mean()) / x.std()
-                square = x * x
-                each.append(scale(float(np.mean(square * (x if power == 3 else square)))))
-                values.append((Look(statistic, name, (i,)), each[-1]))
-            if len(each) > 1:
-                look = Look(statistic, name, tuple(range(len(seen))), pooled=True)
-                values.append((look, float(np.mean(each))))
+            x = one.position_nm[:, axis]
+            x = x[np.isfinite(x)]
+            x = (x - x.mean()) / x.std()
+            square = x * x
+            for statistic, other in (("skewness", x), ("kurtosis", square)):
+                moment = float(square @ other) / len(x)
+                each.setdefault((statistic, name), []).append(scales[statistic](moment))
+    values: Values = []
+    for statistic, name in itertools.product(scales, AXES):
+        found = each[statistic, name]
+        values += [(Look(statistic, name, (i,)), value) for i, value in enumerate(found)]
+        if len(found) > 1:
+            look = Look(statistic, name, tuple(range(len(seen))), pooled=True)
+            values.append((look, float(np.mean(found))))
     return values
 
 
@@ -72,12 +75,13 @@ def allan(seen: Sequence[Observed]) -> Values:
     """ln of the Allan variance of means over m frames, m growing fourfold."""
     values: Values = []
     for i, one in enumerate(seen):
-        series = one.bridged_nm
+        means = one.bridged_nm
         for m in AVERAGES:
-            blocks = series.shape[1] // m
-            if blocks < FEWEST_BLOCKS:
+            if m > 1:
+                blocks = means.shape[1] // GROWTH
+                means = means[:, : blocks * GROWTH].reshape(3, blocks, GROWTH).mean(axis=2)
+            if means.shape[1] < FEWEST_BLOCKS:
                 break
-            means = series[:, : blocks * m].reshape(3, blocks, m).mean(axis=2)
             variance = 0.5 * np.mean(np.diff(means) ** 2, axis=1)
             band = (1 / (4 * m * one.frame_s), 1 / (2 * m * one.frame_s))
             for axis, name in enumerate(AXES):
@@ -112,7 +116,7 @@ def fractional_pixel(seen: Sequence[Observed], longest_nm: FloatArray) -> Values
                 continue
             camera = one.position_nm[:, axis] + one.camera_offset_nm[:, axis]
             camera = camera[np.isfinite(camera)]
-            bins = (np.mod(camera, FOLD_NM) * (FOLD_BINS / FOLD_NM)).astype(np.int64) % FOLD_BINS
+            bins = np.floor(camera * (FOLD_BINS / FOLD_NM)).astype(np.int64) % FOLD_BINS
             counts = np.bincount(bins, minlength=FOLD_BINS)
             amplitude = np.abs(fft.rfft(counts.astype(float)))[1:] / len(camera)
             value = float(np.log(amplitude[searched].max()))

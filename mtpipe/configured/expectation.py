@@ -209,8 +209,9 @@ class _Played:
 
     Attributes
     ----------
-    nodes : force over its mean, less 1. transforms : (nodes, segments, length//2 + 1) of the recorded
-        z, and means : (nodes,) of the height, per nm of height at each.
+    nodes : force over its mean, less 1.
+    transforms : (nodes, segments, length//2 + 1) of the recorded z, and means : (nodes,) of the
+        height, per nm of height at each.
     standing, share : force over its mean, less 1, that stands for spectra, and for how much of the
         time.
     """

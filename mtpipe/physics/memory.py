@@ -20,10 +20,8 @@ from scipy import linalg
 from mtpipe.physics.camera import FloatArray
 
 WATER_KG_PER_M3 = 1000.0
-# Rates of the decays about that of each mode with so much of the variance.
-RATES = np.concatenate(
-    [[0.03, 0.1, 0.25, 0.5, 0.7, 0.85, 1.0, 1.2, 1.5], np.geomspace(2.2, 1e5, 10)]
-)
+# Rates of the decays, besides those of the modes, about that of each with so much of the variance.
+RATES = np.concatenate([[0.03, 0.1, 0.25, 0.5, 0.7, 0.85, 1.2, 1.5], np.geomspace(2.2, 1e5, 10)])
 LEAST_SHARE = 0.02
 # They are fitted at so many frequencies, from far below the slowest such mode to far above the
 # fastest. That variance and power at frequency 0 are those without memory counts like EXACT ones.
@@ -68,16 +66,21 @@ def remembering(
     """
     total = variance_nm2.sum()
     main = variance_nm2 > LEAST_SHARE * total
-    rates = np.unique(np.concatenate([1 / tau_s, np.outer(1 / tau_s[main], RATES).ravel()]))
-    ends = BELOW / tau_s[main].max(), ABOVE / tau_s[main].min()
-    omega = np.geomspace(*ends, POINTS)
+    rates = np.concatenate([1 / tau_s, np.outer(1 / tau_s[main], RATES).ravel()])
+    low, high = BELOW / tau_s[main].max(), ABOVE / tau_s[main].min()
+    omega = low * (high / low) ** (np.arange(POINTS) / (POINTS - 1))
     without = _power(omega, tau_s) @ variance_nm2
     target = power_with_memory(omega, tau_s, variance_nm2, memory_s) / without
-    kept = EXACT * np.vstack([np.ones_like(rates) / total, 1 / rates / (variance_nm2 @ tau_s)])
-    of_each = np.vstack([_power(omega, 1 / rates) / without[:, None], kept])
-    size = np.sqrt(np.sum(of_each**2, axis=0))
+    of_each = np.empty((POINTS + 2, len(rates)), order="F")
+    of_each[:POINTS] = _power(omega, 1 / rates) / without[:, None]
+    of_each[POINTS] = EXACT / total
+    of_each[POINTS + 1] = EXACT / (rates * (variance_nm2 @ tau_s))
+    size = np.sqrt(np.einsum("fi,fi->i", of_each, of_each))
+    of_each /= size
     wanted = np.append(target, [EXACT, EXACT])
-    found = linalg.lstsq(of_each / size, wanted, cond=1e-11, lapack_driver="gelsy")[0]
+    found = linalg.lstsq(
+        of_each, wanted, cond=1e-11, lapack_driver="gelsy", overwrite_a=True, check_finite=False
+    )[0]
     return np.asarray(1 / rates), np.asarray(found / size)
 
 
