@@ -17,7 +17,7 @@ from mtpipe.configured import fit as fit_module
 from mtpipe.configured import spectra
 from mtpipe.configured.data import plateau_data
 from mtpipe.configured.expectation import Subtraction
-from mtpipe.configured.fit import fit_configured, gradient_of, nearby_fit, slopes
+from mtpipe.configured.fit import STUCK, fit_configured, gradient_of, nearby_fit, slopes
 from mtpipe.configured.model import ConfiguredModel
 from mtpipe.configured.spectra import edges_about, matrix_periodogram, quick_length
 from mtpipe.configured.three_axes import inverses
@@ -511,6 +511,16 @@ def test_a_step_that_goes_too_far_is_shortened(parabola, share, most):
     assert found.converged
     assert found.log_likelihood == pytest.approx(best_of_parabola(), abs=5e-3)
     assert len(looks) <= most
+
+
+def test_a_fit_whose_steps_raise_nothing_ends(parabola, monkeypatch):
+    """The slope promises more than there is: of the bend next to nothing is left to climb."""
+    model, looks = parabola(bound=10.0)
+    monkeypatch.setattr(fit_module, "gradient_of", lambda *_: np.array([30.0, -30.0]))
+    model.log_likelihood = lambda expected, theta: looks.append(theta) or 1e-5 * len(looks)
+    found = fit_configured(model, np.zeros(2), rounds=100)
+    assert not found.converged
+    assert len(looks) <= 1 + 2 * STUCK
 
 
 def best_of_parabola():

@@ -47,6 +47,9 @@ MOST_MOVED, MOST_CORRELATED = 2.0, 0.999
 # Where a step has failed the next one tried promises at most this share of its rise: one that is
 # hardly shorter fails as well.
 SHORTER = 0.8
+# Where no step succeeds, or so many one after the other raise nothing, the fit ends; as arrived if
+# they promised no more than this.
+STUCK, NEARLY_NATS = 3, 0.1
 # A step that raises ln likelihood by less than this share of what its slope promises (a half where
 # the curvature is as expected) has gone too far.
 OVERSHOT = 0.25
@@ -129,7 +132,7 @@ def fit_configured(
     theta = first_guess(model) if start is None else np.clip(start, model.lower, model.upper)
     expected = model.all_expected(theta)
     value = model.log_likelihood(expected, theta)
-    damping, converged = 1e-3, False
+    damping, converged, idle = 1e-3, False, 0
     for _ in range(rounds):
         derivatives = slopes(model, theta, expected)
         gradient = gradient_of(model, model.data, theta, expected, derivatives)
@@ -154,7 +157,7 @@ def fit_configured(
             failed = rise
             damping = max(damping, 1e-4) * 8
         if not moved:
-            converged = rise < 0.1
+            converged = rise < NEARLY_NATS
             break
         gained = there - value
         if gained < OVERSHOT * rise:
@@ -166,8 +169,12 @@ def fit_configured(
                 gained = there - value
         theta, expected, value = trial, following, there
         damping = damping / 6 if damping > 1e-9 else 0.0
+        idle = idle + 1 if gained < arrived else 0
         if gained < arrived and rise < 2 * arrived + 1e-2:
             converged = True
+            break
+        if idle == STUCK:
+            converged = rise < NEARLY_NATS
             break
     return ConfiguredFit(model, theta, expected, value, converged)
 
