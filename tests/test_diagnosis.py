@@ -366,16 +366,37 @@ def test_of_effects_that_are_nearly_as_likely_the_battery_decides(first_p, net, 
     first, rival = (
         stand_in(*one) for one in (("first", 30.0, 1e-12, first_p), ("rival", net, 1e-12, rival_p))
     )
-    found = better_judged(first, [rival.found], lambda one: rival)
+    found = better_judged(first, [rival.found], as_it_was, lambda *_: rival)
     assert found.name == taken
+
+
+def as_it_was(one):
+    return one
+
+
+def test_a_rival_is_judged_as_it_is_when_fitted_again():
+    """The formula of the chain that suits it better may be worth more than what it was behind."""
+    first, rival = stand_in("first", 30.0, 1e-12, 0.05), stand_in("rival", 27.5, 1e-12, 0.3)
+    again = replace(rival, found=replace(rival.found, gain=rival.found.gain + 9.0))
+    asked = []
+
+    def checked(chosen, one):
+        asked.append((chosen, one))
+        return again
+
+    found = better_judged(first, [rival.found], lambda one: again.found, checked)
+    assert found is again
+    assert asked == [(rival.found, again.found)]
+    assert better_judged(first, [rival.found], as_it_was, checked) is first
 
 
 def test_a_rival_that_is_rejected_or_cannot_win_takes_no_place():
     first, rival = stand_in("first", 30.0, 1e-12, 0.1), stand_in("rival", 29.9, 1e-12, 0.9)
-    assert better_judged(first, [rival.found], lambda one: Rejected(one, "")) is first
+    assert better_judged(first, [rival.found], as_it_was, lambda *_: Rejected(None, "")) is first
     # ln 2 is all that the first can lose
     hopeless = stand_in("hopeless", 29.2, 1e-12, 0.9)
-    assert better_judged(first, [hopeless.found], lambda one: pytest.fail("asked")) is first
+    asked = functools.partial(pytest.fail, "asked")
+    assert better_judged(first, [hopeless.found], as_it_was, lambda *_: asked()) is first
 
 
 @pytest.mark.parametrize(

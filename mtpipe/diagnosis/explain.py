@@ -245,7 +245,7 @@ def _searched(
         while candidates:
             one = candidates.pop(0)
             say(f"checking with {one.effect.name}")
-            found = _named(one, tried, check, case, random)
+            found = _named(one, _refitted(one, check), tried, check, case, random)
             if isinstance(found, Named):
                 break
             rejected.append(found)
@@ -260,6 +260,7 @@ def _searched(
         found = better_judged(
             found,
             rivals,
+            partial(_refitted, check=check),
             partial(_named, tried=tried, check=check, case=case, random=random, agreeing=True),
         )
         named.append(found)
@@ -268,7 +269,10 @@ def _searched(
 
 
 def better_judged(
-    found: Named, rivals: Sequence[Tried], checked: Callable[[Tried], Named | Rejected]
+    found: Named,
+    rivals: Sequence[Tried],
+    refitted: Callable[[Tried], Tried],
+    checked: Callable[[Tried, Tried], Named | Rejected],
 ) -> Named:
     """Of effects that are nearly as likely, the one that likelihood and battery together speak for.
 
@@ -276,14 +280,16 @@ def better_judged(
 
     Parameters
     ----------
-    found : the likeliest. rivals : those that are alike, best first. checked : checks one, which is
-        rejected where recording and simulation do not agree with it.
+    found : the likeliest, which has been fitted again since. rivals : those that are alike, best
+        first. refitted : fits one again, too. checked : checks one, as it was and as it is, which
+        is rejected where recording and simulation do not agree with it.
     """
 
-    for one in rivals:
+    for rival in rivals:
+        one = refitted(rival)
         if _judged(one, CLEARLY_CONSISTENT) <= _judged(found.found, found.after.p_value):
             continue
-        other = checked(one)
+        other = checked(rival, one)
         if isinstance(other, Rejected):
             continue
         found = max(found, other, key=lambda named: _judged(named.found, named.after.p_value))
@@ -359,8 +365,15 @@ def alike(
     )
 
 
+def _refitted(chosen: Tried, check: BeadCheck) -> Tried:
+    """The effect with forces begun afresh and the formula of the chain that suits it best."""
+    fit = best_formula(begun_again(with_forces_found(chosen, check).fit))
+    return replace(chosen, fit=fit, gain=fit.log_likelihood - check.case.fit.log_likelihood)
+
+
 def _named(
     chosen: Tried,
+    one: Tried,
     tried: Sequence[Tried],
     check: BeadCheck,
     case: Case,
@@ -373,20 +386,20 @@ def _named(
 
     Parameters
     ----------
+    chosen, one : as it was tried, and as it is (`_refitted`). tried : all that were.
+    check : without it. case : without any effect.
     agreeing : whether it is wanted only if recording and simulation agree with it.
     """
     without = check.case.fit
-    fit = best_formula(begun_again(with_forces_found(chosen, check).fit))
-    one = replace(chosen, fit=fit, gain=fit.log_likelihood - without.log_likelihood)
     if gained_by_motion(one) < ALIKE_NATS:
         reason = f"gains {one.gain:.0f} nats, and as many without being seen to move"
         return Rejected(one, reason, unseen=True)
-    heldout = heldout_gain(case, without, fit)
+    heldout = heldout_gain(case, without, one.fit)
     if heldout <= 0:
         return Rejected(one, f"gains {one.gain:.0f} nats, but none on time that was not fitted")
     try:
         far_off = RULED_OUT if agreeing else FAR_OFF
-        after = check_bead(replace(case, fit=fit), random, far_off=far_off)
+        after = check_bead(replace(case, fit=one.fit), random, far_off=far_off)
     except (FitError, ValueError) as error:
         return Rejected(one, f"gains {one.gain:.0f} nats, but cannot be simulated ({error})")
     if agreeing and after.p_value < AGREES_P:
