@@ -450,22 +450,23 @@ def test_experiments_asked_for_together_are_expected_as_one_by_one(fitted):
     assert refused == 2 * len(others)
 
 
+BEND, SLOPE = np.array([[1.0, 0.99], [0.99, 1.0]]), np.array([1.0, 0.9])
+PEAK = np.linalg.solve(BEND, SLOPE)
+
+
 @pytest.fixture
 def parabola(monkeypatch):
     """Of a bound of the first of two coordinates, and what each look at the likelihood takes off
     it: a model whose likelihood is a parabola with its peak far beyond the bound, and how often it
     was looked at. `expected_share` : of its bend is expected.
     """
-    information, slope = np.array([[1.0, 0.99], [0.99, 1.0]]), np.array([1.0, 0.9])
-    expected = {"share": 1.0}
 
     def made(bound, lost=0.0, expected_share=1.0):
-        expected["share"] = expected_share
         looks = []
 
         def log_likelihood(expected, theta):
             looks.append(theta)
-            return float(slope @ theta - theta @ information @ theta / 2) - lost * len(looks)
+            return float(SLOPE @ theta - theta @ BEND @ theta / 2) - lost * len(looks)
 
         model = SimpleNamespace(
             lower=np.full(2, -10.0),
@@ -473,14 +474,15 @@ def parabola(monkeypatch):
             data=(),
             all_expected=lambda theta: [],
             log_likelihood=log_likelihood,
+            information=expected_share * BEND,
         )
         return model, looks
 
     monkeypatch.setattr(fit_module, "slopes", lambda *_: [])
     monkeypatch.setattr(
-        fit_module, "gradient_of", lambda model, data, theta, *_: slope - information @ theta
+        fit_module, "gradient_of", lambda model, data, theta, *_: SLOPE - BEND @ theta
     )
-    monkeypatch.setattr(fit_module, "information_of", lambda *_: expected["share"] * information)
+    monkeypatch.setattr(fit_module, "information_of", lambda model, *_: model.information)
     return made
 
 
@@ -495,8 +497,7 @@ def test_a_fit_goes_on_where_a_bound_turns_its_step_round(parabola):
 def test_a_step_that_changes_nothing_is_not_tried_again_and_again(parabola):
     """At the peak, where rounding makes each look a little worse."""
     model, looks = parabola(bound=10.0, lost=1e-7)
-    peak = np.linalg.solve([[1.0, 0.99], [0.99, 1.0]], [1.0, 0.9])
-    found = fit_configured(model, peak)
+    found = fit_configured(model, PEAK)
     assert found.converged
     assert len(looks) == 2
 
@@ -509,7 +510,7 @@ def test_a_step_that_goes_too_far_is_shortened(parabola, share, most):
     model, looks = parabola(bound=10.0, expected_share=share)
     found = fit_configured(model, np.array([3.0, 2.0]))
     assert found.converged
-    assert found.log_likelihood == pytest.approx(best_of_parabola(), abs=5e-3)
+    assert found.log_likelihood == pytest.approx(SLOPE @ PEAK / 2, abs=5e-3)
     assert len(looks) <= most
 
 
@@ -521,11 +522,6 @@ def test_a_fit_whose_steps_raise_nothing_ends(parabola, monkeypatch):
     found = fit_configured(model, np.zeros(2), rounds=100)
     assert not found.converged
     assert len(looks) <= 1 + 2 * STUCK
-
-
-def best_of_parabola():
-    information, slope = np.array([[1.0, 0.99], [0.99, 1.0]]), np.array([1.0, 0.9])
-    return float(slope @ np.linalg.solve(information, slope) / 2)
 
 
 @given(frames=st.integers(1, 40_000))

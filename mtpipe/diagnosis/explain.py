@@ -245,7 +245,7 @@ def _searched(
         while candidates:
             one = candidates.pop(0)
             say(f"checking with {one.effect.name}")
-            found = _named(one, _refitted(one, check), tried, check, case, random)
+            found = _named(_refitted(one, check), check, case, random)
             if isinstance(found, Named):
                 break
             rejected.append(found)
@@ -261,9 +261,9 @@ def _searched(
             found,
             rivals,
             partial(_refitted, check=check),
-            partial(_named, tried=tried, check=check, case=case, random=random, agreeing=True),
+            partial(_named, check=check, case=case, random=random, far_off=RULED_OUT),
         )
-        named.append(found)
+        named.append(_beside(found, tried, {found.name}, case))
         check, fit = found.after, found.after.case.fit
     return named, check, nearest
 
@@ -272,25 +272,25 @@ def better_judged(
     found: Named,
     rivals: Sequence[Tried],
     refitted: Callable[[Tried], Tried],
-    checked: Callable[[Tried, Tried], Named | Rejected],
+    checked: Callable[[Tried], Named | Rejected],
 ) -> Named:
     """Of effects that are nearly as likely, the one that likelihood and battery together speak for.
 
-    A p-value that is clearly consistent is as good as any; below, its ln is lost.
+    A p-value that is clearly consistent is as good as any; below, its ln is lost. A rival takes the
+    place only if recording and simulation agree with it.
 
     Parameters
     ----------
     found : the likeliest, which has been fitted again since. rivals : those that are alike, best
-        first. refitted : fits one again, too. checked : checks one, as it was and as it is, which
-        is rejected where recording and simulation do not agree with it.
+        first. refitted : fits one again, too. checked : checks one.
     """
 
     for rival in rivals:
         one = refitted(rival)
         if _judged(one, CLEARLY_CONSISTENT) <= _judged(found.found, found.after.p_value):
             continue
-        other = checked(rival, one)
-        if isinstance(other, Rejected):
+        other = checked(one)
+        if isinstance(other, Rejected) or other.after.p_value < AGREES_P:
             continue
         found = max(found, other, key=lambda named: _judged(named.found, named.after.p_value))
     return found
@@ -322,10 +322,16 @@ def _with_alternatives(
     except (FitError, ValueError):
         return replace(one, alternatives=())
     tried = try_effects(without, effects, one.found.evidence, beside=bool(others))
+    return _beside(one, tried, {other.name for other in named}, case)
+
+
+def _beside(one: Named, tried: Sequence[Tried], names: Collection[str], case: Case) -> Named:
+    """The effect with those of all that were tried as it was, none of them better fitted than the
+    others, which are alike and not named.
+    """
     own = next((other for other in tried if other.effect.name == one.name), None)
     if own is None:
         return replace(one, alternatives=())
-    names = {other.name for other in named}
     return replace(one, alternatives=alike(own, tried, names, partial(_foretold, case)))
 
 
@@ -372,23 +378,19 @@ def _refitted(chosen: Tried, check: BeadCheck) -> Tried:
 
 
 def _named(
-    chosen: Tried,
     one: Tried,
-    tried: Sequence[Tried],
     check: BeadCheck,
     case: Case,
     random: np.random.Generator,
     *,
-    agreeing: bool = False,
+    far_off: float = FAR_OFF,
 ) -> Named | Rejected:
     """The effect, checked; rejected where it is not seen to move, tells nothing of time that was
     not fitted, cannot be simulated, or makes recording and simulation differ even more.
 
     Parameters
     ----------
-    chosen, one : as it was tried, and as it is (`_refitted`). tried : all that were.
-    check : without it. case : without any effect.
-    agreeing : whether it is wanted only if recording and simulation agree with it.
+    check : without it. case : without any effect. far_off : as `check_bead`.
     """
     without = check.case.fit
     if gained_by_motion(one) < ALIKE_NATS:
@@ -398,18 +400,13 @@ def _named(
     if heldout <= 0:
         return Rejected(one, f"gains {one.gain:.0f} nats, but none on time that was not fitted")
     try:
-        far_off = RULED_OUT if agreeing else FAR_OFF
         after = check_bead(replace(case, fit=one.fit), random, far_off=far_off)
     except (FitError, ValueError) as error:
         return Rejected(one, f"gains {one.gain:.0f} nats, but cannot be simulated ({error})")
-    if agreeing and after.p_value < AGREES_P:
-        return Rejected(one, f"gains {one.gain:.0f} nats, but leaves p {after.p_value:.1g}")
     p_before, p_after = comparable_p_values(check, after)
     if p_after < min(ALARM_P, p_before**MORE_ODD):
         return Rejected(one, _more_odd(one, check, after))
-    # all as they were tried, so that none has been fitted better than the others
-    alternatives = alike(chosen, tried, {one.effect.name}, partial(_foretold, case))
-    return Named(one, alternatives, check, after, heldout)
+    return Named(one, (), check, after, heldout)
 
 
 def _too_little(one: Tried, needed: float) -> str:
