@@ -14,7 +14,7 @@ from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
 from mtpipe.errors import MtpipeError, RecordingError, SetupError
-from mtpipe.ingest import load, text
+from mtpipe.ingest import load
 from mtpipe.recording import Recording
 from tests.ingest_recordings import RATE, canonical_lines, codes, motion, setup_of, write
 
@@ -144,7 +144,7 @@ def test_a_file_that_is_no_table_says_so(tmp_path, content, what):
 
 
 def test_a_fault_far_down_is_found_beyond_the_first_blocks(tmp_path, monkeypatch):
-    monkeypatch.setattr(text, "BLOCK_BYTES", 4096)
+    monkeypatch.setattr("mtpipe.ingest.lines.BLOCK_BYTES", 4096)
     lines = faulty(set_cell(180, 4, "1.2.3"))
     path = write(tmp_path / "recording.csv", lines)
     with pytest.raises(RecordingError, match=r"'1\.2\.3' is no number") as caught:
@@ -154,7 +154,7 @@ def test_a_fault_far_down_is_found_beyond_the_first_blocks(tmp_path, monkeypatch
 
 def test_arrays_that_grow_keep_every_number(tmp_path, monkeypatch):
     monkeypatch.setattr("mtpipe.ingest.collect.FIRST_ROWS", 16)
-    monkeypatch.setattr(text, "BLOCK_BYTES", 2048)
+    monkeypatch.setattr("mtpipe.ingest.lines.BLOCK_BYTES", 2048)
     positions = motion(500)
     recording = load(write(tmp_path / "r.csv", canonical_lines(positions)), setup_of())
     np.testing.assert_array_equal(recording.positions_nm["b1"], positions["b1"])

@@ -13,7 +13,7 @@ import zlib
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import BinaryIO, cast
+from typing import cast
 
 import numpy as np
 import pyarrow as pa
@@ -21,10 +21,10 @@ import pyarrow.csv as arrow_csv
 
 from mtpipe.errors import RecordingError
 from mtpipe.ingest.files import open_stream
+from mtpipe.ingest.lines import line_blocks
 from mtpipe.ingest.source import Delimiter, Layout
 from mtpipe.recording import FloatArray
 
-BLOCK_BYTES = 1 << 20  # pyarrow reads some 30 blocks ahead
 MARKS: dict[Delimiter, str] = {"comma": ",", "tab": "\t", "semicolon": ";", "whitespace": "\t"}
 LOST_TOKENS = (
     "", "nan", "NaN", "NAN", "-nan", "-NaN", "NA", "N/A", "n/a", "NULL", "null", "None", "--",
@@ -65,35 +65,32 @@ class TextTable:
         """
         names = [str(i) for i in range(len(self.names))]
         chosen = [names[i] for i in wanted]
-        tabbed, plain = self.delimiter == "whitespace", _is_ascii_like(self.encoding)
+        parse = arrow_csv.ParseOptions(delimiter=MARKS[self.delimiter])
+        convert = arrow_csv.ConvertOptions(
+            include_columns=list(dict.fromkeys(chosen)),
+            column_types=dict.fromkeys(chosen, pa.float64()),
+            null_values=[*LOST_TOKENS, *INFINITE_TOKENS, *self.lost_tokens],
+            decimal_point=self.decimal,
+        )
+        tabbed = self.delimiter == "whitespace"
         rows = 0
         with open_stream(self.path) as stream:
             try:
-                reader = arrow_csv.open_csv(
-                    _Tabbed(stream, self.encoding) if tabbed else stream,
-                    read_options=arrow_csv.ReadOptions(
-                        column_names=names,
-                        skip_rows=self.skip,
-                        block_size=BLOCK_BYTES,
-                        encoding="utf8" if tabbed or plain else self.encoding,
-                    ),
-                    parse_options=arrow_csv.ParseOptions(delimiter=MARKS[self.delimiter]),
-                    convert_options=arrow_csv.ConvertOptions(
-                        include_columns=list(dict.fromkeys(chosen)),
-                        column_types=dict.fromkeys(chosen, pa.float64()),
-                        null_values=[*LOST_TOKENS, *INFINITE_TOKENS, *self.lost_tokens],
-                        decimal_point=self.decimal,
-                    ),
-                )
-                for batch in reader:
-                    rows += batch.num_rows
-                    yield [_array(batch.column(c)) for c in chosen]
+                for block in line_blocks(stream, self.encoding, skip=self.skip, tabbed=tabbed):
+                    read = arrow_csv.ReadOptions(
+                        column_names=names, block_size=block.size, use_threads=False
+                    )
+                    table = arrow_csv.read_csv(pa.BufferReader(block), read, parse, convert)
+                    rows += table.num_rows
+                    yield [_array(table.column(c)) for c in chosen]
             except DAMAGE as error:
                 raise RecordingError(
                     f"is damaged or cut off after {rows} rows ({error})", where=str(self.path)
                 ) from None
-            except (pa.ArrowException, UnicodeError) as error:
+            except pa.ArrowException as error:
                 raise self._located(wanted, rows, error) from None
+        if not rows:
+            raise RecordingError("has no rows of numbers", where=str(self.path))
 
     def _located(self, wanted: Sequence[int], rows: int, error: Exception) -> RecordingError:
         """Go through the lines after `rows` good rows to find the one at fault."""
@@ -114,8 +111,6 @@ class TextTable:
                         )
         except (*DAMAGE, csv.Error) as damage:
             return RecordingError(f"is damaged ({damage})", where=str(self.path))
-        if "Empty CSV" in str(error):
-            return RecordingError("has no rows of numbers", where=str(self.path))
         reason = str(error).splitlines()[0][:200]
         return RecordingError(f"is no table of numbers ({reason})", where=str(self.path))
 
@@ -222,32 +217,5 @@ def _is_number(cell: str, decimal: str) -> bool:
     return True
 
 
-def _is_ascii_like(encoding: str) -> bool:
-    """Whether numbers and separators are the same bytes in this encoding as in UTF-8."""
-    return "0.,;\t\n".encode(encoding) in (b"0.,;\t\n", b"\xef\xbb\xbf0.,;\t\n")
-
-
-def _array(column: pa.Array) -> FloatArray:
-    return cast(FloatArray, column.to_numpy(zero_copy_only=False)).astype(np.float64, copy=False)
-
-
-class _Tabbed(io.RawIOBase):
-    """A stream in which every run of blanks within a line has become one tab."""
-
-    def __init__(self, stream: BinaryIO, encoding: str) -> None:
-        self._lines = io.TextIOWrapper(stream, encoding=encoding, errors="replace")
-        self._ready = b""
-
-    def readable(self) -> bool:
-        """Whether it can be read: it can."""
-        return True
-
-    def read(self, size: int = -1) -> bytes:
-        """The next bytes; nothing at the end of the file."""
-        while len(self._ready) < size:
-            lines = self._lines.readlines(BLOCK_BYTES)
-            if not lines:
-                break
-            self._ready += "\n".join(["\t".join(line.split()) for line in lines] + [""]).encode()
-        piece, self._ready = self._ready[:size], self._ready[size:]
-        return piece
+def _array(column: pa.ChunkedArray) -> FloatArray:
+    return cast(FloatArray, column.to_numpy()).astype(np.float64, copy=False)
