@@ -13,9 +13,9 @@ from collections.abc import Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
-from scipy import interpolate
 
 from mtpipe.configured.data import PlateauData
+from mtpipe.configured.height_course import Course, nodes_of, played
 from mtpipe.configured.layers import Steady, steady_of
 from mtpipe.configured.motions import DIAGONAL, Motion, motions
 from mtpipe.configured.spectra import Transform
@@ -24,7 +24,7 @@ from mtpipe.configured.walk import line_of
 from mtpipe.drift.lowpass import response
 from mtpipe.errors import FitError
 from mtpipe.experiment.description import Experiment, ForceCourse, Line, Triple
-from mtpipe.experiment.readout import force_course, recorded_height_nm
+from mtpipe.experiment.readout import recorded_height_nm
 from mtpipe.experiment.state import recorded_modes
 from mtpipe.physics.camera import Camera, FloatArray, power_spectrum
 from mtpipe.window_power import with_noise
@@ -33,9 +33,6 @@ from mtpipe.window_power import with_noise
 LEAST_HEIGHT_STDERR_NM = 0.1
 DIFFERENCE = 1e-3
 LEAST_POWER = 1e-6
-# So many forces stand for a plateau during which the force changes; fewer, and of spectra their
-# mean alone, where it changes by less than so much.
-COURSE_POINTS, FEWER_POINTS, SMALL_CHANGE = 5, 3, 0.1
 
 
 @dataclass(frozen=True)
@@ -44,19 +41,6 @@ class Subtraction:
 
     cutoff_hz: tuple[float | None, float | None, float | None]
     noise_nm: tuple[float, float, float]
-
-
-@dataclass(frozen=True, eq=False)
-class Course:
-    """The height of a plateau during which the force changes.
-
-    Attributes
-    ----------
-    transform : as of the recorded z. power : (n_bins,) that z has of it.
-    """
-
-    transform: Transform
-    power: FloatArray
 
 
 @dataclass(frozen=True, eq=False)
@@ -190,63 +174,14 @@ def _in_course(one: Asked) -> _InCourse | FitError | None:
     """None where the force is steady."""
     if one.course.relative_change == 0:
         return None
-    played = _played(one.data, one.course, one.steady.experiment.camera.frame_s)
+    play = played(one.data, one.course, one.steady.experiment.camera.frame_s)
     try:
-        heights = [height_nm(one.steady, one.force_pN * (1 + node)) for node in played.nodes]
+        heights = [height_nm(one.steady, one.force_pN * (1 + node)) for node in play.nodes]
     except FitError as error:
         return error.with_traceback(None)
-    course = course_of(one.data, np.tensordot(heights, played.transforms, 1))
-    forces = (one.force_pN * (1 + played.standing)).tolist()
-    return _InCourse(float(played.means @ heights), course, forces, played.share)
-
-
-@dataclass(frozen=True, eq=False)
-class _Played:
-    """A force's course through a plateau, whatever the bead.
-
-    Heights follow from those at a few nodes: they bend with ln of the force, far less than they
-    rise with it.
-
-    Attributes
-    ----------
-    nodes : force over its mean, less 1.
-    transforms : (nodes, segments, length//2 + 1) of the recorded z, and means : (nodes,) of the
-        height, per nm of height at each.
-    standing, share : force over its mean, less 1, that stands for spectra, and for how much of the
-        time.
-    """
-
-    nodes: tuple[float, ...]
-    transforms: Transform
-    means: FloatArray
-    standing: FloatArray
-    share: FloatArray
-
-
-@functools.lru_cache(maxsize=64)
-def _played(data: PlateauData, course: ForceCourse, frame_s: float) -> _Played:
-    relative, nodes = _course_nodes(data, course, frame_s)
-    within = np.log1p(np.clip(relative, nodes[0], nodes[-1]))
-    of_each = interpolate.BarycentricInterpolator(np.log1p(nodes), np.eye(len(nodes)))(within).T
-    transforms = np.array([data.spectrum.transform_of(height, 2) for height in of_each])
-    if np.ptp(relative) < SMALL_CHANGE:
-        standing, share = np.zeros(1), np.ones(1)
-    else:
-        # of the time that counts for each node, linear between them; a step needs its two ends
-        share = np.array([np.interp(relative, nodes, row).mean() for row in np.eye(len(nodes))])
-        counts = share > 1e-3
-        standing, share = nodes[counts], share[counts] / share[counts].sum()
-    return _Played(tuple(nodes.tolist()), transforms, of_each.mean(axis=1), standing, share)
-
-
-@functools.lru_cache(maxsize=256)
-def _course_nodes(
-    data: PlateauData, course: ForceCourse, frame_s: float
-) -> tuple[FloatArray, FloatArray]:
-    """Force over its mean, less 1: of each frame, and at the nodes that stand for all of them."""
-    relative = force_course(course, round(data.duration_s / frame_s))
-    points = FEWER_POINTS if np.ptp(relative) < SMALL_CHANGE else COURSE_POINTS
-    return relative, np.linspace(relative.min(), relative.max(), points)
+    course = play.course(np.array(heights))
+    forces = (one.force_pN * (1 + play.standing)).tolist()
+    return _InCourse(course.mean_nm, course, forces, play.share)
 
 
 def height_nm(steady: Steady, force_pN: float) -> float:
@@ -257,11 +192,6 @@ def height_nm(steady: Steady, force_pN: float) -> float:
     FitError : the force is too small to keep the bead off the surface.
     """
     return recorded_height_nm(steady.experiment, steady.moving.core.state(force_pN))
-
-
-def course_of(data: PlateauData, transform: Transform) -> Course:
-    """A course of the height with its transform."""
-    return Course(transform, data.spectrum.common_power(transform, transform))
 
 
 def _at_steady_forces(
@@ -437,6 +367,6 @@ def know_states(
         states += forces
         course = experiment.magnets.course(plateau)
         if course.relative_change != 0:
-            nodes = _course_nodes(one, course, experiment.camera.frame_s)[1]
+            nodes = np.array(nodes_of(one, course, experiment.camera.frame_s))
             states += np.multiply.outer(forces, 1 + nodes).ravel().tolist()
     steady_of(experiment).moving.core.know(list(dict.fromkeys(states)))

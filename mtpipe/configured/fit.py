@@ -18,20 +18,18 @@ from mtpipe.configured.data import PlateauData
 from mtpipe.configured.expectation import (
     DIFFERENCE,
     Asked,
-    Course,
     Expectation,
     answered,
-    course_of,
     know_states,
     larger_pN,
 )
+from mtpipe.configured.height_course import Course
 from mtpipe.configured.layers import steady_of
 from mtpipe.configured.model import (
     ConfiguredModel,
     random_part,
     spectral_log_likelihood,
 )
-from mtpipe.configured.spectra import Transform
 from mtpipe.configured.walk import Walked, line_of, walked
 from mtpipe.errors import FitError
 from mtpipe.experiment.description import Experiment
@@ -279,7 +277,7 @@ class Slopes:
         extension_nm : (k,) per unit of each.
     inverse : (n_bins, 3, 3) inverse of that power. whitened : inverse · power slopes.
     walked : (k, 3) of the variance of where a walk ends.
-    course : (k,) transforms of the height's course per unit of each; empty: none has one.
+    course : of the height, weights (k, polynomials) per unit of each; None where there is none.
     """
 
     rows: list[int]
@@ -288,7 +286,7 @@ class Slopes:
     inverse: FloatArray
     whitened: FloatArray
     walked: FloatArray
-    course: Sequence[Transform] = ()
+    course: Course | None = None
 
 
 def slopes(model: ConfiguredModel, theta: FloatArray, expected: list[Expectation]) -> list[Slopes]:
@@ -338,18 +336,18 @@ def slopes(model: ConfiguredModel, theta: FloatArray, expected: list[Expectation
     return found
 
 
-def _course_slopes(
-    here: Expectation, others: Sequence[tuple[float, Expectation]]
-) -> list[Transform]:
-    known = next((one.course.transform for _, one in others if one.course is not None), None)
+def _course_slopes(here: Expectation, others: Sequence[tuple[float, Expectation]]) -> Course | None:
+    """Weights of the height's course per unit of each coordinate."""
+    known = next((one.course for _, one in others if one.course is not None), here.course)
     if known is None:
-        return []
-    steady = np.zeros_like(known)
-    at = steady if here.course is None else here.course.transform
-    return [
-        ((steady if other.course is None else other.course.transform) - at) / step
+        return None
+    steady = np.zeros_like(known.weights)
+    at = steady if here.course is None else here.course.weights
+    weights = [
+        ((steady if other.course is None else other.course.weights) - at) / step
         for step, other in others
     ]
+    return Course(known.shape, np.array(weights))
 
 
 def gradient_of(
@@ -372,8 +370,8 @@ def gradient_of(
             say = float(heights.end_pulls[i]), float(heights.end_sharpness[i])
             known = ends or _ends(one, here, slope).with_heights(*say, here.walked_nm2)
             gradient[slope.rows] += 0.5 * slope.walked @ (known.pull**2 - np.diag(known.seen))
-        if slope.course:
-            gradient[slope.rows] += _course_gradient(one, here, slope, ends)
+        if slope.course is not None:
+            gradient[slope.rows] += _course_gradient(one, here, slope, slope.course, ends)
     whitening = heights.whitening
     whitened = whitening.T @ heights.pulls
     gradient += height_slopes(derivatives, len(theta)).T @ whitened
@@ -394,7 +392,7 @@ def _ends(data: PlateauData, here: Expectation, slope: Slopes) -> Walked:
 
 
 def _course_gradient(
-    data: PlateauData, here: Expectation, slope: Slopes, ends: Walked | None
+    data: PlateauData, here: Expectation, slope: Slopes, course: Course, ends: Walked | None
 ) -> FloatArray:
     """(k,) how ln likelihood follows the height's course alone."""
     spectrum = data.spectrum
@@ -404,17 +402,16 @@ def _course_gradient(
     if ends is not None:
         lines = line_of(data).transforms
         rest = [one - end * line for one, end, line in zip(rest, ends.mean_nm, lines, strict=True)]
-    found = np.zeros(len(slope.course))
-    for axis, transform in enumerate(rest):
-        weight = 2 * spectrum.ordinates * slope.inverse[:, 2, axis]
-        found += spectrum.summed_common(weight, slope.course, [transform])[:, 0]
-    return found
+    weights = 2 * spectrum.ordinates[:, None] * slope.inverse[:, 2]
+    weighted = sum(spectrum.per_ordinate(w) * one for w, one in zip(weights.T, rest, strict=True))
+    return np.asarray(course.weights @ course.shape.in_common(np.asarray(weighted)))
 
 
-def _course_information(data: PlateauData, slope: Slopes) -> FloatArray:
+def _course_information(data: PlateauData, slope: Slopes, course: Course) -> FloatArray:
     """(k, k) what the height's course tells of the coordinates that move it."""
-    weight = 2 * data.spectrum.ordinates * slope.inverse[:, 2, 2]
-    return data.spectrum.summed_common(weight, slope.course, slope.course)
+    weight = data.spectrum.per_ordinate(2 * data.spectrum.ordinates * slope.inverse[:, 2, 2])
+    seen = course.shape.in_common_with_itself(weight)
+    return np.asarray(course.weights @ seen @ course.weights.T)
 
 
 def height_slopes(derivatives: Sequence[Slopes], coordinates: int) -> FloatArray:
@@ -454,8 +451,9 @@ def information_of(
             seen = _ends(data, here, slope).seen
             of_ends = 0.5 * slope.walked @ seen**2 @ slope.walked.T
             information[np.ix_(slope.rows, slope.rows)] += of_ends
-        if slope.course:
-            information[np.ix_(slope.rows, slope.rows)] += _course_information(data, slope)
+        if slope.course is not None:
+            of_course = _course_information(data, slope, slope.course)
+            information[np.ix_(slope.rows, slope.rows)] += of_course
     whitening = model.heights(model.data, expected, theta).whitening
     heights = whitening @ height_slopes(derivatives, n)
     information += heights.T @ heights
@@ -492,7 +490,7 @@ def nearby_fit(fit: ConfiguredFit, data: Sequence[PlateauData]) -> NearbyFit:
             here,
             random_power=_moved(here.random_power, np.tensordot(change[s.rows], s.power, 1)),
             extension_nm=here.extension_nm + float(change[s.rows] @ s.extension_nm),
-            course=_moved_course(one, here.course, s, change[s.rows]),
+            course=_moved_course(here.course, s.course, change[s.rows]),
             walked_nm2=np.maximum(here.walked_nm2 + change[s.rows] @ s.walked, 0.0),
             line_power=line_of(one).power if s.walked.any() else None,
         )
@@ -502,11 +500,11 @@ def nearby_fit(fit: ConfiguredFit, data: Sequence[PlateauData]) -> NearbyFit:
 
 
 def _moved_course(
-    data: PlateauData, course: Course | None, slope: Slopes, change: FloatArray
+    course: Course | None, slopes: Course | None, change: FloatArray
 ) -> Course | None:
-    if course is None:
-        return None
-    return course_of(data, course.transform + np.tensordot(change, np.array(slope.course), 1))
+    if course is None or slopes is None:
+        return course
+    return Course(course.shape, course.weights + change @ slopes.weights)
 
 
 def _moved(power: FloatArray, change: FloatArray) -> FloatArray:

@@ -251,8 +251,11 @@ class Heights:
         return self.whitening @ self.missed_nm
 
 
+@functools.lru_cache(maxsize=64)
 def power_about_course(data: PlateauData, expected: Expectation) -> FloatArray:
-    """(n_bins, 3, 3) recorded power apart from the expected course of the height."""
+    """(n_bins, 3, 3) recorded power apart from the expected course of the height; kept, as ln
+    likelihood and its gradient ask for the same.
+    """
     course = expected.course_transform
     return data.spectrum.power if course is None else data.spectrum.power_about(course, 2)
 

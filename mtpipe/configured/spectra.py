@@ -10,7 +10,6 @@ from __future__ import annotations
 import functools
 import itertools
 import math
-from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -82,22 +81,19 @@ class MatrixSpectrum:
         per_frame = self.windows[0].lags.expected(each)
         return np.asarray(2 * self.windows[0].frame_s * per_frame.T)
 
-    def summed_common(
-        self, weight: FloatArray, first: Sequence[Transform], second: Sequence[Transform]
-    ) -> FloatArray:
-        """(k, m) sums over bins of weight × what each two transforms have in common.
+    def per_ordinate(self, weight: FloatArray) -> FloatArray:
+        """(length//2 + 1,) by which ordinates of two transforms' product count in the sum over bins
+        of weight × what both have in common.
 
         Parameters
         ----------
-        weight : (n_bins,). first, second : k and m transforms.
+        weight : (n_bins,).
         """
-        edges = self.edges
-        each = np.zeros(self.used.shape[1] // 2 + 1)
-        width = np.diff(edges)
+        edges, width = self.edges, np.diff(self.edges)
         scale = 2 * self.windows[0].frame_s / self.used.sum()
+        each = np.zeros(self.used.shape[1] // 2 + 1)
         each[edges[0] : edges[-1]] = np.repeat(weight * scale / width, width)
-        weighted = np.array([(one * each).ravel() for one in first])
-        return np.asarray((weighted @ np.array([one.ravel() for one in second]).conj().T).real)
+        return each
 
     def power_about(self, motion: Transform, axis: int) -> FloatArray:
         """(n_bins, axes, axes) as `power`, with a known motion along an axis taken off."""
