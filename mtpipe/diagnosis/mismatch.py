@@ -21,6 +21,7 @@ from mtpipe.diagnosis.place import MOST_PLACES, bent_heights, located
 from mtpipe.diagnosis.sentence import sentence
 from mtpipe.diagnosis.unexplained import Unexplained
 from mtpipe.physics.camera import FloatArray
+from mtpipe.processes import in_one_thread
 from mtpipe.recording import Recording
 
 SCHEMA = "mtpipe.mismatch/1"
@@ -97,7 +98,8 @@ def diagnose(recording: Recording, *, seed: int = 0, progress: Progress | None =
         try:
             random = bead_generator(seed, bead)
             say("comparing with simulations")
-            found[bead] = explain(check_of(recording, bead, random), random, progress=say)
+            check = in_one_thread(check_of, recording, bead, random)
+            found[bead] = in_one_thread(explain, check, random, progress=say)
         except DATA_ERRORS as error:
             refused[bead] = str(error)
 
