@@ -152,7 +152,7 @@ def nodes_of(data: PlateauData, course: ForceCourse, frame_s: float) -> list[flo
     return list(np.linspace(low, high, points).tolist())
 
 
-@functools.lru_cache(maxsize=32)
+@functools.lru_cache(maxsize=64)
 def _shape(data: PlateauData, whole: ForceCourse, frame_s: float) -> Shape:
     """Of a course that changes the force by as much as its mean."""
     along = force_course(whole, round(data.duration_s / frame_s))

@@ -32,6 +32,7 @@ from mtpipe.configured.expectation import (
     know_states,
     larger_pN,
 )
+from mtpipe.configured.height_course import Course
 from mtpipe.configured.layers import steady_of
 from mtpipe.configured.walk import Walked, power_without, sees_walks, walked
 from mtpipe.errors import FitError
@@ -251,13 +252,15 @@ class Heights:
         return self.whitening @ self.missed_nm
 
 
-@functools.lru_cache(maxsize=64)
 def power_about_course(data: PlateauData, expected: Expectation) -> FloatArray:
-    """(n_bins, 3, 3) recorded power apart from the expected course of the height; kept, as ln
-    likelihood and its gradient ask for the same.
-    """
-    course = expected.course_transform
-    return data.spectrum.power if course is None else data.spectrum.power_about(course, 2)
+    """(n_bins, 3, 3) recorded power apart from the expected course of the height."""
+    return data.spectrum.power if expected.course is None else _about(data, expected.course)
+
+
+@functools.lru_cache(maxsize=64)
+def _about(data: PlateauData, course: Course) -> FloatArray:
+    """Kept, as ln likelihood and its gradient ask for the same."""
+    return data.spectrum.power_about(course.transform, 2)
 
 
 def ends_of(data: PlateauData, expected: Expectation) -> Walked | None:
