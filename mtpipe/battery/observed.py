@@ -46,6 +46,14 @@ class Observed:
         power = np.diagonal(self.data.spectrum.power, axis1=1, axis2=2)
         return np.asarray(power / np.diagonal(self.expected.power, axis1=1, axis2=2))
 
+    @functools.cached_property
+    def level(self) -> FloatArray:
+        """(3, n_bins) expected power of each axis, without what prewhitening made of it."""
+        spectrum = self.data.spectrum
+        return np.array(
+            [self.expected.power[:, axis, axis] / spectrum.gain(axis) for axis in range(3)]
+        )
+
     @property
     def duration_s(self) -> float:
         """Length, lost frames included."""
@@ -85,12 +93,8 @@ def whitened(seen: Observed) -> Whitened:
     taper, frequency, ln_frequency = _ordinates(n, seen.frame_s)
     scale = np.sqrt(2 * seen.frame_s / n)
     transform = fft.rfft(seen.bridged_nm * taper)[:, 1 : len(frequency) + 1]
-    spectrum = seen.data.spectrum
-    ln_level = np.empty((3, len(frequency)))
-    ln_known = np.log(spectrum.frequency_hz)
-    for axis in range(3):
-        expected = seen.expected.power[:, axis, axis] / spectrum.gain(axis)
-        ln_level[axis] = np.interp(ln_frequency, ln_known, np.log(expected))
+    ln_known = np.log(seen.data.spectrum.frequency_hz)
+    ln_level = np.array([np.interp(ln_frequency, ln_known, each) for each in np.log(seen.level)])
     reference: np.ndarray[tuple[int, ...], np.dtype[np.complex128]] | None = None
     if seen.reference_nm is not None:
         other = fft.rfft(bridged(seen.reference_nm) * taper)[:, 1 : len(frequency) + 1]

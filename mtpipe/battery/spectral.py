@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import itertools
+import math
 from collections.abc import Sequence
 
 import numpy as np
@@ -34,26 +35,35 @@ def bands(seen: Sequence[Observed], edges_hz: FloatArray) -> Values:
     The mean of n ordinates is a gamma variate, whose cube root is nearly normal (Wilson & Hilferty
     1931).
     """
+    every = list(itertools.pairwise(edges_hz.tolist()))
+    scores = [_band_scores(one, edges_hz) for one in seen]
     values: Values = []
     for axis, name in enumerate(AXES):
-        for low, high in itertools.pairwise(edges_hz):
-            each, there = [], []
-            for i, one in enumerate(seen):
-                spectrum = one.data.spectrum
-                inside = (spectrum.frequency_hz >= low) & (spectrum.frequency_hz < high)
-                n = spectrum.ordinates[inside]
-                if n.sum() < FEWEST_ORDINATES:
-                    continue
-                share = float(n @ one.ratio[inside, axis] / n.sum())
-                excess = float(3 * np.sqrt(n.sum()) * (np.cbrt(share) - 1 + 1 / (9 * n.sum())))
-                each.append(excess)
-                there.append(i)
-                values.append((Look("psd_band", name, (i,), (float(low), float(high))), excess))
+        for k, band in enumerate(every):
+            each = [(i, float(score[k, axis])) for i, score in enumerate(scores)]
+            each = [(i, excess) for i, excess in each if math.isfinite(excess)]
+            values += [(Look("psd_band", name, (i,), band), excess) for i, excess in each]
             if len(each) > 1:
-                band = (float(low), float(high))
-                total = float(np.sum(each) / np.sqrt(len(each)))
-                values.append((Look("psd_band", name, tuple(there), band, pooled=True), total))
+                there = tuple(i for i, _ in each)
+                total = float(np.sum([excess for _, excess in each]) / np.sqrt(len(each)))
+                values.append((Look("psd_band", name, there, band, pooled=True), total))
     return values
+
+
+def _band_scores(one: Observed, edges_hz: FloatArray) -> FloatArray:
+    """(bands, 3) excess of a plateau's power in normal scores; NaN where a band has next to no
+    ordinates.
+    """
+    spectrum = one.data.spectrum
+    scores = np.full((len(edges_hz) - 1, 3), np.nan)
+    ends = np.searchsorted(spectrum.frequency_hz, edges_hz)
+    for score, low, high in zip(scores, ends[:-1], ends[1:], strict=True):
+        n = spectrum.ordinates[low:high]
+        count = n.sum()
+        if count >= FEWEST_ORDINATES:
+            share = n @ one.ratio[low:high] / count
+            score[:] = 3 * np.sqrt(count) * (np.cbrt(share) - 1 + 1 / (9 * count))
+    return scores
 
 
 def lines(seen: Sequence[Observed], spectra: Sequence[Whitened]) -> Values:
@@ -139,8 +149,7 @@ def between_axes(seen: Sequence[Observed]) -> Values:
 
 def _signal(one: Observed, axis: int) -> FloatArray:
     """Level of the spectrum over its highest level: emphasis on where the motion is."""
-    level = one.expected.power[:, axis, axis] / one.data.spectrum.gain(axis)
-    return np.asarray(level / level.max())
+    return np.asarray(one.level[axis] / one.level[axis].max())
 
 
 def with_reference(

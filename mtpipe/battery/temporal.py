@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 import numpy as np
+from numpy.typing import NDArray
 
 from mtpipe.battery.look import Look, Values
 from mtpipe.battery.observed import Observed
@@ -28,27 +29,26 @@ def over_time(seen: Sequence[Observed]) -> Values:
         short = series[:, : pieces * quiet_length].reshape(3, pieces, quiet_length)
         quiet = np.log(np.maximum(short.var(axis=2), 1e-12))
         edges = np.linspace(0.0, one.duration_s, WINDOWS + 1)
+        spread = stderr_of_windows(one)
+        trend, slope = _slope(means) / spread, _slope(logs)
+        (walk, began), (change, changed) = _largest_step(means), _largest_step(logs)
+        lowest, far = quiet.argmin(axis=1), np.abs(means).argmax(axis=1)
         for axis, name in enumerate(AXES):
-            spread = stderr_of_window(one, axis)
-            trend = _slope(means[axis]) / spread
-            walk, at = _largest_step(means[axis])
-            half = (float(edges[at]), float(edges[-1]))
-            change, changed = _largest_step(logs[axis])
-            lowest = int(np.argmin(quiet[axis]))
-            when = (lowest * quiet_length * one.frame_s, (lowest + 1) * quiet_length * one.frame_s)
-            far = int(np.argmax(np.abs(means[axis])))
-            window = (float(edges[far]), float(edges[far + 1]))
-            later = (float(edges[changed]), float(edges[-1]))
+            half = (float(edges[began[axis]]), float(edges[-1]))
+            later = (float(edges[changed[axis]]), float(edges[-1]))
+            window = (float(edges[far[axis]]), float(edges[far[axis] + 1]))
+            second = int(lowest[axis]) * quiet_length * one.frame_s
+            when = (second, second + quiet_length * one.frame_s)
             found = [
-                (Look("mean_trend", name, (i,)), trend),
-                (Look("mean_step", name, (i,), time_s=half), walk / spread),
+                (Look("mean_trend", name, (i,)), float(trend[axis])),
+                (Look("mean_step", name, (i,), time_s=half), float(walk[axis] / spread[axis])),
                 (Look("mean_excursion", name, (i,), time_s=window),
-                 float(np.max(np.abs(means[axis]))) / spread),
-                (Look("variance_trend", name, (i,)), _slope(logs[axis])),
-                (Look("variance_step", name, (i,), time_s=later), change),
+                 float(np.abs(means[axis, far[axis]]) / spread[axis])),
+                (Look("variance_trend", name, (i,)), float(slope[axis])),
+                (Look("variance_step", name, (i,), time_s=later), float(change[axis])),
                 (Look("variance_spread", name, (i,)), float(logs[axis].std())),
                 (Look("quietest_second", name, (i,), time_s=when),
-                 float(quiet[axis, lowest] - np.median(quiet[axis]))),
+                 float(quiet[axis, lowest[axis]] - np.median(quiet[axis]))),
             ]  # fmt: skip
             values += found
             for look, value in found[:1] + found[3:4]:
@@ -69,30 +69,33 @@ def in_windows(one: Observed) -> tuple[FloatArray, FloatArray]:
     return blocks.mean(axis=2), np.log(np.maximum(blocks.var(axis=2), 1e-12))
 
 
-def stderr_of_window(one: Observed, axis: int) -> float:
-    """Expected spread of window means: √(S(1/2T_w)/2T_w)."""
-    spectrum = one.data.spectrum
+def stderr_of_windows(one: Observed) -> FloatArray:
+    """(3,) expected spread of window means: √(S(1/2T_w)/2T_w)."""
     window_s = len(one.position_nm) // WINDOWS * one.frame_s
-    level = one.expected.power[:, axis, axis] / spectrum.gain(axis)
-    there = np.interp(1 / (4 * window_s), spectrum.frequency_hz, level)
-    return float(np.sqrt(there / (2 * window_s)))
+    known_hz = one.data.spectrum.frequency_hz
+    there = [np.interp(1 / (4 * window_s), known_hz, level) for level in one.level]
+    return np.sqrt(np.array(there) / (2 * window_s))
 
 
-def _slope(values: FloatArray) -> float:
-    """Change from end to end of a straight line through the values, over its own spread factor."""
-    time = np.linspace(-1, 1, len(values))
-    return float(time @ values / np.sqrt(time @ time))
+def _slope(values: FloatArray) -> FloatArray:
+    """(rows,) change from end to end of a straight line through the values (rows, n), over its own
+    spread factor.
+    """
+    time = np.linspace(-1, 1, values.shape[1])
+    return np.asarray(values @ time / np.sqrt(time @ time))
 
 
-def _largest_step(values: FloatArray) -> tuple[float, int]:
-    """Largest difference between the means before and after, weighted for its spread, and where."""
-    n = len(values)
+def _largest_step(values: FloatArray) -> tuple[FloatArray, NDArray[np.int64]]:
+    """(rows,) largest difference between the means before and after of values (rows, n), weighted
+    for its spread, and where.
+    """
+    n = values.shape[1]
     before = np.arange(2, n - 1)
-    sums = np.cumsum(values)
-    gap = (sums[-1] - sums[before - 1]) / (n - before) - sums[before - 1] / before
-    size = gap * np.sqrt(before * (n - before) / n)
-    at = int(np.argmax(np.abs(size)))
-    return float(np.abs(size[at])), int(before[at])
+    sums = np.cumsum(values, axis=1)
+    first = sums[:, before - 1]
+    gap = (sums[:, -1:] - first) / (n - before) - first / before
+    size = np.abs(gap * np.sqrt(before * (n - before) / n))
+    return size.max(axis=1), before[size.argmax(axis=1)]
 
 
 def irreversibility(seen: Sequence[Observed]) -> Values:

@@ -102,8 +102,6 @@ def independent_positions(one: Observed, axis: int) -> float:
 
     A variance is the sum of a spectrum's ordinates, each as uncertain as it is large.
     """
-    spectrum = one.data.spectrum
-    power = one.expected.power[:, axis, axis] / spectrum.gain(axis)
-    n = spectrum.ordinates
+    power, n = one.level[axis], one.data.spectrum.ordinates
     known = 2 * float(np.sum(n * power)) ** 2 / float(np.sum(n * power**2))
     return min(known, float(np.isfinite(one.position_nm[:, axis]).sum()))

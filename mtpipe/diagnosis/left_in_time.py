@@ -10,7 +10,7 @@ from typing import Literal
 import numpy as np
 
 from mtpipe.battery.look import Look
-from mtpipe.battery.temporal import WINDOWS, in_windows, stderr_of_window
+from mtpipe.battery.temporal import WINDOWS, in_windows, stderr_of_windows
 from mtpipe.configured.fit import fit_configured
 from mtpipe.crosschecking.case import Case
 from mtpipe.crosschecking.check import BeadCheck, recorded_of
@@ -88,7 +88,7 @@ def left_in_time(check: BeadCheck, look: Look) -> LeftInTime | None:
     one = recorded_of(check.case)[plateau]
     means, logs = in_windows(one)
     if kind == "mean":
-        values, error = means[axis], stderr_of_window(one, axis)
+        values, error = means[axis], float(stderr_of_windows(one)[axis])
     else:
         values = logs[axis] - np.log(np.mean(np.exp(logs[axis])))
         error = _simulated_spread(check, axis, plateau)
