@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import Any
 
 import pandas as pd
+from pyarrow.fs import LocalFileSystem
 
 from mtpipe.errors import MtpipeError
 from mtpipe.methods import METHODS
@@ -179,7 +180,8 @@ def _read_json(path: Path, needed: tuple[str, ...]) -> dict[str, Any]:
 
 def _read_table(path: Path, columns: tuple[str, ...]) -> pd.DataFrame:
     try:
-        table = pd.read_parquet(path)
+        # a file opened in Python could still be held by a thread of pyarrow's as the process ends
+        table = pd.read_parquet(path, filesystem=LocalFileSystem())
     except FileNotFoundError:
         raise RunFolderError("is missing.", where=str(path), mend=_AGAIN) from None
     except (OSError, ValueError) as error:
