@@ -65,6 +65,20 @@ def test_band_with_more_power_stands_out_where_it_is():
     assert max(found, key=found.get).band_hz == (8.0, 16.0)
 
 
+def test_a_band_whose_expectation_makes_no_sense_is_a_look_without_a_value():
+    """Simulations have it, so that the recording must have it too."""
+    edges, right = np.array([0.04, 1.0, 8.0, 51.0]), White().seen(generator(1))
+    power = right.expected.power.copy()
+    power[right.data.spectrum.frequency_hz < 1.0, 1, 1] = np.nan
+    wrong = replace(right, expected=replace(right.expected, random_power=power))
+    found, there = spectral.bands([wrong, right], edges), spectral.bands([right, right], edges)
+    assert [look for look, _ in found] == [look for look, _ in there]
+    assert [look for look, value in found if np.isnan(value)] == [
+        look for look, _ in there if look.axis == "y" and look.band_hz == (0.04, 1.0)
+        and look.plateaus != (1,)
+    ]  # fmt: skip
+
+
 def test_line_is_found_at_its_frequency_and_scored_like_a_normal_variate():
     def lines(seen):
         return spectral.lines(seen, [whitened(one) for one in seen])

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import itertools
-import math
 from collections.abc import Sequence
 
 import numpy as np
@@ -40,29 +39,27 @@ def bands(seen: Sequence[Observed], edges_hz: FloatArray) -> Values:
     values: Values = []
     for axis, name in enumerate(AXES):
         for k, band in enumerate(every):
-            each = [(i, float(score[k, axis])) for i, score in enumerate(scores)]
-            each = [(i, excess) for i, excess in each if math.isfinite(excess)]
-            values += [(Look("psd_band", name, (i,), band), excess) for i, excess in each]
+            each = {i: float(of[k][axis]) for i, of in enumerate(scores) if k in of}
+            values += [(Look("psd_band", name, (i,), band), excess) for i, excess in each.items()]
             if len(each) > 1:
-                there = tuple(i for i, _ in each)
-                total = float(np.sum([excess for _, excess in each]) / np.sqrt(len(each)))
-                values.append((Look("psd_band", name, there, band, pooled=True), total))
+                total = float(np.sum(list(each.values())) / np.sqrt(len(each)))
+                values.append((Look("psd_band", name, tuple(each), band, pooled=True), total))
     return values
 
 
-def _band_scores(one: Observed, edges_hz: FloatArray) -> FloatArray:
-    """(bands, 3) excess of a plateau's power in normal scores; NaN where a band has next to no
-    ordinates.
+def _band_scores(one: Observed, edges_hz: FloatArray) -> dict[int, FloatArray]:
+    """(3,) excess of a plateau's power in normal scores, by band; without bands that have next to
+    no ordinates.
     """
     spectrum = one.data.spectrum
-    scores = np.full((len(edges_hz) - 1, 3), np.nan)
-    ends = np.searchsorted(spectrum.frequency_hz, edges_hz)
-    for score, low, high in zip(scores, ends[:-1], ends[1:], strict=True):
+    ends = np.searchsorted(spectrum.frequency_hz, edges_hz).tolist()
+    scores = {}
+    for k, (low, high) in enumerate(itertools.pairwise(ends)):
         n = spectrum.ordinates[low:high]
         count = n.sum()
         if count >= FEWEST_ORDINATES:
             share = n @ one.ratio[low:high] / count
-            score[:] = 3 * np.sqrt(count) * (np.cbrt(share) - 1 + 1 / (9 * count))
+            scores[k] = 3 * np.sqrt(count) * (np.cbrt(share) - 1 + 1 / (9 * count))
     return scores
 
 

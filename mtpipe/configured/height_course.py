@@ -23,6 +23,7 @@ from mtpipe.physics.camera import FloatArray
 # So many forces stand for a plateau during which the force changes; fewer, and of spectra their
 # mean alone, where it changes by less than so much.
 COURSE_POINTS, FEWER_POINTS, SMALL_CHANGE = 5, 3, 0.1
+# That many follow a change by half of the force to parts in a million.
 DEGREE = 12
 # From values at so many places a polynomial's coefficients follow.
 _PLACES = chebyshev.chebpts1(DEGREE + 1)
