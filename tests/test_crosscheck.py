@@ -143,7 +143,9 @@ def test_turned_axes_are_seen_between_x_and_y(clean):
     anchor = np.append(np.nanmean(xyz[:, :2], axis=0), 0.0)
     c, s = np.cos(np.radians(20)), np.sin(np.radians(20))
     turned = (xyz - anchor) @ np.array([[c, s, 0], [-s, c, 0], [0, 0, 1]]) + anchor
-    found = check(replace(clean, positions_nm=clean.positions_nm | {"b1": turned}))
+    prepared = case(replace(clean, positions_nm=clean.positions_nm | {"b1": turned}))
+    # of few simulations p depends on which they are
+    found = check_bead(prepared, generator(1), rounds=(120,))
     assert found.p_value < 1e-3
     assert "xy" in {look.axis for look in oddest(found, 0.01)}
 

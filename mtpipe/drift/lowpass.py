@@ -11,6 +11,7 @@ whom the treatment of missing values is taken.
 
 from __future__ import annotations
 
+import functools
 import math
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
@@ -207,11 +208,17 @@ def _low_pass_stretch(piece: FloatArray, rate_hz: float, cutoff_hz: float) -> Fl
     # Mirroring a few frames at the end makes the length a product of small primes: the transform
     # of 10 million frames of prime length takes twenty times longer.
     rest = np.pad(_interpolated(rest), (0, next_fast_len(n, real=True) - n), mode="symmetric")
-    gain = response(np.arange(len(rest)) * rate_hz / (2 * len(rest)), cutoff_hz)
+    gain = _gain(len(rest), rate_hz, cutoff_hz)
     for _ in range(GAP_PASSES if lost.any() else 1):
         slow = idct(dct(rest, norm="ortho") * gain, norm="ortho")
         rest[:n][lost] = slow[:n][lost]
     return np.asarray(slow[:n] + line)
+
+
+@functools.lru_cache(maxsize=4)
+def _gain(frames: int, rate_hz: float, cutoff_hz: float) -> FloatArray:
+    """(frames,) response at the frequencies of a cosine transform; kept for simulations."""
+    return response(np.arange(frames) * rate_hz / (2 * frames), cutoff_hz)
 
 
 def _line(piece: FloatArray) -> FloatArray:
