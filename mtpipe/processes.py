@@ -1,7 +1,7 @@
 """Work spread over processes where there is something to spread, else done at once.
 
 Either way its linear algebra is done in one thread. Matrices are small here: threads that wait for
-the next one take twice the processor time, and longer.
+one another take more processor time, and longer.
 """
 
 from __future__ import annotations

@@ -5,7 +5,7 @@ import pytest
 from scipy import interpolate
 
 from mtpipe.configured.data import plateau_data
-from mtpipe.configured.height_course import Course, nodes_of, played
+from mtpipe.configured.height_course import Course, CourseSlopes, played
 from mtpipe.experiment.description import ForceCourse
 from mtpipe.experiment.readout import force_course
 
@@ -57,7 +57,7 @@ def test_forces_that_stand_for_the_others_have_their_mean(course):
     play = played(DATA, course, FRAME_S)
     assert play.share.sum() == pytest.approx(1)
     assert play.share @ play.standing == pytest.approx(0, abs=2e-3 * abs(course.relative_change))
-    assert list(play.nodes) == nodes_of(DATA, course, FRAME_S) == sorted(play.nodes)
+    assert list(play.nodes) == sorted(play.nodes)
 
 
 def test_sums_over_ordinates_are_those_of_transforms():
@@ -69,6 +69,12 @@ def test_sums_over_ordinates_are_those_of_transforms():
     exact = np.sum(weight * np.real(first * np.conj(second)))
     assert one @ shape.in_common(weight * second) == pytest.approx(exact)
     assert one @ shape.in_common_with_itself(weight) @ other == pytest.approx(exact)
+    slopes = CourseSlopes(shape, np.array([one, other]))
+    assert slopes.in_common(weight * second)[0] == pytest.approx(exact)
+    assert slopes.in_common_with_itself(weight)[0, 1] == pytest.approx(exact)
+    np.testing.assert_allclose(
+        slopes.moved(Course(shape, one), np.array([0.0, 2.0])).transform, first + 2 * second
+    )
 
 
 def test_weights_of_ordinates_are_those_of_bins():

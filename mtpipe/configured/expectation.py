@@ -15,7 +15,7 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from mtpipe.configured.data import PlateauData
-from mtpipe.configured.height_course import Course, nodes_of, played
+from mtpipe.configured.height_course import Course, played
 from mtpipe.configured.layers import Steady, steady_of
 from mtpipe.configured.motions import DIAGONAL, Motion, motions
 from mtpipe.configured.spectra import Transform
@@ -367,6 +367,6 @@ def know_states(
         states += forces
         course = experiment.magnets.course(plateau)
         if course.relative_change != 0:
-            nodes = np.array(nodes_of(one, course, experiment.camera.frame_s))
-            states += np.multiply.outer(forces, 1 + nodes).ravel().tolist()
+            nodes = played(one, course, experiment.camera.frame_s).nodes
+            states += [force * (1 + node) for force in forces for node in nodes]
     steady_of(experiment).moving.core.know(list(dict.fromkeys(states)))

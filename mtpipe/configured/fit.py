@@ -23,13 +23,14 @@ from mtpipe.configured.expectation import (
     know_states,
     larger_pN,
 )
-from mtpipe.configured.height_course import Course
+from mtpipe.configured.height_course import Course, CourseSlopes
 from mtpipe.configured.layers import steady_of
 from mtpipe.configured.model import (
     ConfiguredModel,
     random_part,
     spectral_log_likelihood,
 )
+from mtpipe.configured.spectra import Transform
 from mtpipe.configured.walk import Walked, line_of, walked
 from mtpipe.errors import FitError
 from mtpipe.experiment.description import Experiment
@@ -277,7 +278,7 @@ class Slopes:
         extension_nm : (k,) per unit of each.
     inverse : (n_bins, 3, 3) inverse of that power. whitened : inverse · power slopes.
     walked : (k, 3) of the variance of where a walk ends.
-    course : of the height, weights (k, polynomials) per unit of each; None where there is none.
+    course : of the height's course; None where there is none.
     """
 
     rows: list[int]
@@ -286,7 +287,7 @@ class Slopes:
     inverse: FloatArray
     whitened: FloatArray
     walked: FloatArray
-    course: Course | None = None
+    course: CourseSlopes | None = None
 
 
 def slopes(model: ConfiguredModel, theta: FloatArray, expected: list[Expectation]) -> list[Slopes]:
@@ -336,8 +337,9 @@ def slopes(model: ConfiguredModel, theta: FloatArray, expected: list[Expectation
     return found
 
 
-def _course_slopes(here: Expectation, others: Sequence[tuple[float, Expectation]]) -> Course | None:
-    """Weights of the height's course per unit of each coordinate."""
+def _course_slopes(
+    here: Expectation, others: Sequence[tuple[float, Expectation]]
+) -> CourseSlopes | None:
     known = next((one.course for _, one in others if one.course is not None), here.course)
     if known is None:
         return None
@@ -347,7 +349,7 @@ def _course_slopes(here: Expectation, others: Sequence[tuple[float, Expectation]
         ((steady if other.course is None else other.course.weights) - at) / step
         for step, other in others
     ]
-    return Course(known.shape, np.array(weights))
+    return CourseSlopes(known.shape, np.array(weights))
 
 
 def gradient_of(
@@ -371,7 +373,7 @@ def gradient_of(
             known = ends or _ends(one, here, slope).with_heights(*say, here.walked_nm2)
             gradient[slope.rows] += 0.5 * slope.walked @ (known.pull**2 - np.diag(known.seen))
         if slope.course is not None:
-            gradient[slope.rows] += _course_gradient(one, here, slope, slope.course, ends)
+            gradient[slope.rows] += slope.course.in_common(_left_of_z(one, here, slope, ends))
     whitening = heights.whitening
     whitened = whitening.T @ heights.pulls
     gradient += height_slopes(derivatives, len(theta)).T @ whitened
@@ -391,10 +393,12 @@ def _ends(data: PlateauData, here: Expectation, slope: Slopes) -> Walked:
     return walked(data, slope.inverse, here.walked_nm2, here.course_transform)
 
 
-def _course_gradient(
-    data: PlateauData, here: Expectation, slope: Slopes, course: Course, ends: Walked | None
-) -> FloatArray:
-    """(k,) how ln likelihood follows the height's course alone."""
+def _left_of_z(
+    data: PlateauData, here: Expectation, slope: Slopes, ends: Walked | None
+) -> Transform:
+    """What is left of z beside the height's course and a walk's line, given x and y: by so much, at
+    each ordinate, a course that has more there raises ln likelihood.
+    """
     spectrum = data.spectrum
     rest = list(spectrum.transforms)
     if here.course is not None:
@@ -403,15 +407,8 @@ def _course_gradient(
         lines = line_of(data).transforms
         rest = [one - end * line for one, end, line in zip(rest, ends.mean_nm, lines, strict=True)]
     weights = 2 * spectrum.ordinates[:, None] * slope.inverse[:, 2]
-    weighted = sum(spectrum.per_ordinate(w) * one for w, one in zip(weights.T, rest, strict=True))
-    return np.asarray(course.weights @ course.shape.in_common(np.asarray(weighted)))
-
-
-def _course_information(data: PlateauData, slope: Slopes, course: Course) -> FloatArray:
-    """(k, k) what the height's course tells of the coordinates that move it."""
-    weight = data.spectrum.per_ordinate(2 * data.spectrum.ordinates * slope.inverse[:, 2, 2])
-    seen = course.shape.in_common_with_itself(weight)
-    return np.asarray(course.weights @ seen @ course.weights.T)
+    each = [spectrum.per_ordinate(w) * one for w, one in zip(weights.T, rest, strict=True)]
+    return each[0] + each[1] + each[2]
 
 
 def height_slopes(derivatives: Sequence[Slopes], coordinates: int) -> FloatArray:
@@ -452,7 +449,8 @@ def information_of(
             of_ends = 0.5 * slope.walked @ seen**2 @ slope.walked.T
             information[np.ix_(slope.rows, slope.rows)] += of_ends
         if slope.course is not None:
-            of_course = _course_information(data, slope, slope.course)
+            known = 2 * data.spectrum.ordinates * slope.inverse[:, 2, 2]
+            of_course = slope.course.in_common_with_itself(data.spectrum.per_ordinate(known))
             information[np.ix_(slope.rows, slope.rows)] += of_course
     whitening = model.heights(model.data, expected, theta).whitening
     heights = whitening @ height_slopes(derivatives, n)
@@ -500,11 +498,9 @@ def nearby_fit(fit: ConfiguredFit, data: Sequence[PlateauData]) -> NearbyFit:
 
 
 def _moved_course(
-    course: Course | None, slopes: Course | None, change: FloatArray
+    course: Course | None, slopes: CourseSlopes | None, change: FloatArray
 ) -> Course | None:
-    if course is None or slopes is None:
-        return course
-    return Course(course.shape, course.weights + change @ slopes.weights)
+    return course if course is None or slopes is None else slopes.moved(course, change)
 
 
 def _moved(power: FloatArray, change: FloatArray) -> FloatArray:

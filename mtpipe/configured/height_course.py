@@ -106,12 +106,38 @@ class Course:
 
 
 @dataclass(frozen=True, eq=False)
+class CourseSlopes:
+    """How a height's course follows some coordinates.
+
+    Attributes
+    ----------
+    shape : of the force's course. weights : (k, DEGREE + 1) of its polynomials, in nm per unit of
+        each coordinate.
+    """
+
+    shape: Shape
+    weights: FloatArray
+
+    def moved(self, course: Course, change: FloatArray) -> Course:
+        """A course where the coordinates are changed by (k,)."""
+        return Course(course.shape, course.weights + change @ self.weights)
+
+    def in_common(self, other: Transform) -> FloatArray:
+        """(k,) sums over ordinates of what each slope has in common with another motion."""
+        return np.asarray(self.weights @ self.shape.in_common(other))
+
+    def in_common_with_itself(self, weight: FloatArray) -> FloatArray:
+        """(k, k) the same of each two slopes, the ordinates weighted (length//2 + 1,)."""
+        return np.asarray(self.weights @ self.shape.in_common_with_itself(weight) @ self.weights.T)
+
+
+@dataclass(frozen=True, eq=False)
 class Played:
     """A force's course through a plateau, whatever the bead.
 
     Attributes
     ----------
-    nodes : force over its mean, less 1, at which heights are asked for.
+    nodes : force over its mean, less 1, at which heights are asked for, from the least.
     weights : (nodes, DEGREE + 1) of the shape's polynomials per nm of height at each.
     standing, share : force over its mean, less 1, that stands for spectra, and for how much of the
         time.
@@ -132,7 +158,8 @@ class Played:
 def played(data: PlateauData, course: ForceCourse, frame_s: float) -> Played:
     """A course whose force changes."""
     shape = _shape(data, replace(course, relative_change=1.0), frame_s)
-    nodes = np.array(nodes_of(data, course, frame_s))
+    low, high = sorted((course.relative_change * shape.low, course.relative_change * shape.high))
+    nodes = np.linspace(low, high, FEWER_POINTS if high - low < SMALL_CHANGE else COURSE_POINTS)
     along = shape.low + (_PLACES + 1) / 2 * (shape.high - shape.low)
     relative = course.relative_change * along
     weights = _lagrange(np.log1p(nodes), np.log1p(relative)) @ _COEFFICIENTS
@@ -143,14 +170,6 @@ def played(data: PlateauData, course: ForceCourse, frame_s: float) -> Played:
         counts = share > 1e-3
         standing, share = nodes[counts], share[counts] / share[counts].sum()
     return Played(shape, tuple(nodes.tolist()), weights, standing, share)
-
-
-def nodes_of(data: PlateauData, course: ForceCourse, frame_s: float) -> list[float]:
-    """Forces over their mean, less 1, that stand for all of a course, from the least."""
-    shape = _shape(data, replace(course, relative_change=1.0), frame_s)
-    low, high = sorted((course.relative_change * shape.low, course.relative_change * shape.high))
-    points = FEWER_POINTS if high - low < SMALL_CHANGE else COURSE_POINTS
-    return list(np.linspace(low, high, points).tolist())
 
 
 @functools.lru_cache(maxsize=64)

@@ -82,8 +82,8 @@ def strongest_lines(case: Case) -> list[tuple[float, float]]:
             nearest = np.rint(frequency / spectrum.frequency_hz[0]).astype(int) - 1
             nearest = np.clip(nearest, 0, len(power) - 1)
             over.append((power / level)[nearest])
-            expected = one.expected.power[:, axis, axis] / one.data.spectrum.gain(axis)
-            here = np.interp(frequency, one.data.spectrum.frequency_hz, expected) * level[nearest]
+            expected = np.interp(frequency, one.data.spectrum.frequency_hz, one.level[axis])
+            here = expected * level[nearest]
             wave.append(TAPERED_WAVE * one.duration_s / here)
         gains[axis] = _gains(np.array(over), np.array(wave))
     total = gains.sum(axis=0)
