@@ -476,25 +476,39 @@ def test_what_was_an_alarm_has_to_agree_better_than_to_be_none(before, after, ag
 
 
 @pytest.mark.parametrize(
-    ("after", "asked"),
-    [(0.3, False), (0.0005, True), (1e-7, False)],
-    ids=["agrees", "open", "clearly not"],
+    ("p_values", "simulations"),
+    [
+        ([0.3], [48]),
+        ([0.1, 0.09], [48, 120]),
+        ([0.1, 0.0005, 0.2], [48, 120, 240]),
+        ([0.0005, 0.2], [120, 240]),
+        ([0.02], [120]),
+        ([1e-7], [48]),
+    ],
+    ids=["agrees", "hardly agrees", "turns", "open", "agrees by many", "clearly not"],
 )
 def test_whether_something_is_left_is_not_left_to_the_chance_of_few_simulations(
-    monkeypatch, after, asked
+    monkeypatch, p_values, simulations
 ):
+    """p-values and numbers of simulations, of the search and of what is asked beyond."""
+    checks = [
+        SimpleNamespace(p_value=p_value, simulated=[None] * number, case="of all of them")
+        for p_value, number in zip(p_values, simulations, strict=True)
+    ]
+    asked = list(checks[1:])
+
     def check_bead(case, random, *, rounds, begun):
-        assert rounds[0] > 120
-        assert begun is one.after
-        return SimpleNamespace(p_value=0.2, case=case)
+        assert begun is checks[-len(asked) - 1]
+        assert rounds[-1] == len(asked[0].simulated)
+        return asked.pop(0)
 
     module = importlib.import_module("mtpipe.diagnosis.explain")
     monkeypatch.setattr(module, "check_bead", check_bead)
-    one = stand_in("viscosity", 50.0, 1e-9, after)
-    named, check = made_sure(one.before, [one], one.after, None)
-    assert check.p_value == (0.2 if asked else after)
+    one = replace(stand_in("viscosity", 50.0, 1e-9, 0.5), after=checks[0])
+    named, check = made_sure(one.before, [one], checks[0], None)
+    assert check is checks[-1]
+    assert not asked
     assert named[-1].after is check
-    assert check.case is one.after.case
     assert made_sure(one.before, [], one.after, None) == ([], one.after)
 
 

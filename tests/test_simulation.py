@@ -278,6 +278,32 @@ def test_a_bead_goes_on_from_where_it_was():
             assert abs(product.mean() - expected) < STANDARD_ERRORS * error
 
 
+@pytest.mark.parametrize("frames", [2, 40])
+def test_a_bead_goes_on_from_where_a_stretch_that_nobody_sees_has_left_it(frames):
+    """Variance behind it, and covariance across it, as of one state that is seen all along."""
+    case = Case(3.0, 500.0, 1200.0, 300.0, 0.6, True)
+    state, camera = bead_state(case.experiment, case.force_pN), case.experiment.camera
+    random = np.random.default_rng(6)
+    repeats = 1500
+    stretches = [(state, 1), (state, frames), (state, 1)]
+    seam = np.empty((repeats, 2, 3))
+    for i in range(repeats):
+        motion = simulate_motion(stretches, camera, random, unseen={1})
+        np.testing.assert_array_equal(motion[1:-1], [[0.0, 0.0, state.extension_nm]] * frames)
+        seam[i] = motion[[0, -1]]
+    seam -= [0, 0, state.extension_nm]
+    for axis in range(3):
+        variance, tau = all_modes(state, axis)
+        x, y = seam[:, 0, axis], seam[:, 1, axis]
+        one_later = np.asarray(lag_one_covariance(variance, tau, camera))
+        across = one_later * np.exp(-frames * camera.frame_s / tau)
+        for product, covariance in (
+            (y * y, frame_variance(variance, tau, camera)), (x * y, across),
+        ):  # fmt: skip
+            error = product.std() / math.sqrt(repeats)
+            assert abs(product.mean() - np.sum(covariance)) < STANDARD_ERRORS * error
+
+
 # --- both engines
 
 

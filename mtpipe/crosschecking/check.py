@@ -32,7 +32,7 @@ from mtpipe.physics.camera import FloatArray
 # only say that recording and simulation are far off.
 ROUNDS = (12, 24, 48, 120)
 ENOUGH = 48
-CLEARLY_CONSISTENT, CLEARLY_NOT, FAR_OFF = 0.2, 1e-5, 1e-12
+CLEARLY_CONSISTENT, CLEARLY_NOT, FAR_OFF = 0.2, 1e-4, 1e-8
 # Twice its cutoff the low-pass of the drift takes 6 % of a motion's amplitude.
 CLEAR_OF_CUTOFF = 2.0
 # Statistics that are not taken relative to what is fitted, and of which only large values are odd.

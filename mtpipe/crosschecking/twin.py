@@ -21,6 +21,7 @@ from mtpipe.drift.lowpass import low_pass
 from mtpipe.experiment.description import Allowance, Experiment
 from mtpipe.experiment.state import all_states
 from mtpipe.physics.camera import FloatArray
+from mtpipe.physics.normal_numbers import standard_normal
 from mtpipe.simulation.linear import simulate_motion
 from mtpipe.simulation.readout import (
     force_pieces,
@@ -58,7 +59,9 @@ class TwinMaker:
         self.experiment = described(case)
         # where frames are dropped, more have to be simulated than the file has
         self.stretch = 1 / (1 - self.experiment.clock.dropped_share)
-        stretches, self.slices, self.first_of = _timetable(case, self.experiment, self.stretch)
+        stretches, self.slices, self.first_of, self.moves = _timetable(
+            case, self.experiment, self.stretch
+        )
         self.within_nm = np.zeros(sum(n for _, n in stretches))
         for i, piece in enumerate(self.slices):
             force_pN, length = float(case.fit.force_pN[i]), piece.stop - piece.start
@@ -79,7 +82,7 @@ class TwinMaker:
         # theory is off by the same all through a plateau
         chosen = random.integers(len(self.variants), size=len(self.variants[0]))[self.first_of]
         stretches = [self.variants[k][i] for i, k in enumerate(chosen)]
-        motion = simulate_motion(stretches, experiment.camera, random)
+        motion = simulate_motion(stretches, experiment.camera, random, unseen=self.moves)
         motion[:, 2] += self.within_nm
         motion = recorded(motion, self.force_pN, experiment, random)
         own = reference_motion(experiment, len(motion), random)
@@ -91,10 +94,10 @@ class TwinMaker:
             walk_nm = case.stage_nm_per_root_s[axis] if cutoff_hz is not None else 0.0
             if noise_nm == 0 and walk_nm == 0 and not own[:, axis].any():
                 continue
-            stage = random.standard_normal(len(motion))
+            stage = standard_normal(random, len(motion))
             np.cumsum(stage, out=stage)
             stage *= walk_nm * math.sqrt(case.frame_s)
-            reference = random.standard_normal(len(motion))
+            reference = standard_normal(random, len(motion))
             reference *= noise_nm
             reference += stage
             reference += own[:, axis]
@@ -144,9 +147,9 @@ def _varied(experiment: Experiment) -> list[Experiment]:
 
 def _timetable(
     case: Case, experiment: Experiment, stretch: float
-) -> tuple[list[tuple[float, int]], list[slice], NDArray[np.int64]]:
-    """Stretches (force, frames) of the recording, where its plateaus lie in them, and of each
-    stretch the first one of its plateau; of a move it is itself.
+) -> tuple[list[tuple[float, int]], list[slice], NDArray[np.int64], set[int]]:
+    """Stretches (force, frames) of the recording, where its plateaus lie in them, of each stretch
+    the first one of its plateau (of a move it is itself), and which are moves.
 
     Parameters
     ----------
@@ -156,6 +159,7 @@ def _timetable(
     stretches: list[tuple[float, int]] = []
     slices: list[slice] = []
     first_of: list[int] = []
+    moves: set[int] = set()
     at = 0
     for i, (start, real) in enumerate(zip(case.starts, case.positions_nm, strict=True)):
         if i:
@@ -168,10 +172,11 @@ def _timetable(
                 stretches.append((force, frames))
             at += gap
         frames = len(real) if stretch == 1 else math.ceil(1.05 * stretch * len(real)) + 50
+        moves |= set(range(len(first_of), len(stretches)))
         first_of += range(len(first_of), len(stretches))
         parts = force_pieces(experiment, i, frames)
         first_of += [len(stretches)] * len(parts)
         stretches += [(forces[i] * (1 + part), rows) for part, rows in parts]
         slices.append(slice(at, at + frames))
         at += frames
-    return stretches, slices, np.array(first_of)
+    return stretches, slices, np.array(first_of), moves

@@ -29,7 +29,9 @@ from mtpipe.crosschecking.case import Case
 from mtpipe.crosschecking.check import (
     CLEARLY_CONSISTENT,
     CLEARLY_NOT,
+    ENOUGH,
     FAR_OFF,
+    ROUNDS,
     BeadCheck,
     check_bead,
     comparable_p_values,
@@ -78,6 +80,9 @@ MOST_CANDIDATES, MORE_ODD = 3, 1.25
 MOST_OF_IT = 0.9
 # Few simulations say that recording and simulation will not agree where p is that far below.
 RULED_OUT = 1e-4 * AGREES_P
+# The search has enough simulations for each of the effects it checks: what comes out of it is made
+# sure, as whether recording and simulation agree is said by that alone.
+SEARCHING = tuple(goal for goal in ROUNDS if goal <= ENOUGH)
 # A p-value of 120 simulations differs tenfold from one set of them to the next where it is small,
 # of twice as many fivefold.
 SURE_SIMULATIONS = 240
@@ -132,9 +137,12 @@ def made_sure(
     """What was found and the check with it, from more simulations where few leave it to chance
     whether something is left.
     """
-    if not named or agrees(check, before) or check.p_value < CLEARLY_NOT:
+    if not named:
         return named, check
-    check = check_bead(check.case, random, rounds=(SURE_SIMULATIONS,), begun=check)
+    if CLEARLY_NOT <= check.p_value <= CLEARLY_CONSISTENT and len(check.simulated) == ENOUGH:
+        check = check_bead(check.case, random, rounds=(ENOUGH, ROUNDS[-1]), begun=check)
+    if check.p_value >= CLEARLY_NOT and not agrees(check, before):
+        check = check_bead(check.case, random, rounds=(SURE_SIMULATIONS,), begun=check)
     return [*named[:-1], replace(named[-1], after=check)], check
 
 
@@ -400,7 +408,7 @@ def _named(
     if heldout <= 0:
         return Rejected(one, f"gains {one.gain:.0f} nats, but none on time that was not fitted")
     try:
-        after = check_bead(replace(case, fit=one.fit), random, far_off=far_off)
+        after = check_bead(replace(case, fit=one.fit), random, rounds=SEARCHING, far_off=far_off)
     except (FitError, ValueError) as error:
         return Rejected(one, f"gains {one.gain:.0f} nats, but cannot be simulated ({error})")
     p_before, p_after = comparable_p_values(check, after)
@@ -465,7 +473,7 @@ def without_superfluous(
         except (FitError, ValueError):
             continue
         if check.case.fit.log_likelihood - fit.log_likelihood - one.penalty < KEPT_NATS:
-            again = check_bead(replace(case, fit=fit), random)
+            again = check_bead(replace(case, fit=fit), random, rounds=SEARCHING)
             if again.p_value >= min(AGREES_P, check.p_value):
                 left = _checked_without(case, named, one, again, random)
                 return without_superfluous(case, left, again, random)

@@ -16,6 +16,7 @@ import numpy as np
 
 from mtpipe.physics.camera import Camera, FloatArray
 from mtpipe.physics.modes import SINGLE_MODE, Modes
+from mtpipe.physics.normal_numbers import standard_normal
 
 # Of so many modes is kept what does not change from simulation to simulation. A plateau whose force
 # changes has a hundred, in a few variants.
@@ -54,8 +55,8 @@ def mode_path(
     # numba is loaded where something is simulated only
     from mtpipe.physics.langevin_steps import follow
 
-    kick = random.standard_normal((parts, frames))
-    average = random.standard_normal((parts, frames))
+    kick = standard_normal(random, (parts, frames))
+    average = standard_normal(random, (parts, frames))
     begun = float(random.standard_normal()) if start is None else start
     end = follow(kick, average, *_frame(tau_s, camera, parts), begun)
     return ModePath(average, float(end))

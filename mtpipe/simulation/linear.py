@@ -14,7 +14,7 @@ from __future__ import annotations
 import functools
 import itertools
 import math
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -32,6 +32,7 @@ from mtpipe.physics.camera import (
     power_spectrum,
 )
 from mtpipe.physics.langevin import mode_path
+from mtpipe.physics.normal_numbers import standard_normal
 from mtpipe.simulation.axial import MOST_KNOWN, simulate_heights
 
 # Products of modes are averaged over parts of the exposure, each at most this many relaxation times
@@ -44,10 +45,16 @@ ROUNDING = 1e-10
 # Points of a gain over frequency, between which it is a straight line.
 GAIN_POINTS = 400
 LEAST_GAIN = 1e-6
+# A motion is forgotten after so many relaxation times.
+FORGOTTEN = 20.0
 
 
 def simulate_motion(
-    stretches: Sequence[tuple[BeadState, int]], camera: Camera, random: np.random.Generator
+    stretches: Sequence[tuple[BeadState, int]],
+    camera: Camera,
+    random: np.random.Generator,
+    *,
+    unseen: Collection[int] = (),
 ) -> FloatArray:
     """Recorded motion of one bead through stretches of constant force.
 
@@ -55,15 +62,16 @@ def simulate_motion(
     ----------
     stretches : state of the bead and number of frames, in time order. The first starts in
         equilibrium, every other where the one before left the bead.
+    unseen : which of them nobody looks at, so that it only matters where they leave the bead.
 
     Returns
     -------
     (frames, 3) x, y, z in nm, averaged over each exposure; z from the surface, x and y about the
-    anchor.
+    anchor. In stretches that are not seen, the mean.
     """
     pieces = []
     position: FloatArray | None = None
-    for state, frames in stretches:
+    for i, (state, frames) in enumerate(stretches):
         if state.stepped is not None:
             # numba is loaded where there are steps only
             from mtpipe.simulation.stepped import stepped
@@ -73,9 +81,14 @@ def simulate_motion(
             start: FloatArray | None = None
             if position is not None:
                 start = np.asarray(np.linalg.solve(state.modes.shape, position - _mean(state)))
-            motion, end = _stretch(state, camera, frames, random, start)
+            if i in unseen:
+                end = _end_of_stretch(state, camera, frames, random, start)
+                motion = np.tile([0.0, 0.0, state.extension_nm], (frames, 1))
+            else:
+                motion, end = _stretch(state, camera, frames, random, start)
             position = state.modes.shape @ end + _mean(state)
-        _give_power(motion, state, camera)
+        if i not in unseen:
+            _give_power(motion, state, camera)
         pieces.append(motion)
     return np.vstack(pieces)
 
@@ -184,10 +197,7 @@ def _stretch(
     plan, modes, up = _plan(state, camera), state.modes, state.upward
     recorded = np.zeros((3, frames))
     end = np.empty(len(modes.tau_s))
-    of_one = float(modes.shape[UP, up])
-    before = None if start is None else state.extension_nm + of_one * float(start[up])
-    recorded[2], last = simulate_heights(state.axial, camera, frames, random, before)
-    end[up] = (last - state.extension_nm) / of_one
+    recorded[2], end[up] = _heights(state, camera, frames, random, start)
     for block, part_count, products in plan.blocks:
         paths = {
             i: mode_path(
@@ -210,6 +220,39 @@ def _stretch(
             recorded[2] += one.weight * (_over_parts(averages) - one.offset)
     recorded[2] += _moving_average(*plan.within, frames, random)
     return recorded.T, end
+
+
+def _heights(
+    state: BeadState,
+    camera: Camera,
+    frames: int,
+    random: np.random.Generator,
+    start: FloatArray | None,
+) -> tuple[FloatArray, float]:
+    """(frames,) recorded heights, and their mode at the end."""
+    of_one = float(state.modes.shape[UP, state.upward])
+    before = None if start is None else state.extension_nm + of_one * float(start[state.upward])
+    heights, last = simulate_heights(state.axial, camera, frames, random, before)
+    return heights, (last - state.extension_nm) / of_one
+
+
+def _end_of_stretch(
+    state: BeadState,
+    camera: Camera,
+    frames: int,
+    random: np.random.Generator,
+    start: FloatArray | None,
+) -> FloatArray:
+    """The modes at the end of a stretch, of which nothing else is asked."""
+    modes, up = state.modes, state.upward
+    end = random.standard_normal(len(modes.tau_s))
+    if start is not None:
+        past = frames * camera.frame_s / modes.tau_s
+        end = np.exp(-past) * start + np.sqrt(-np.expm1(-2 * past)) * end
+    # heights have forgotten where they were so long before
+    enough = math.ceil(FORGOTTEN * float(state.axial.modes[0].max()) / camera.frame_s)
+    _, end[up] = _heights(state, camera, min(frames, enough), random, start)
+    return end
 
 
 def _over_parts(averages: FloatArray) -> FloatArray:
@@ -254,5 +297,5 @@ def _moving_average(
     """(frames,) of e_n + θ e_(n-1): Gaussian, of this variance and (up to half of it) lag one."""
     ratio = min(lag_one / variance, 0.5) if variance > 0 else 0.0
     theta = 2 * ratio / (1 + math.sqrt(1 - 4 * ratio**2))
-    kicks = math.sqrt(variance / (1 + theta**2)) * random.normal(size=frames + 1)
+    kicks = math.sqrt(variance / (1 + theta**2)) * standard_normal(random, frames + 1)
     return np.asarray(kicks[1:] + theta * kicks[:-1])

@@ -10,17 +10,22 @@ import math
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy import interpolate
 
 from mtpipe.experiment.description import Experiment, Hopping
 from mtpipe.experiment.readout import force_course, hopping_moments
 from mtpipe.experiment.state import all_states
 from mtpipe.physics.camera import Camera, FloatArray
 from mtpipe.physics.langevin import simulate_mode
+from mtpipe.physics.normal_numbers import standard_normal
 
 HOP_PARTS = 24
 # Stretches of constant force that stand for a plateau during which it changes, fewer where they
-# would differ by less than this share of the force.
-MOST_PIECES, FEWEST_PIECES, PIECE_CHANGE = 24, 4, 0.01
+# would differ by less than this share of the force: the variance over a piece is off by some 1/6 of
+# its square. The course of the height is followed within them.
+MOST_PIECES, FEWEST_PIECES, PIECE_CHANGE = 24, 4, 0.05
+# Heights along a force's course follow from those at so many forces.
+COURSE_POINTS = 5
 
 
 def force_pieces(experiment: Experiment, plateau: int, frames: int) -> list[tuple[float, int]]:
@@ -47,10 +52,12 @@ def height_within_pieces(
         return np.zeros(frames)
     relative = force_course(experiment.magnets.course(plateau), frames)
     constant = np.repeat([change for change, _ in pieces], [n for _, n in pieces])
-    nodes = np.unique([relative.min(), relative.max(), *constant])
+    nodes = np.linspace(relative.min(), relative.max(), COURSE_POINTS)
     states = all_states(experiment, (force_pN * (1 + nodes)).tolist())
-    heights = [state.extension_nm for state in states]
-    return np.asarray(np.interp(relative, nodes, heights) - np.interp(constant, nodes, heights))
+    heights = np.array([state.extension_nm for state in states])
+    # they bend with ln of the force, far less than they rise with it
+    along = interpolate.BarycentricInterpolator(np.log1p(nodes), heights)
+    return np.asarray(along(np.log1p(relative)) - along(np.log1p(constant)))
 
 
 def recorded(
@@ -74,7 +81,7 @@ def recorded(
         seen[:, 2] += optics.bend * np.maximum(seen[:, 2] - optics.bend_from_nm, 0.0)
     walk = np.asarray(experiment.stage.unsubtracted_nm_per_root_s)
     if walk.any():
-        steps = random.standard_normal((frames, 3))
+        steps = standard_normal(random, (frames, 3))
         steps *= math.sqrt(camera.frame_s) * walk
         seen += np.cumsum(steps, axis=0, out=steps)
     time_s = camera.frame_s * np.arange(frames)[:, None]
@@ -82,13 +89,13 @@ def recorded(
         phase = 2 * np.pi * random.random(3)
         if math.isfinite(line.coherence_s):
             step = math.sqrt(2 * camera.frame_s / line.coherence_s)
-            phase = phase + np.cumsum(step * random.normal(size=seen.shape), axis=0)
+            phase = phase + np.cumsum(step * standard_normal(random, seen.shape), axis=0)
         wave = np.sin(2 * np.pi * line.frequency_hz * time_s + phase)
         # near half the frame rate a wave's phase decides how much of it is recorded, and a line's
         # amplitude is of what is recorded
         wave /= np.sqrt(2 * np.mean(wave**2, axis=0))
         seen += np.asarray(line.amplitude_nm) * wave
-    noise = random.standard_normal(seen.shape)
+    noise = standard_normal(random, seen.shape)
     noise *= np.asarray(experiment.tracker.noise_nm)
     seen += noise
     seen[:, 2] += experiment.optics.z_zero_nm
