@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 from dataclasses import replace
 
 import numpy as np
@@ -21,11 +22,12 @@ from mtpipe.experiment.description import (
     Experiment,
     Fluid,
     ForceCourse,
+    Hopping,
     Rest,
     Stage,
     Tracker,
 )
-from mtpipe.experiment.readout import force_course
+from mtpipe.experiment.readout import force_course, hopping_moments
 from mtpipe.experiment.state import bead_state
 from mtpipe.physics.camera import Camera
 from mtpipe.physics.tether import Chain
@@ -175,10 +177,19 @@ def test_a_course_has_its_mean_and_its_change(course):
     pieces = force_pieces(with_magnets(STEADY, courses=(course,) * 3), 0, FRAMES)
     assert sum(frames for _, frames in pieces) == FRAMES
     assert sum(change * frames for change, frames in pieces) / FRAMES == pytest.approx(0, abs=2e-3)
-    assert len(pieces) == (2 if course.kind == "step" else 4)
+    assert len(pieces) == (2 if course.kind == "step" else 5)
 
 
-@pytest.mark.parametrize(("change", "pieces"), [(0.01, 4), (0.32, 7), (-0.6, 12)])
+@pytest.mark.parametrize("course", [ForceCourse(-0.6), ForceCourse(0.6, "settling", 0.05)])
+def test_within_a_piece_a_force_hardly_changes(course):
+    frames = 20_000
+    pieces = force_pieces(with_magnets(STEADY, courses=(course,) * 3), 0, frames)
+    edges = np.cumsum([0, *(n for _, n in pieces)])
+    along = np.log1p(force_course(course, frames))
+    assert max(np.ptp(along[a:b]) for a, b in itertools.pairwise(edges)) < 0.055
+
+
+@pytest.mark.parametrize(("change", "pieces"), [(0.01, 4), (0.32, 7), (-0.6, 13), (1.2, 24)])
 def test_the_less_a_force_changes_the_fewer_pieces_play_it(change, pieces):
     courses = (ForceCourse(change),) * 3
     assert len(force_pieces(with_magnets(STEADY, courses=courses), 0, FRAMES)) == pieces
@@ -198,6 +209,18 @@ def test_heights_follow_a_smooth_course_within_its_pieces():
     stepped = [bead_state(experiment, force * (1 + float(c))).extension_nm for c in pieces]
     within = height_within_pieces(experiment, 1, force, frames)
     np.testing.assert_allclose(np.array(stepped) + within, expected, atol=0.01)
+    again = height_within_pieces(experiment, 1, force, frames)
+    np.testing.assert_array_equal(again, within)
+    hopping = Hopping(20.0, force, 5.0)
+    with_hops = height_within_pieces(replace(experiment, hopping=hopping), 1, force, frames)
+    energy = experiment.fluid.thermal_energy_pN_nm
+    followed, constant = (
+        [hopping_moments(hopping, float(f), energy)[2] for f in forces]
+        for forces in (along, force * (1 + pieces))
+    )
+    np.testing.assert_allclose(
+        with_hops - within, np.array(followed) - np.array(constant), atol=0.01
+    )
     steady = with_magnets(STEADY, courses=(ForceCourse(0.4, "step", 0.3),) * 3)
     assert not height_within_pieces(steady, 1, force, frames).any()
 

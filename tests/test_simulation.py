@@ -25,7 +25,7 @@ from mtpipe.physics.camera import (
 from mtpipe.physics.langevin import mode_path
 from mtpipe.physics.tether import Chain
 from mtpipe.setup import parse_setup
-from mtpipe.simulation.linear import simulate_motion
+from mtpipe.simulation.linear import _end_of_stretch, _stretch, simulate_motion
 from mtpipe.simulation.recording import SPACING_NM, simulate_experiment
 from tests.simulated import setup_content
 
@@ -278,30 +278,45 @@ def test_a_bead_goes_on_from_where_it_was():
             assert abs(product.mean() - expected) < STANDARD_ERRORS * error
 
 
-@pytest.mark.parametrize("frames", [2, 40])
-def test_a_bead_goes_on_from_where_a_stretch_that_nobody_sees_has_left_it(frames):
-    """Variance behind it, and covariance across it, as of one state that is seen all along."""
+@pytest.mark.parametrize("followed", ["up", "slowest"])
+def test_a_stretch_that_nobody_sees_ends_as_one_that_is_seen(followed):
+    """Mean and variance of all modes after half a relaxation time of one, begun far out."""
     case = Case(3.0, 500.0, 1200.0, 300.0, 0.6, True)
-    state, camera = bead_state(case.experiment, case.force_pN), case.experiment.camera
-    random = np.random.default_rng(6)
-    repeats = 1500
-    stretches = [(state, 1), (state, frames), (state, 1)]
-    seam = np.empty((repeats, 2, 3))
-    for i in range(repeats):
-        motion = simulate_motion(stretches, camera, random, unseen={1})
-        np.testing.assert_array_equal(motion[1:-1], [[0.0, 0.0, state.extension_nm]] * frames)
-        seam[i] = motion[[0, -1]]
-    seam -= [0, 0, state.extension_nm]
-    for axis in range(3):
-        variance, tau = all_modes(state, axis)
-        x, y = seam[:, 0, axis], seam[:, 1, axis]
-        one_later = np.asarray(lag_one_covariance(variance, tau, camera))
-        across = one_later * np.exp(-frames * camera.frame_s / tau)
-        for product, covariance in (
-            (y * y, frame_variance(variance, tau, camera)), (x * y, across),
-        ):  # fmt: skip
-            error = product.std() / math.sqrt(repeats)
-            assert abs(product.mean() - np.sum(covariance)) < STANDARD_ERRORS * error
+    state = bead_state(case.experiment, case.force_pN)
+    tau_s = state.modes.tau_s
+    one = float(tau_s[state.upward] if followed == "up" else tau_s.max())
+    frames, repeats = 8, 1500
+    camera = Camera(one / 2 / frames, 0.6 * one / 2 / frames)
+    start = np.full(len(tau_s), 3.0)
+    ends = np.array(
+        [
+            [_end_of_stretch(state, camera, frames, random, start) for _ in range(repeats)]
+            for random in [np.random.default_rng(6)]
+        ]
+        + [
+            [_stretch(state, camera, frames, random, start)[1] for _ in range(repeats)]
+            for random in [np.random.default_rng(7)]
+        ]
+    )
+    for statistic in (ends, (ends - ends.mean(axis=1, keepdims=True)) ** 2):
+        error = np.hypot(*statistic.std(axis=1)) / math.sqrt(repeats)
+        unseen, seen = statistic.mean(axis=1)
+        assert np.all(np.abs(unseen - seen) < STANDARD_ERRORS * error)
+
+
+@pytest.mark.parametrize("force_pN", [3.0, 0.1])
+def test_where_nobody_looks_the_mean_is_returned(force_pN):
+    """By the modes, and step by step at low force."""
+    case = Case(3.0, 500.0, 1200.0, 300.0, 0.6, True)
+    experiment = dataclasses.replace(case.experiment, anharmonic=True)
+    state = bead_state(experiment, force_pN)
+    assert (state.stepped is not None) == (force_pN < 1)
+    stretches = [(state, 3), (state, 20), (state, 3)]
+    motion = simulate_motion(stretches, experiment.camera, np.random.default_rng(1), unseen={1})
+    mean = [0.0, 0.0, state.extension_nm]
+    np.testing.assert_array_equal(motion[3:23], [mean] * 20)
+    assert not np.any(motion[:3] == mean)
+    assert not np.any(motion[23:] == mean)
 
 
 # --- both engines

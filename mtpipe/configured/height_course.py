@@ -17,12 +17,12 @@ from numpy.polynomial import chebyshev
 from mtpipe.configured.data import PlateauData
 from mtpipe.configured.spectra import MatrixSpectrum, Transform
 from mtpipe.experiment.description import ForceCourse
-from mtpipe.experiment.readout import force_course
+from mtpipe.experiment.readout import COURSE_POINTS, force_course, height_weights
 from mtpipe.physics.camera import FloatArray
 
-# So many forces stand for a plateau during which the force changes; fewer, and of spectra their
-# mean alone, where it changes by less than so much.
-COURSE_POINTS, FEWER_POINTS, SMALL_CHANGE = 5, 3, 0.1
+# Fewer forces stand for a plateau, and of spectra their mean alone, where it changes by less than
+# so much.
+FEWER_POINTS, SMALL_CHANGE = 3, 0.1
 # That many follow a change by half of the force to parts in a million.
 DEGREE = 12
 # From values at so many places a polynomial's coefficients follow.
@@ -162,7 +162,7 @@ def played(data: PlateauData, course: ForceCourse, frame_s: float) -> Played:
     nodes = np.linspace(low, high, FEWER_POINTS if high - low < SMALL_CHANGE else COURSE_POINTS)
     along = shape.low + (_PLACES + 1) / 2 * (shape.high - shape.low)
     relative = course.relative_change * along
-    weights = _lagrange(np.log1p(nodes), np.log1p(relative)) @ _COEFFICIENTS
+    weights = height_weights(nodes, relative) @ _COEFFICIENTS
     if len(nodes) == FEWER_POINTS:
         standing, share = np.zeros(1), np.ones(1)
     else:
@@ -183,11 +183,3 @@ def _shape(data: PlateauData, whole: ForceCourse, frame_s: float) -> Shape:
     points = np.linspace(-1, 1, COURSE_POINTS)
     share = np.array([np.interp(place, points, row).mean() for row in np.eye(COURSE_POINTS)])
     return Shape(data.spectrum, low, high, transforms, polynomials.mean(axis=1), share)
-
-
-def _lagrange(nodes: FloatArray, places: FloatArray) -> FloatArray:
-    """(nodes, places) values of the polynomial that is 1 at one node and 0 at the others."""
-    others = ~np.eye(len(nodes), dtype=bool)
-    above = np.where(others[:, :, None], places - nodes[:, None], 1.0)
-    below = np.where(others, nodes[:, None] - nodes, 1.0)
-    return np.asarray(np.prod(above, axis=1) / np.prod(below, axis=1)[:, None])

@@ -130,7 +130,7 @@ def check_bead(
 
 
 def comparable_p_values(one: BeadCheck, other: BeadCheck) -> tuple[float, float]:
-    """p-values of two checks, of as many simulations where one has few.
+    """p-values of two checks, of as many simulations where one has few; enough are as good as more.
 
     Student's law of few has longer tails: what is equally far off is less odd by it.
     """

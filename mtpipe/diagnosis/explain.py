@@ -139,11 +139,17 @@ def made_sure(
     """
     if not named:
         return named, check
-    if CLEARLY_NOT <= check.p_value <= CLEARLY_CONSISTENT and len(check.simulated) == ENOUGH:
-        check = check_bead(check.case, random, rounds=(ENOUGH, ROUNDS[-1]), begun=check)
+    check = clearer(check, random)
     if check.p_value >= CLEARLY_NOT and not agrees(check, before):
         check = check_bead(check.case, random, rounds=(SURE_SIMULATIONS,), begun=check)
     return [*named[:-1], replace(named[-1], after=check)], check
+
+
+def clearer(check: BeadCheck, random: np.random.Generator) -> BeadCheck:
+    """A check of the search, beside more simulations where those of the search leave it open."""
+    if len(check.simulated) > ENOUGH or not CLEARLY_NOT <= check.p_value <= CLEARLY_CONSISTENT:
+        return check
+    return check_bead(check.case, random, rounds=(ENOUGH, ROUNDS[-1]), begun=check)
 
 
 def concluded(
@@ -184,10 +190,12 @@ def concluded(
         else:
             reason = _not_enough(left_out)
         nearest = Rejected(left_out.found, reason, instead=rival)
-    after = kept[-1].after if kept else before
-    if not kept and before.p_value >= ALARM_P:
-        return "consistent", kept, after, None
-    return "unexplained", kept, after, nearest
+    if not kept:
+        verdict = "consistent" if before.p_value >= ALARM_P else "unexplained"
+        return verdict, kept, before, nearest if verdict == "unexplained" else None
+    if len(kept) < len(named):
+        kept = [*kept[:-1], replace(kept[-1], after=clearer(kept[-1].after, random))]
+    return "unexplained", kept, kept[-1].after, nearest
 
 
 def preferred_bend(
@@ -473,7 +481,7 @@ def without_superfluous(
         except (FitError, ValueError):
             continue
         if check.case.fit.log_likelihood - fit.log_likelihood - one.penalty < KEPT_NATS:
-            again = check_bead(replace(case, fit=fit), random, rounds=SEARCHING)
+            again = check_bead(replace(case, fit=fit), random)
             if again.p_value >= min(AGREES_P, check.p_value):
                 left = _checked_without(case, named, one, again, random)
                 return without_superfluous(case, left, again, random)

@@ -17,6 +17,8 @@ from mtpipe.experiment.description import Experiment, ForceCourse, Hopping
 from mtpipe.experiment.state import BeadState, recorded_modes
 from mtpipe.physics.camera import Camera, FloatArray, frame_variance, lag_one_covariance
 
+# Heights along a force's course follow from those at so many forces.
+COURSE_POINTS = 5
 # A random walk is a mode that relaxes within so many durations of the trace.
 WALK_DURATIONS = 20.0
 
@@ -120,6 +122,22 @@ def force_course(course: ForceCourse, points: int) -> FloatArray:
         # a point that the step lies in has a part of it
         shape = np.clip(points * (time - course.at) + 0.5, 0.0, 1.0)
     return np.asarray(course.relative_change * (shape - shape.mean()))
+
+
+def height_weights(nodes: FloatArray, relative: FloatArray) -> FloatArray:
+    """(nodes, places) weights that heights at some forces have in those at others: of the
+    polynomial of ln of the force through them. Heights bend with it far less than they rise with
+    it.
+
+    Parameters
+    ----------
+    nodes, relative : forces over one of them, less 1.
+    """
+    at, places = np.log1p(nodes), np.log1p(relative)
+    others = ~np.eye(len(at), dtype=bool)
+    above = np.where(others[:, :, None], places - at[:, None], 1.0)
+    below = np.where(others, at[:, None] - at, 1.0)
+    return np.asarray(np.prod(above, axis=1) / np.prod(below, axis=1)[:, None])
 
 
 def hopping_moments(

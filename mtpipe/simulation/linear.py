@@ -83,11 +83,12 @@ def simulate_motion(
                 start = np.asarray(np.linalg.solve(state.modes.shape, position - _mean(state)))
             if i in unseen:
                 end = _end_of_stretch(state, camera, frames, random, start)
-                motion = np.tile([0.0, 0.0, state.extension_nm], (frames, 1))
             else:
                 motion, end = _stretch(state, camera, frames, random, start)
             position = state.modes.shape @ end + _mean(state)
-        if i not in unseen:
+        if i in unseen:
+            motion = np.tile([0.0, 0.0, state.extension_nm], (frames, 1))
+        else:
             _give_power(motion, state, camera)
         pieces.append(motion)
     return np.vstack(pieces)

@@ -10,22 +10,25 @@ import math
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy import interpolate
 
 from mtpipe.experiment.description import Experiment, Hopping
-from mtpipe.experiment.readout import force_course, hopping_moments
+from mtpipe.experiment.readout import (
+    COURSE_POINTS,
+    force_course,
+    height_weights,
+    hopping_moments,
+)
 from mtpipe.experiment.state import all_states
 from mtpipe.physics.camera import Camera, FloatArray
 from mtpipe.physics.langevin import simulate_mode
 from mtpipe.physics.normal_numbers import standard_normal
 
 HOP_PARTS = 24
-# Stretches of constant force that stand for a plateau during which it changes, fewer where they
-# would differ by less than this share of the force: the variance over a piece is off by some 1/6 of
-# its square. The course of the height is followed within them.
+# Stretches of constant force that stand for a plateau during which it changes, fewer where it would
+# change by less than this share within one. The course of the height is followed within them.
 MOST_PIECES, FEWEST_PIECES, PIECE_CHANGE = 24, 4, 0.05
-# Heights along a force's course follow from those at so many forces.
-COURSE_POINTS = 5
+# What hopping adds is a straight line between so many forces.
+HOPPING_POINTS = 201
 
 
 def force_pieces(experiment: Experiment, plateau: int, frames: int) -> list[tuple[float, int]]:
@@ -36,17 +39,23 @@ def force_pieces(experiment: Experiment, plateau: int, frames: int) -> list[tupl
     if course.relative_change == 0:
         return [(0.0, frames)]
     relative = force_course(course, frames)
-    pieces = min(max(math.ceil(np.ptp(relative) / PIECE_CHANGE), FEWEST_PIECES), MOST_PIECES)
-    edges = np.linspace(0, frames, pieces + 1).round().astype(int).tolist()
     if course.kind == "step":
         edges = [0, round(course.at * frames), frames]
+    else:
+        # it rises or falls all along, and by as much in one piece as in another
+        changed = np.abs(np.log1p(relative) - np.log1p(relative[0]))
+        pieces = min(max(math.ceil(changed[-1] / PIECE_CHANGE), FEWEST_PIECES), MOST_PIECES)
+        passed = np.searchsorted(changed, np.linspace(0, changed[-1], pieces + 1)[1:-1])
+        edges = [0, *passed.tolist(), frames]
     return [(float(relative[a:b].mean()), b - a) for a, b in itertools.pairwise(edges) if b > a]
 
 
 def height_within_pieces(
     experiment: Experiment, plateau: int, force_pN: float, frames: int
 ) -> FloatArray:
-    """(frames,) nm: what the mean height of the force's course is above that of its pieces."""
+    """(frames,) nm: what the mean height of the force's course is above that of its pieces, hopping
+    included.
+    """
     pieces = force_pieces(experiment, plateau, frames)
     if len(pieces) <= 2:
         return np.zeros(frames)
@@ -55,9 +64,14 @@ def height_within_pieces(
     nodes = np.linspace(relative.min(), relative.max(), COURSE_POINTS)
     states = all_states(experiment, (force_pN * (1 + nodes)).tolist())
     heights = np.array([state.extension_nm for state in states])
-    # they bend with ln of the force, far less than they rise with it
-    along = interpolate.BarycentricInterpolator(np.log1p(nodes), heights)
-    return np.asarray(along(np.log1p(relative)) - along(np.log1p(constant)))
+    within = heights @ (height_weights(nodes, relative) - height_weights(nodes, constant))
+    if experiment.hopping is not None:
+        energy = experiment.fluid.thermal_energy_pN_nm
+        points = np.linspace(relative.min(), relative.max(), HOPPING_POINTS)
+        forces = (force_pN * (1 + points)).tolist()
+        means = [hopping_moments(experiment.hopping, force, energy)[2] for force in forces]
+        within += np.interp(relative, points, means) - np.interp(constant, points, means)
+    return np.asarray(within)
 
 
 def recorded(
