@@ -463,6 +463,28 @@ def test_what_a_bend_of_the_scale_tells_as_well_is_not_named(
         assert found[3].reason == f"gains 50 nats, but is no likelier than {bend.words}"
 
 
+def test_the_check_with_what_is_kept_of_a_search_is_made_clearer(monkeypatch):
+    module = importlib.import_module("mtpipe.diagnosis.explain")
+    named = [stand_in("viscosity", 50.0, 1e-9, 1e-3), stand_in("hopping", 20.0, 1e-3, 1e-3)]
+    named[0].after.simulated = [None] * 48
+    clear = SimpleNamespace(p_value=2e-3)
+
+    def check_bead(case, random, *, rounds, begun):
+        assert (begun, rounds) == (named[0].after, (48, 120))
+        return clear
+
+    monkeypatch.setattr(module, "check_bead", check_bead)
+    monkeypatch.setattr(module, "gained_by_scatter", lambda fit, fitted: 0.0)
+    monkeypatch.setattr(module, "bend_instead", lambda without, fitted, fit: None)
+    monkeypatch.setattr(module, "certain", lambda named: named[:1])
+    monkeypatch.setattr(module, "explained_share", lambda before, after: 0.5)
+    verdict, kept, check, _ = concluded(named[0].before, None, named, named[-1].after, None, None)
+    assert verdict == "unexplained"
+    assert [one.name for one in kept] == ["viscosity"]
+    assert check is clear
+    assert kept[-1].after is clear
+
+
 @pytest.mark.parametrize(
     ("before", "after", "agree"),
     [
