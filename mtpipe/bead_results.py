@@ -46,12 +46,17 @@ class AxisResult:
 
 @dataclass(frozen=True)
 class PlateauResult:
-    """Calibration of one bead in one plateau; extension and its standard error in nm."""
+    """Calibration of one bead in one plateau; extension and its standard error in nm.
+
+    `not_one_state` says why the plateau gives no force to use: it mixes several states. Empty for
+    a sound one.
+    """
 
     trace: Trace
     extension_nm: float
     extension_stderr_nm: float
     axes: tuple[AxisResult, ...]
+    not_one_state: str = ""
 
     @property
     def plateau(self) -> Plateau:

@@ -26,7 +26,7 @@ from mtpipe.notice import Notice, Severity
 from mtpipe.refusal import STRONGEST_TETHER_PN
 from mtpipe.setup import Setup
 
-Verdict = Literal["good", "caution", "refused"]
+Verdict = Literal["good", "caution", "refused", "unchecked"]
 
 SIGMAS = 3.0
 # te Velthuis et al. 2010: corrected forces hold to 10 % up to 80 % of the Nyquist frequency;
@@ -58,11 +58,20 @@ LOW_ORDINATES = 6
 
 @dataclass(frozen=True)
 class BeadVerdict:
-    """Verdict on a bead with its reasons in words."""
+    """Verdict on a bead with its reasons in words.
+
+    `mismatch` is the verdict of the diagnosis, "" without a cross-check. `force_bound_percent` is
+    by how much what is unexplained may still move a force of the bead, at most over plateaus (68 %);
+    nan where nobody looked. `material` : whether that, or what was named, moves a force by more
+    than the tolerance of the setup's `[report]`.
+    """
 
     bead: str
     verdict: Verdict
     reasons: tuple[str, ...]
+    mismatch: str = ""
+    force_bound_percent: float = math.nan
+    material: bool = False
 
 
 def trace_flags(

@@ -109,6 +109,22 @@ class Tracked:
 
 
 @dataclass(frozen=True)
+class States:
+    """What testing every plateau for being one state found.
+
+    Attributes
+    ----------
+    refused : why a bead has no force in a plateau, by bead and plateau number, in words that
+        continue "no force, as …".
+    unbelieved : numbers of plateaus whose `magnet_mm` is not to be believed: the beads change under
+        it where the log does not.
+    """
+
+    refused: Mapping[tuple[str, int], str] = field(default_factory=dict)
+    unbelieved: frozenset[int] = frozenset()
+
+
+@dataclass(frozen=True)
 class Recording:
     """Tracked positions with setup and plateaus.
 
@@ -127,6 +143,7 @@ class Recording:
         z has another zero than the surface. Beads that are not named have their extension as z.
     drift : None for a recording as read; else what was subtracted (`mtpipe.subtract_drift`).
     tracked : of a recording that `mtpipe track` wrote; None for any other.
+    states : what testing the plateaus found; None where they have not been tested yet.
     """
 
     name: str
@@ -141,6 +158,7 @@ class Recording:
     drift: Drift | None = None
     z_zero_stderr_nm: Mapping[str, float] = field(default_factory=dict)
     tracked: Tracked | None = None
+    states: States | None = None
 
     def __post_init__(self) -> None:
         n = len(self.time_s)
