@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from mtpipe.estimate import Estimate
+from mtpipe.estimate import Estimate, Status
 from mtpipe.fit.posterior import Posterior
 from mtpipe.fit.trace import TraceFit
 from mtpipe.physics.camera import FloatArray
@@ -43,6 +43,16 @@ class AxisResult:
         """Where to read stiffness, friction, noise and corner frequency; None where refused."""
         return None if self.refusal else self.posterior or self.fit
 
+    @property
+    def status(self) -> Status:
+        """The word of this trace by itself: its stiffness's, or its force's where that is worse."""
+        known = self.estimates
+        if known is None:
+            return "refused"
+        if known.stiffness.status != "ok" or self.force is None:
+            return known.stiffness.status
+        return self.force.status
+
 
 @dataclass(frozen=True)
 class PlateauResult:
@@ -62,6 +72,28 @@ class PlateauResult:
     def plateau(self) -> Plateau:
         """Where the magnets rested."""
         return self.trace.plateau
+
+    def status(self, axis: AxisResult) -> Status:
+        """The word of one of the plateau's traces; "ok" is a number to use."""
+        if self.not_one_state and not axis.refusal:
+            return "not_one_state"
+        return axis.status
+
+    @property
+    def force_status(self) -> Status:
+        """The word of the plateau's force by x and y.
+
+        That of the best trace that has a force of its own; a force that x and y share rests on
+        both, and is as good as the worse of them.
+        """
+        lateral = [one for one in self.axes if one.axis != "z"]
+        with_force = [one for one in lateral if one.force is not None]
+        words = [self.status(one) for one in with_force or lateral]
+        shared = any(one.shares_force for one in with_force)
+        unusable = [word for word in words if word != "ok"]
+        if unusable and (shared or len(unusable) == len(words)):
+            return unusable[0]
+        return "ok" if words else "refused"
 
 
 @dataclass(frozen=True)

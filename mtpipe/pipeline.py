@@ -36,13 +36,16 @@ from mtpipe.ingest.files import SETUP_NAME
 from mtpipe.ingest.surface import put_surface_at_zero
 from mtpipe.noise_floor import noise_notices
 from mtpipe.notice import Notice
-from mtpipe.quality import BeadVerdict, bead_verdicts, trace_flags
+from mtpipe.quality import trace_flags
 from mtpipe.recording import Recording
 from mtpipe.tether_curves import tether_curves
 from mtpipe.tracking.stack import is_stack
+from mtpipe.verdict import BeadVerdict, bead_verdicts
 
 Progress = Callable[[str, int, int], None]
 LEFT_OUT_CODES = ("no_positions", "constant_bead")
+# Of a reference bead: it moves by itself, as reading or subtraction saw it.
+REFERENCE_CODES = ("moving_reference", "reference_moves")
 
 
 @dataclass(frozen=True)
@@ -223,8 +226,10 @@ def with_diagnosis(verdict: BeadVerdict, found: Mapping[str, Any] | None) -> Bea
     ----------
     found : what `mismatch.json` says of the bead; None where it could not be simulated.
     """
-    if found is None or found["verdict"] == "consistent":
+    if found is None:
         return verdict
+    if found["verdict"] == "consistent":
+        return replace(verdict, verdict="good") if verdict.verdict == "unchecked" else verdict
     named = " and ".join(
         " or ".join([effect["effect"], *effect["equivalent"]]) for effect in found["effects"]
     )
@@ -233,7 +238,7 @@ def with_diagnosis(verdict: BeadVerdict, found: Mapping[str, Any] | None) -> Bea
     else:
         beside = f" also beside {named}" if named else ""
         reason = f"it differs from its simulation{beside}, and the cause is not known"
-    grade = "caution" if verdict.verdict == "good" else verdict.verdict
+    grade = "caution" if verdict.verdict == "unchecked" else verdict.verdict
     return replace(verdict, verdict=grade, reasons=(*verdict.reasons, reason))
 
 
@@ -269,11 +274,13 @@ def _left_out(recording: Recording) -> tuple[BeadVerdict, ...]:
 
 
 def _reference_warnings(recording: Recording) -> tuple[str, ...]:
-    """Faults of the reference beads that are in every trace, in words."""
+    """Faults of the reference beads that are in every trace, in words; none of those left out."""
+    uses = recording.drift.references if recording.drift else ()
+    subtracted = {one.bead for one in uses if one.used}
     faulty = {
         notice.bead
         for notice in recording.notices
-        if notice.severity == "warning" and notice.bead in recording.setup.beads.reference
+        if notice.code in REFERENCE_CODES and notice.bead in subtracted
     }
     names = ", ".join(sorted(name for name in faulty if name is not None))
     return (f"reference motion of its own ({names}) is in every trace",) if names else ()

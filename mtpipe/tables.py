@@ -22,8 +22,8 @@ from mtpipe.extension_curve import ForceExtension
 from mtpipe.fit.tether import TetherFit
 from mtpipe.noise_floor import noise_floor_nm
 from mtpipe.notice import Notice
-from mtpipe.quality import BeadVerdict
 from mtpipe.recording import AXES, Recording, Tracked
+from mtpipe.verdict import BeadVerdict
 
 TRACE_POINTS = 2000
 POSTERIOR_POINTS = 400
@@ -90,7 +90,7 @@ def _method_row(calibration: Calibration, other: MethodResult) -> dict[str, Any]
         **four("corner_frequency", "hz", fit.corner_frequency if fit else None),
         **four("effective_radius", "nm", None),
         **four("noise", "nm", fit.noise if fit else None),
-        "status": fit.stiffness.status if fit else "refused",
+        "status": other.status,
         "tied_to": "",
         "method": other.method,
         "posterior_converged": False,
@@ -116,7 +116,7 @@ def _force_row(
         **four("corner_frequency", "hz", known.corner_frequency if known else None),
         **four("effective_radius", "nm", None if one.refusal else one.effective_radius),
         **four("noise", "nm", known.noise if known else None),
-        "status": known.stiffness.status if known else "refused",
+        "status": plateau.status(one),
         "tied_to": ";".join(known.stiffness.tied_to) if known else "",
         "method": one.method,
         "fit_deviance": fit.deviance if fit else math.nan,

@@ -14,7 +14,7 @@ import pytest
 
 import mtpipe
 from mtpipe.pipeline import with_diagnosis
-from mtpipe.quality import BeadVerdict
+from mtpipe.verdict import BeadVerdict
 from tests.simulated import RATE_HZ, recording, setup_content
 
 CHECKOUT = Path(__file__).parents[1]
