@@ -120,13 +120,13 @@ def test_the_diagnosis_is_written_as_the_contract_has_it(finished):
     assert looks.p_value.between(0, 1).all()
 
 
-GOOD = BeadVerdict("b1", "good", ())
+SOUND = BeadVerdict("b1", "unchecked", ())
 
 
 @pytest.mark.parametrize(
     ("found", "verdict", "words"),
     [
-        (None, "good", ""),
+        (None, "unchecked", ""),
         ({"verdict": "consistent", "effects": []}, "good", ""),
         (
             {
@@ -147,11 +147,11 @@ GOOD = BeadVerdict("b1", "good", ())
         ),
     ],
 )
-def test_no_bead_is_good_that_differs_from_its_simulation(found, verdict, words):
-    one = with_diagnosis(GOOD, found)
+def test_only_a_bead_that_agrees_with_its_simulation_is_good(found, verdict, words):
+    one = with_diagnosis(SOUND, found)
     assert one.verdict == verdict
     assert words in " ".join(one.reasons)
-    refused = with_diagnosis(replace(GOOD, verdict="refused", reasons=("free",)), found)
+    refused = with_diagnosis(replace(SOUND, verdict="refused", reasons=("free",)), found)
     assert refused.verdict == "refused"
     assert refused.reasons[0] == "free"
 
@@ -338,5 +338,5 @@ def test_a_bead_left_out_on_reading_keeps_its_row(tmp_path):
     beads = pd.read_csv(tmp_path / "out" / "beads.csv").set_index("bead")
     assert beads.verdict["dead"] == "refused"
     assert "never moves" in beads.reasons["dead"]
-    assert beads.verdict["b1"] == "good"
+    assert beads.verdict["b1"] == "unchecked"
     assert "dead" in done.stdout
