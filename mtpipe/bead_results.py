@@ -84,7 +84,7 @@ class PlateauResult:
         """The word of the plateau's force by x and y.
 
         That of the best trace that has a force of its own; a force that x and y share rests on
-        both, and is as good as the worse of them.
+        both, and is as good as the worse of them. Without any force, that of the stiffnesses.
         """
         lateral = [one for one in self.axes if one.axis != "z"]
         with_force = [one for one in lateral if one.force is not None]
