@@ -71,7 +71,7 @@ def bead_verdicts(
     ----------
     shared : what spoils every bead, such as a reference bead that moves.
     """
-    tethers = _tether_reasons(curves, setup)
+    tethers = tether_reasons(curves, setup)
     return tuple(
         bead_verdict(
             bead,
@@ -130,7 +130,7 @@ def bead_verdict(
     return BeadVerdict(bead.bead, "caution" if reasons else "unchecked", tuple(reasons))
 
 
-def _tether_reasons(
+def tether_reasons(
     curves: Mapping[str, ForceExtension], setup: Setup
 ) -> dict[str, tuple[str, ...]]:
     """Where a bead's tether contradicts the setup, or is unlike the other beads'."""
