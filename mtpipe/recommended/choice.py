@@ -1,0 +1,166 @@
+"""The rule by which the force to quote is chosen (docs/forces.md).
+
+Without a cross-check it is the force of the spectra of x and y. With one it is that of the
+configured experiment, with what was named, if recording and simulation then agree. If they do not,
+it comes from the determination that does not contradict itself: the spectra of x and y if their
+shape, their friction and each other's forces agree; else the heights, if the forces they ask for
+are near those fitted; else the spectra all the same. What a determination contradicts itself by is
+in its error.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+
+import numpy as np
+from scipy import stats
+
+from mtpipe.bead_results import BeadResult
+from mtpipe.calibration import Calibration
+from mtpipe.configured.fit import ConfiguredFit
+from mtpipe.diagnosis.explanation import Explanation
+from mtpipe.estimate import Estimate
+from mtpipe.physics.camera import FloatArray
+from mtpipe.recommended.force import BeadForces, RecommendedForce, Source
+from mtpipe.recommended.heights import heights_of, lever_ln_errors
+from mtpipe.recommended.scatter import scatter_beyond_errors
+from mtpipe.recommended.spectral import contradictions_of, spectral_force
+from mtpipe.series_choice import CONTRADICTION_P
+
+CONFIGURED = "configured experiment, fitted to all axes and heights"
+
+
+def recommended_forces(
+    calibration: Calibration, found: Mapping[str, Explanation]
+) -> dict[str, BeadForces]:
+    """The forces to quote of every bead.
+
+    Parameters
+    ----------
+    found : what the diagnosis found about beads; of others the forces are those of the spectra.
+    """
+    return {bead.bead: bead_forces(bead, found.get(bead.bead)) for bead in calibration.beads}
+
+
+def bead_forces(bead: BeadResult, found: Explanation | None) -> BeadForces:
+    """The forces to quote of one bead.
+
+    Parameters
+    ----------
+    found : what the diagnosis found; None: not cross-checked.
+    """
+    spectra = _of_spectra(bead)
+    if found is None:
+        return BeadForces(_chosen(bead, {}, "none", spectra))
+    before = found.before.case.fit
+    configured = _of_fit(found, before, before.force_stderr_pN)
+    if not found.named:
+        configured = _of_fit(found, found.fit, found.force_stderr_pN)
+    named = _of_fit(found, found.fit, found.force_stderr_pN) if found.named else {}
+    forces = BeadForces(
+        {}, configured, named, found.verdict, 0.0, _changed_percent(configured, named)
+    )
+    if found.verdict == "consistent":
+        return replace(forces, recommended=_chosen(bead, configured, "heights", spectra))
+    if found.verdict == "explained":
+        return replace(forces, recommended=_chosen(bead, named or configured, "named", spectra))
+    return _of_unexplained(bead, found, forces, spectra)
+
+
+def _of_spectra(bead: BeadResult) -> dict[int, Estimate]:
+    """Forces of x and y, with what these contradict themselves by."""
+    error = contradictions_of(bead).ln_error
+    return {
+        plateau.plateau.number: force.widened(error)
+        for plateau in bead.plateaus
+        if (force := spectral_force(plateau)) is not None
+    }
+
+
+def _of_fit(found: Explanation, fit: ConfiguredFit, stderr_pN: FloatArray) -> dict[int, Estimate]:
+    return {
+        plateau.number: Estimate(
+            float(force), float(error), (float(force - error), float(force + error)),
+            "pN", CONFIGURED,
+        )
+        for plateau, force, error in zip(
+            found.before.case.plateaus, fit.force_pN, stderr_pN, strict=True
+        )
+    }  # fmt: skip
+
+
+def _chosen(
+    bead: BeadResult,
+    first: Mapping[int, Estimate],
+    source: Source,
+    spectra: Mapping[int, Estimate],
+) -> dict[int, RecommendedForce]:
+    """Of each plateau the first choice where there is one, else what x and y tell."""
+    chosen = {}
+    for plateau in bead.plateaus:
+        number = plateau.plateau.number
+        if number in first:
+            one = RecommendedForce(first[number], source)
+        elif number in spectra:
+            one = RecommendedForce(spectra[number], "spectra")
+        else:
+            one = RecommendedForce(Estimate.missing("pN", ""), "none")
+        if plateau.not_one_state:
+            one = RecommendedForce(replace(one.force, status="not_one_state"), one.source)
+        chosen[number] = one
+    return chosen
+
+
+def _changed_percent(before: Mapping[int, Estimate], after: Mapping[int, Estimate]) -> float:
+    return max(
+        (100 * abs(after[n].value / before[n].value - 1) for n in after if n in before), default=0.0
+    )
+
+
+def _of_unexplained(
+    bead: BeadResult, found: Explanation, forces: BeadForces, spectra: Mapping[int, Estimate]
+) -> BeadForces:
+    """Forces of a bead that differs from its simulation for a reason that is not known."""
+    against, heights = contradictions_of(bead), heights_of(found)
+    apart = _Apart.of(spectra, heights.force)
+    if heights.sound and (against.any or apart.agree):
+        open_ln = 0.0 if against.any else apart.ln_error
+        errors = {n: math.hypot(left, open_ln) for n, left in heights.ln_left_open.items()}
+        widened = {n: force.widened(errors[n]) for n, force in heights.force.items()}
+        chosen = _chosen(bead, widened, "heights_alone", spectra)
+    else:
+        levers = lever_ln_errors(bead, found, spectra)
+        shared = math.hypot(against.ln_error, against.axes_stderr / 2)
+        errors = {n: math.hypot(shared, levers.get(n, 0.0)) for n in spectra}
+        widened = {n: force.widened(levers.get(n, 0.0)) for n, force in spectra.items()}
+        chosen = _chosen(bead, widened, "spectra_alone", spectra)
+    bound = 100 * math.expm1(max(errors.values(), default=math.inf))
+    return replace(forces, recommended=chosen, bound_percent=bound)
+
+
+@dataclass(frozen=True)
+class _Apart:
+    """How far two determinations of the same forces differ.
+
+    `agree` : by no more than their errors. `ln_error` : what one may be off by as the other tells:
+    their scatter beyond errors and the error of their mean difference.
+    """
+
+    agree: bool
+    ln_error: float
+
+    @classmethod
+    def of(cls, one: Mapping[int, Estimate], other: Mapping[int, Estimate]) -> _Apart:
+        both = [n for n in one if n in other]
+        if not both:
+            return cls(False, math.inf)
+        off = np.array([math.log(one[n].value / other[n].value) for n in both])
+        error = np.array([
+            math.hypot(*(f.stderr / f.value for f in (one[n], other[n]))) for n in both
+        ])  # fmt: skip
+        pulls = off / error
+        agree = float(stats.chi2.sf(pulls @ pulls, len(pulls))) > CONTRADICTION_P
+        mean_error = float(np.sum(error**-2.0)) ** -0.5
+        return cls(agree, math.hypot(scatter_beyond_errors(off, error), mean_error))
