@@ -9,7 +9,6 @@ from typing import Any
 
 import numpy as np
 
-from mtpipe.calibration import calibrate
 from mtpipe.configured.hypotheses import Tried
 from mtpipe.corrections.correction import Strength
 from mtpipe.crosschecking.beads import DATA_ERRORS, bead_generator, check_of, per_bead
@@ -22,7 +21,7 @@ from mtpipe.diagnosis.place import MOST_PLACES, bent_heights, located
 from mtpipe.diagnosis.sentence import sentence
 from mtpipe.diagnosis.unexplained import Unexplained
 from mtpipe.processes import in_one_thread
-from mtpipe.recommended.choice import recommended_forces
+from mtpipe.recommended.choice import diagnosed_forces
 from mtpipe.recommended.force import BeadForces
 from mtpipe.recording import Recording
 
@@ -112,7 +111,7 @@ def diagnose(recording: Recording, *, seed: int = 0, progress: Progress | None =
             progress(f"what beads share: {done} of {of}", total, total)
 
     again = beads_together(found, seed=seed, progress=say_together)
-    forces = recommended_forces(calibrate(recording, seed=seed), again)
+    forces = diagnosed_forces(recording, again, seed=seed)
     return Mismatch(recording.name, again, forces, recording.setup.report.tolerance, refused)
 
 

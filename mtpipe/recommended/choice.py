@@ -18,15 +18,21 @@ import numpy as np
 from scipy import stats
 
 from mtpipe.bead_results import BeadResult
-from mtpipe.calibration import Calibration
+from mtpipe.calibration import Calibration, calibrate
 from mtpipe.configured.fit import ConfiguredFit
 from mtpipe.diagnosis.explanation import Explanation
 from mtpipe.estimate import Estimate
 from mtpipe.physics.camera import FloatArray
-from mtpipe.recommended.force import BeadForces, RecommendedForce, Source
-from mtpipe.recommended.heights import heights_of, lever_ln_errors
+from mtpipe.recommended.force import BeadForces
+from mtpipe.recommended.heights import heights_of, lever_ln_errors, stated_chain
 from mtpipe.recommended.scatter import scatter_beyond_errors
-from mtpipe.recommended.spectral import contradictions_of, spectral_force
+from mtpipe.recommended.spectral import (
+    chosen_of,
+    contradictions_of,
+    forces_of_spectra,
+    spectral_forces,
+)
+from mtpipe.recording import Recording
 from mtpipe.series_choice import CONTRADICTION_P
 
 CONFIGURED = "configured experiment, fitted to all axes and heights"
@@ -44,6 +50,21 @@ def recommended_forces(
     return {bead.bead: bead_forces(bead, found.get(bead.bead)) for bead in calibration.beads}
 
 
+def diagnosed_forces(
+    recording: Recording, found: Mapping[str, Explanation], *, seed: int
+) -> dict[str, BeadForces]:
+    """The forces to quote of the beads that were diagnosed, in the plateaus that were.
+
+    The spectra of x and y are fitted by themselves only where a bead is unexplained: else no force
+    comes from them.
+    """
+    if any(one.verdict == "unexplained" for one in found.values()):
+        forces = recommended_forces(calibrate(recording, seed=seed), found)
+        return {bead: forces[bead] for bead in found}
+    nothing = {bead: BeadResult(bead, (), 0.0, None, False) for bead in found}
+    return {bead: bead_forces(nothing[bead], one) for bead, one in found.items()}
+
+
 def bead_forces(bead: BeadResult, found: Explanation | None) -> BeadForces:
     """The forces to quote of one bead.
 
@@ -51,9 +72,9 @@ def bead_forces(bead: BeadResult, found: Explanation | None) -> BeadForces:
     ----------
     found : what the diagnosis found; None: not cross-checked.
     """
-    spectra = _of_spectra(bead)
     if found is None:
-        return BeadForces(_chosen(bead, {}, "none", spectra))
+        return forces_of_spectra(bead)
+    spectra = spectral_forces(bead)
     before = found.before.case.fit
     configured = _of_fit(found, before, before.force_stderr_pN)
     if not found.named:
@@ -63,20 +84,10 @@ def bead_forces(bead: BeadResult, found: Explanation | None) -> BeadForces:
         {}, configured, named, found.verdict, 0.0, _changed_percent(configured, named)
     )
     if found.verdict == "consistent":
-        return replace(forces, recommended=_chosen(bead, configured, "heights", spectra))
+        return replace(forces, recommended=chosen_of(bead, configured, "heights", spectra))
     if found.verdict == "explained":
-        return replace(forces, recommended=_chosen(bead, named or configured, "named", spectra))
+        return replace(forces, recommended=chosen_of(bead, named or configured, "named", spectra))
     return _of_unexplained(bead, found, forces, spectra)
-
-
-def _of_spectra(bead: BeadResult) -> dict[int, Estimate]:
-    """Forces of x and y, with what these contradict themselves by."""
-    error = contradictions_of(bead).ln_error
-    return {
-        plateau.plateau.number: force.widened(error)
-        for plateau in bead.plateaus
-        if (force := spectral_force(plateau)) is not None
-    }
 
 
 def _of_fit(found: Explanation, fit: ConfiguredFit, stderr_pN: FloatArray) -> dict[int, Estimate]:
@@ -89,28 +100,6 @@ def _of_fit(found: Explanation, fit: ConfiguredFit, stderr_pN: FloatArray) -> di
             found.before.case.plateaus, fit.force_pN, stderr_pN, strict=True
         )
     }  # fmt: skip
-
-
-def _chosen(
-    bead: BeadResult,
-    first: Mapping[int, Estimate],
-    source: Source,
-    spectra: Mapping[int, Estimate],
-) -> dict[int, RecommendedForce]:
-    """Of each plateau the first choice where there is one, else what x and y tell."""
-    chosen = {}
-    for plateau in bead.plateaus:
-        number = plateau.plateau.number
-        if number in first:
-            one = RecommendedForce(first[number], source)
-        elif number in spectra:
-            one = RecommendedForce(spectra[number], "spectra")
-        else:
-            one = RecommendedForce(Estimate.missing("pN", ""), "none")
-        if plateau.not_one_state:
-            one = RecommendedForce(replace(one.force, status="not_one_state"), one.source)
-        chosen[number] = one
-    return chosen
 
 
 def _changed_percent(before: Mapping[int, Estimate], after: Mapping[int, Estimate]) -> float:
@@ -129,15 +118,15 @@ def _of_unexplained(
         open_ln = 0.0 if against.any else apart.ln_error
         errors = {n: math.hypot(left, open_ln) for n, left in heights.ln_left_open.items()}
         widened = {n: force.widened(errors[n]) for n, force in heights.force.items()}
-        chosen = _chosen(bead, widened, "heights_alone", spectra)
+        recommended = chosen_of(bead, widened, "heights_alone", spectra)
     else:
-        levers = lever_ln_errors(bead, found, spectra)
-        shared = math.hypot(against.ln_error, against.axes_stderr / 2)
+        levers = lever_ln_errors(bead, stated_chain(found), spectra)
+        shared = math.hypot(against.ln_error, against.known_ln)
         errors = {n: math.hypot(shared, levers.get(n, 0.0)) for n in spectra}
         widened = {n: force.widened(levers.get(n, 0.0)) for n, force in spectra.items()}
-        chosen = _chosen(bead, widened, "spectra_alone", spectra)
+        recommended = chosen_of(bead, widened, "spectra_alone", spectra)
     bound = 100 * math.expm1(max(errors.values(), default=math.inf))
-    return replace(forces, recommended=chosen, bound_percent=bound)
+    return replace(forces, recommended=recommended, bound_percent=bound)
 
 
 @dataclass(frozen=True)

@@ -12,7 +12,7 @@ from mtpipe.bead_results import BeadResult
 from mtpipe.crosschecking.case import described
 from mtpipe.diagnosis.explanation import Explanation
 from mtpipe.estimate import Estimate
-from mtpipe.physics.tether import mean_extension_nm
+from mtpipe.physics.tether import Chain, mean_extension_nm
 from mtpipe.series_choice import CONTRADICTION_P
 
 
@@ -56,17 +56,19 @@ def heights_of(found: Explanation) -> Heights:
 
 
 def lever_ln_errors(
-    bead: BeadResult, found: Explanation, forces: Mapping[int, Estimate]
+    bead: BeadResult, chain: Chain | None, forces: Mapping[int, Estimate]
 ) -> dict[int, float]:
     """Standard error of ln force, by plateau, for a lever that the tether contradicts.
 
     The force of a stiffness is in proportion to the extension. At that force a tether as the setup
     states it has an extension of its own; where it is another than the recorded one, z or the
     tether is not what it is taken for: an interval has to reach both.
-    Nothing where the setup does not know the tether's length.
+
+    Parameters
+    ----------
+    chain : the tether as stated; None where its length is not known: then nothing is contradicted.
     """
-    experiment = described(found.before.case)
-    if not _length_is_known(found):
+    if chain is None:
         return {}
     errors = {}
     for plateau in bead.plateaus:
@@ -75,7 +77,7 @@ def lever_ln_errors(
         if force is None or not force.value > 0 or not recorded > 0:
             continue
         low, middle, high = (
-            float(mean_extension_nm(experiment.chain, value)) for value in
+            float(mean_extension_nm(chain, value)) for value in
             (max(force.interval[0], 1e-3), force.value, max(force.interval[1], 1e-3))
         )  # fmt: skip
         off, error = math.log(middle / recorded), 0.5 * math.log(high / low)
@@ -83,6 +85,10 @@ def lever_ln_errors(
     return errors
 
 
-def _length_is_known(found: Explanation) -> bool:
-    parameters = found.before.case.fit.model.parameters
-    return not any(p.name.startswith("contour") and p.prior is None for p in parameters)
+def stated_chain(found: Explanation) -> Chain | None:
+    """The tether as the setup states it; None where it does not know the length."""
+    case = found.before.case
+    parameters = case.fit.model.parameters
+    if any(one.name == "ln contour length" and one.prior is None for one in parameters):
+        return None
+    return described(case).chain

@@ -8,8 +8,8 @@ contradict themselves in three ways, without any knowledge of the tether.
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
 
 import numpy as np
 from scipy import stats
@@ -17,6 +17,7 @@ from scipy import stats
 from mtpipe.bead_results import AxisResult, BeadResult, PlateauResult
 from mtpipe.estimate import Estimate
 from mtpipe.physics.camera import FloatArray
+from mtpipe.recommended.force import BeadForces, RecommendedForce, Source
 from mtpipe.recommended.scatter import scatter_beyond_errors
 from mtpipe.series_choice import CONTRADICTION_P
 
@@ -34,13 +35,14 @@ class Contradictions:
         other; 0 where they do not.
     axes_ln : standard deviation of ln F_y/F_x over plateaus beyond its errors, where x and y
         contradict each other; 0 where they do not.
-    axes_stderr : standard error of the mean ln F_y/F_x; infinite where only one axis gives a force.
+    known_ln : how well it is known that neither friction nor x and y contradict anything: standard
+        error of ln force; infinite where either is not known.
     """
 
     shape_p: float
     friction_ln: float
     axes_ln: float
-    axes_stderr: float
+    known_ln: float
 
     @property
     def any(self) -> bool:
@@ -60,10 +62,14 @@ class Contradictions:
 
 def contradictions_of(bead: BeadResult) -> Contradictions:
     """What speaks against the spectra of x and y of a bead."""
-    friction = 0.0
-    if bead.friction_contradicts and bead.friction_ratio is not None:
-        friction = math.log(bead.friction_ratio.value)
-    return Contradictions(_shape_p(bead), friction, *_axes_apart(bead.plateaus))
+    friction, friction_stderr = 0.0, math.inf
+    if bead.friction_ratio is not None:
+        friction_stderr = bead.friction_ratio.stderr / bead.friction_ratio.value
+        if bead.friction_contradicts:
+            friction = math.log(bead.friction_ratio.value)
+    axes, axes_stderr = _axes_apart(bead.plateaus)
+    known = math.hypot(friction_stderr, axes_stderr / 2)
+    return Contradictions(_shape_p(bead), friction, axes, known)
 
 
 def _shape_p(bead: BeadResult) -> float:
@@ -102,6 +108,43 @@ def _pair(plateau: PlateauResult) -> tuple[Estimate | None, Estimate | None]:
 
 def _is_number(force: Estimate | None) -> bool:
     return force is not None and force.status == "ok" and force.value > 0
+
+
+def forces_of_spectra(bead: BeadResult) -> BeadForces:
+    """The forces to quote of a bead that was not cross-checked."""
+    return BeadForces(chosen_of(bead, {}, "none", spectral_forces(bead)))
+
+
+def chosen_of(
+    bead: BeadResult,
+    first: Mapping[int, Estimate],
+    source: Source,
+    spectra: Mapping[int, Estimate],
+) -> dict[int, RecommendedForce]:
+    """Of each plateau the first choice where there is one, else what x and y tell."""
+    chosen = {}
+    mixed = {one.plateau.number: bool(one.not_one_state) for one in bead.plateaus}
+    for number in sorted({*mixed, *first}):
+        if number in first:
+            one = RecommendedForce(first[number], source)
+        elif number in spectra:
+            one = RecommendedForce(spectra[number], "spectra")
+        else:
+            one = RecommendedForce(Estimate.missing("pN", ""), "none")
+        if mixed.get(number):
+            one = RecommendedForce(replace(one.force, status="not_one_state"), one.source)
+        chosen[number] = one
+    return chosen
+
+
+def spectral_forces(bead: BeadResult) -> dict[int, Estimate]:
+    """By plateau number, the force of x and y, with what these contradict themselves by."""
+    error = contradictions_of(bead).ln_error
+    return {
+        plateau.plateau.number: force.widened(error)
+        for plateau in bead.plateaus
+        if (force := spectral_force(plateau)) is not None
+    }
 
 
 def spectral_force(plateau: PlateauResult) -> Estimate | None:
