@@ -113,10 +113,9 @@ def _of_unexplained(
 ) -> BeadForces:
     """Forces of a bead that differs from its simulation for a reason that is not known."""
     against, heights = contradictions_of(bead), heights_of(found)
-    apart = _Apart.of(spectra, heights.force)
-    if heights.sound and (against.any or apart.agree):
-        open_ln = 0.0 if against.any else apart.ln_error
-        errors = {n: math.hypot(left, open_ln) for n, left in heights.ln_left_open.items()}
+    apart = _Apart.of(spectra, heights.force, against.ln_error)
+    if heights.sound and (against.shape or apart.agree):
+        errors = {n: math.hypot(left, apart.ln_error) for n, left in heights.ln_left_open.items()}
         widened = {n: force.widened(errors[n]) for n, force in heights.force.items()}
         recommended = chosen_of(bead, widened, "heights_alone", spectra)
     else:
@@ -131,25 +130,28 @@ def _of_unexplained(
 
 @dataclass(frozen=True)
 class _Apart:
-    """How far two determinations of the same forces differ.
+    """How far the forces of the spectra and those of the heights differ.
 
     `agree` : by no more than their errors. `ln_error` : what one may be off by as the other tells:
-    their scatter beyond errors and the error of their mean difference.
+    their scatter beyond statistical errors, and the error of their mean difference.
     """
 
     agree: bool
     ln_error: float
 
     @classmethod
-    def of(cls, one: Mapping[int, Estimate], other: Mapping[int, Estimate]) -> _Apart:
-        both = [n for n in one if n in other]
+    def of(
+        cls, spectra: Mapping[int, Estimate], heights: Mapping[int, Estimate], systematic: float
+    ) -> _Apart:
+        """Compare them; `systematic` is the part of the spectra's ln errors that all share."""
+        both = [n for n in spectra if n in heights]
         if not both:
             return cls(False, math.inf)
-        off = np.array([math.log(one[n].value / other[n].value) for n in both])
-        error = np.array([
-            math.hypot(*(f.stderr / f.value for f in (one[n], other[n]))) for n in both
+        off = np.array([math.log(spectra[n].value / heights[n].value) for n in both])
+        total = np.array([
+            math.hypot(*(f.stderr / f.value for f in (spectra[n], heights[n]))) for n in both
         ])  # fmt: skip
-        pulls = off / error
-        agree = float(stats.chi2.sf(pulls @ pulls, len(pulls))) > CONTRADICTION_P
-        mean_error = float(np.sum(error**-2.0)) ** -0.5
-        return cls(agree, math.hypot(scatter_beyond_errors(off, error), mean_error))
+        agree = float(stats.chi2.sf(np.sum((off / total) ** 2), len(both))) > CONTRADICTION_P
+        statistical = np.sqrt(np.maximum(total**2 - systematic**2, 1e-12))
+        mean_error = float(np.sum(statistical**-2.0)) ** -0.5
+        return cls(agree, math.hypot(scatter_beyond_errors(off, statistical), mean_error))

@@ -45,9 +45,9 @@ class Contradictions:
     known_ln: float
 
     @property
-    def any(self) -> bool:
-        """Whether there is one."""
-        return self.shape_p < CONTRADICTION_P or self.friction_ln != 0 or self.axes_ln != 0
+    def shape(self) -> bool:
+        """Whether the spectra are those of no tethered bead, and their error is not known."""
+        return self.shape_p < CONTRADICTION_P
 
     @property
     def ln_error(self) -> float:
