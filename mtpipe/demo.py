@@ -10,7 +10,6 @@ opened when the recording has been diagnosed.
 from __future__ import annotations
 
 import json
-import math
 import statistics
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
@@ -18,9 +17,9 @@ from pathlib import Path
 from typing import Any
 
 import mtpipe
-from mtpipe.bead_results import BeadResult
 from mtpipe.errors import MtpipeError
 from mtpipe.pipeline import Progress, Run, run
+from mtpipe.recommended.force import BeadForces
 
 
 @dataclass(frozen=True)
@@ -45,8 +44,8 @@ class BeadScore:
     """One bead's forces beside the true ones.
 
     `true_pN` has one force per plateau (empty where no tether holds the bead), `relative_errors`
-    one per lateral axis and plateau that gave a force, and `inside` counts the true forces within
-    the stated 68 % intervals.
+    one per plateau that gave a force to use, and `inside` counts the true forces within the stated
+    68 % intervals.
     """
 
     bead: str
@@ -155,26 +154,23 @@ def findings(result: Run, truth: Mapping[str, Any]) -> Iterator[str]:
 
 
 def scores(result: Run, truth: dict[str, Any]) -> Iterator[BeadScore]:
-    """Compare the lateral forces of every calibrated bead with the content of truth.json."""
+    """Compare the quoted forces of every calibrated bead with the content of truth.json."""
     verdicts = {verdict.bead: verdict.verdict for verdict in result.verdicts}
     for bead in result.calibration.beads:
         true = tuple(truth[bead.bead].get("force_pN", ()))
-        errors, inside = _errors(bead, true) if true else ([], 0)
+        errors, inside = _errors(result.forces[bead.bead], true) if true else ([], 0)
         what = truth[bead.bead]["what"]
         yield BeadScore(bead.bead, what, verdicts[bead.bead], true, tuple(errors), inside)
 
 
-def _errors(bead: BeadResult, true_pN: tuple[float, ...]) -> tuple[list[float], int]:
+def _errors(forces: BeadForces, true_pN: tuple[float, ...]) -> tuple[list[float], int]:
     errors, inside = [], 0
-    for plateau, true in zip(bead.plateaus, true_pN, strict=True):
-        # a force that x and y share counts once
-        lateral = [one for one in plateau.axes if one.force is not None]
-        for one in lateral[:1] if all(one.shares_force for one in lateral) else lateral:
-            force = one.force
-            if force is None or not math.isfinite(force.value):
-                continue
-            errors.append(force.value / true - 1)
-            inside += force.interval[0] <= true <= force.interval[1]
+    for number, true in enumerate(true_pN):
+        force = forces.recommended[number].force
+        if force.status != "ok":
+            continue
+        errors.append(force.value / true - 1)
+        inside += force.interval[0] <= true <= force.interval[1]
     return errors, inside
 
 

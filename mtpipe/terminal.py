@@ -94,7 +94,8 @@ def summary(run: Run, out: Path) -> None:
         "persistence (nm)",
     ):
         table.add_column(heading)
-    beads = beads_table(run.calibration, run.verdicts, run.curves, run.recording.tracked)
+    tracked = run.recording.tracked
+    beads = beads_table(run.calibration, run.forces, run.verdicts, run.curves, tracked)
     for row in beads.to_dict("records"):
         table.add_row(
             str(row["bead"]),

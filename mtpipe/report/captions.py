@@ -38,8 +38,8 @@ def trace_captions(force: Mapping[str, Any], *, sampled: bool, shared: bool) -> 
     if words.is_number(force["force_pN"]):
         shown = words.with_error(force["force_pN"], force["force_stderr_pN"])
         parts.append(f"force {shown} pN{', common to x and y' if shared else ''}")
-    if words.is_number(force["force_alone_pN"]) and joint_fit(force["method"]):
-        shown = words.with_error(force["force_alone_pN"], force["force_alone_stderr_pN"])
+    if words.is_number(force["force_axis_pN"]) and joint_fit(force["method"]):
+        shown = words.with_error(force["force_axis_pN"], force["force_axis_stderr_pN"])
         parts.append(f"{force['axis']} by itself tells {shown} pN")
     parts.append(f"fitted: {words.text(force['method'])}")
     if words.is_number(force["fit_deviance"]):

@@ -31,7 +31,7 @@ COLUMNS: Mapping[str, tuple[str, ...]] = {
         *("bead", "plateau", "axis", "magnet_mm", "start_s", "duration_s", "frames"),
         *("lost_frames", "extension_nm", "extension_stderr_nm"),
         *_four("force", "pN"),
-        *_four("force_alone", "pN"),
+        *_four("force_axis", "pN"),
         *_four("stiffness", "pN_per_nm"),
         *_four("friction", "pN_s_per_nm"),
         *_four("corner_frequency", "hz"),

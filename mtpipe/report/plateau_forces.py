@@ -2,7 +2,7 @@
 
 In `forces` a force that x and y share stands in both rows. Drawn or counted twice it would look
 like two measurements that agree; what agrees or does not is the force that each axis tells by
-itself, in the columns `force_alone`.
+itself, in the columns `force_axis`.
 """
 
 from __future__ import annotations
@@ -105,7 +105,7 @@ def rms_difference(compared: Sequence[Comparison]) -> tuple[float, int] | None:
 
 
 def _alone(row: Mapping[str, Any]) -> tuple[float, float, float, float]:
-    value, stderr, low, high = (row[f"force_alone{part}_pN"] for part in _PARTS)
+    value, stderr, low, high = (row[f"force_axis{part}_pN"] for part in _PARTS)
     return value, stderr, low, high
 
 

@@ -239,7 +239,7 @@ def _force_row(row: Mapping[str, Any]) -> ForceRow:
         axis=axis,
         force=estimate_cell(row, "force", "pN", "no force is taken from z" if axis == "z" else why),
         alone=estimate_cell(
-            row, "force_alone", "pN", "no force is taken from z" if axis == "z" else why
+            row, "force_axis", "pN", "no force is taken from z" if axis == "z" else why
         ),
         difference=Cell(words.EMPTY, "not both x and y tell a force by themselves"),
         stiffness=estimate_cell(row, "stiffness", "pN_per_nm", why, 1e3),
