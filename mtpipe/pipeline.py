@@ -190,7 +190,7 @@ def run(
         for bead in calibration.beads
     }
     verdicts = bead_verdicts(
-        calibration, flags, curves, recording.setup, _reference_warnings(recording)
+        calibration, flags, curves, recording.setup, _reference_warnings(recording), found
     ) + _left_out(recording)
     tolerance = recording.setup.report.tolerance
     verdicts = tuple(

@@ -9,7 +9,7 @@ from __future__ import annotations
 import math
 import statistics
 from collections import Counter
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Literal
 
@@ -64,12 +64,15 @@ def bead_verdicts(
     curves: Mapping[str, ForceExtension],
     setup: Setup,
     shared: tuple[str, ...] = (),
+    cross_checked: Collection[str] = (),
 ) -> tuple[BeadVerdict, ...]:
     """Verdicts on all beads of a recording, which are also compared with one another.
 
     Parameters
     ----------
     shared : what spoils every bead, such as a reference bead that moves.
+    cross_checked : beads that were compared with simulations, which judge a spectrum better than
+        the fit of a trace does, and say what its difference does to the force.
     """
     tethers = tether_reasons(curves, setup)
     return tuple(
@@ -78,6 +81,7 @@ def bead_verdicts(
             flags[bead.bead],
             setup,
             (*tethers.get(bead.bead, ()), *shared),
+            cross_checked=bead.bead in cross_checked,
         )
         for bead in calibration.beads
     )
@@ -88,6 +92,8 @@ def bead_verdict(
     flags: tuple[Notice, ...],
     setup: Setup,
     known: tuple[str, ...] = (),
+    *,
+    cross_checked: bool = False,
 ) -> BeadVerdict:
     """Verdict on a bead from the flags of its traces, its friction and its tether.
 
@@ -98,6 +104,7 @@ def bead_verdict(
     Parameters
     ----------
     known : what is wrong with its tether, or with the whole recording.
+    cross_checked : whether the diagnosis says what a spectrum unlike the model comes to.
     """
     lateral = [one for plateau in bead.plateaus for one in plateau.axes if one.axis != "z"]
     told = {plateau.status(one) for plateau in bead.plateaus for one in plateau.axes
@@ -120,12 +127,13 @@ def bead_verdict(
         )
     plateaus: dict[str, set[int]] = {}
     for notice in flags:
-        if notice.severity != "info" and notice.plateau is not None:
+        judged = cross_checked and notice.code == "poor_fit"
+        if notice.severity != "info" and notice.plateau is not None and not judged:
             plateaus.setdefault(notice.code, set()).add(notice.plateau)
     for code, where in sorted(plateaus.items(), key=lambda pair: -len(pair[1])):
         if len(where) > FLAGGED_SHARE * len(bead.plateaus):
             reasons.append(f"{FLAG_WORDS[code]} in {len(where)} of {len(bead.plateaus)} plateaus")
-    if "ok" not in told:
+    if "ok" not in told and not cross_checked:
         reasons.append("no plateau gives a force to use")
     return BeadVerdict(bead.bead, "caution" if reasons else "unchecked", tuple(reasons))
 

@@ -2,12 +2,20 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
+import numpy as np
 import pytest
 
+import mtpipe
+from mtpipe.calibration import calibrate
 from mtpipe.estimate import Estimate
+from mtpipe.notice import Notice
+from mtpipe.recommended.spectral import spectral_force
 from mtpipe.setup import parse_setup
-from mtpipe.verdict import tether_reasons
-from tests.simulated import setup_content
+from mtpipe.status import P_POOR
+from mtpipe.verdict import bead_verdict, tether_reasons
+from tests.simulated import recording, setup_content
 
 STATED_NM = (1200.0, 50.0)
 
@@ -64,3 +72,37 @@ def test_where_both_lengths_are_off_z_is_likelier(setup):
     both = said(setup, (1000.0, 24.0), STATED_NM, STATED_NM)
     assert "as both lengths are off, z" in both
     assert "more than one tether" not in both
+
+
+@pytest.fixture(scope="module")
+def shaken():
+    """A bead whose y shows a line that no setup lists, as x of it does not."""
+    raw = recording((1.0, 5.0), 4096)
+    xyz = raw.positions_nm["b1"].copy()
+    xyz[:, 1] += 30.0 * np.sin(2 * np.pi * 17.0 * raw.time_s)
+    positions = {**raw.positions_nm, "b1": xyz}
+    return calibrate(mtpipe.subtract_drift(replace(raw, positions_nm=positions))).beads[0]
+
+
+def test_a_number_is_one_to_use_only_where_the_spectrum_is_the_models(shaken):
+    for plateau in shaken.plateaus:
+        x, y, _ = plateau.axes
+        assert y.fit.p_value < P_POOR
+        assert plateau.status(y) == "unlike_model"
+        force = spectral_force(plateau)
+        assert force.status == plateau.force_status
+        if not x.shares_force:
+            assert plateau.status(x) == "ok"
+            assert force.value == pytest.approx(x.force.value)
+
+
+def test_a_spectrum_unlike_the_model_is_judged_by_the_cross_check_where_there_is_one(shaken, setup):
+    flags = tuple(
+        Notice("poor_fit", "caution", "differs", "b1", plateau.plateau.number, "y")
+        for plateau in shaken.plateaus
+    )
+    alone = bead_verdict(shaken, flags, setup)
+    assert alone.verdict == "caution"
+    assert "spectrum unlike the model in 2 of 2 plateaus" in alone.reasons
+    checked = bead_verdict(shaken, flags, setup, cross_checked=True)
+    assert not any("spectrum unlike" in reason for reason in checked.reasons)
