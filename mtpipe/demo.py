@@ -137,7 +137,7 @@ def findings(result: Run, truth: Mapping[str, Any]) -> Iterator[str]:
         if found["verdict"] == "consistent":
             yield f"{concealed} was concealed; recording and simulation agree."
             continue
-        named = [f"{one['effect']}: {one['sentence']}" for one in found["effects"]]
+        named = [f"{one['effect']}. {one['sentence']}" for one in found["effects"]]
         yield f"{concealed} was concealed; found: {' '.join(named) or 'no cause.'}"
         before, after = (
             statistics.median(
