@@ -85,10 +85,12 @@ class Estimate:
 
     def widened(self, relative: float) -> Estimate:
         """The estimate of a positive quantity with one more relative standard error."""
-        if not relative > 0 or not math.isfinite(self.value):
+        if not relative > 0 or not 0 < self.value < math.inf:
             return self
         low, high = (
             self.value * math.exp(sign * math.hypot(math.log(bound / self.value), relative))
+            if bound > 0
+            else bound
             for sign, bound in zip((-1, 1), self.interval, strict=True)
         )
         stderr = math.hypot(self.stderr, relative * self.value)

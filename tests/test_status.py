@@ -64,6 +64,13 @@ def test_each_word_has_its_reason():
     assert status_of(missing, p_value=0.0, relaxations=0.0) == "not_identified"
 
 
+def test_an_interval_that_includes_nought_still_does_with_one_more_error():
+    widened = replace(estimate(0.1, 0.0, 0.3), status="zero_force").widened(0.5)
+    assert widened.interval[0] == 0.0
+    assert widened.interval[1] > 0.3
+    assert widened.status == "zero_force"
+
+
 @pytest.mark.parametrize("options", [{}, {"friction": PRIOR}, {"tracking_noise_nm": "fit"}])
 def test_a_random_walk_has_no_force(options):
     random = np.random.default_rng(1)

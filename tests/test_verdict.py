@@ -106,3 +106,19 @@ def test_a_spectrum_unlike_the_model_is_judged_by_the_cross_check_where_there_is
     assert "spectrum unlike the model in 2 of 2 plateaus" in alone.reasons
     checked = bead_verdict(shaken, flags, setup, cross_checked=True)
     assert not any("spectrum unlike" in reason for reason in checked.reasons)
+
+
+def test_a_force_whose_lever_may_be_nought_is_none_to_use(setup):
+    raw = mtpipe.subtract_drift(recording((1.0, 5.0), 2048))
+    (bead,) = calibrate(replace(raw, z_zero_stderr_nm={"b1": 5000.0})).beads
+    for plateau in bead.plateaus:
+        x = plateau.axes[0]
+        assert x.estimates.stiffness.status == "ok"
+        assert x.force.interval[0] == 0.0
+        assert plateau.status(x) == plateau.force_status == "zero_force"
+        assert spectral_force(plateau).status == "zero_force"
+    verdict = bead_verdict(bead, (), setup)
+    assert verdict.verdict == "refused"
+    assert verdict.reasons == ("no plateau gives a force that can be told from none",)
+    with_flags = mtpipe.force_extension(replace(raw, z_zero_stderr_nm={"b1": 5000.0}))
+    assert with_flags == {}
