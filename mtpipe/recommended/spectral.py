@@ -22,6 +22,8 @@ from mtpipe.recommended.scatter import scatter_beyond_errors
 from mtpipe.series_choice import CONTRADICTION_P
 
 METHOD = "spectra of x and y"
+# A force whose 68 % interval reaches from half to twice its value is no number to use.
+NO_NUMBER_FACTOR = 2.0
 
 
 @dataclass(frozen=True)
@@ -131,10 +133,19 @@ def chosen_of(
             one = RecommendedForce(spectra[number], "spectra")
         else:
             one = RecommendedForce(Estimate.missing("pN", ""), "none")
+        one = RecommendedForce(_number_or_none(one.force), one.source)
         if mixed.get(number):
             one = RecommendedForce(replace(one.force, status="not_one_state"), one.source)
         chosen[number] = one
     return chosen
+
+
+def _number_or_none(force: Estimate) -> Estimate:
+    """The force; one that is not known to a factor is no number, and its interval what is known."""
+    low, high = force.interval
+    if force.status != "ok" or high < NO_NUMBER_FACTOR**2 * low:
+        return force
+    return Estimate.missing("pN", force.method, interval=force.interval)
 
 
 def spectral_forces(bead: BeadResult) -> dict[int, Estimate]:
