@@ -266,7 +266,7 @@ def test_a_caution_stays_one_and_keeps_its_reasons(bead):
 def test_a_force_that_is_not_known_to_a_factor_of_two_is_no_number(bead):
     for ratio, known in ((0.6, True), (0.3, False)):
         wrong = with_friction_contradicted(bead, ratio)
-        forces = bead_forces(wrong, None)
+        forces = bead_forces(wrong, diagnosed("unexplained", pulls=20.0))
         assert {one.force.status == "ok" for one in forces.recommended.values()} == {known}
         assert all(one.force.interval[0] > 0 for one in forces.recommended.values())
         assert len(forces.usable_pN) == (3 if known else 0)

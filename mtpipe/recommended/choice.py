@@ -115,6 +115,7 @@ def _of_unexplained(
 ) -> BeadForces:
     """Forces of a bead that differs from its simulation for a reason that is not known."""
     against, heights = contradictions_of(bead), heights_of(found)
+    spectra = {n: force.widened(abs(against.friction_ln)) for n, force in spectra.items()}
     apart = _Apart.of(spectra, heights.force, against.ln_error)
     stand = heights.sound and apart.agree
     if against.shape:

@@ -53,7 +53,7 @@ class Contradictions:
 
     @property
     def ln_error(self) -> float:
-        """Standard error of ln force that stands for them.
+        """Standard error of ln force that stands for them, where a cross-check finds no cause.
 
         A friction that is wrong is a wrong radius or viscosity, which no force follows, or a wrong
         lateral scale, which force and friction follow alike: an interval has to reach both. Of x
@@ -149,8 +149,8 @@ def _number_or_none(force: Estimate) -> Estimate:
 
 
 def spectral_forces(bead: BeadResult) -> dict[int, Estimate]:
-    """By plateau number, the force of x and y, with what these contradict themselves by."""
-    error = contradictions_of(bead).ln_error
+    """By plateau number, the force of x and y, with what these contradict one another by."""
+    error = contradictions_of(bead).axes_ln / 2
     return {
         plateau.plateau.number: force.widened(error)
         for plateau in bead.plateaus
