@@ -5,8 +5,10 @@ Seeds are fixed; where a bound is one of chance, the comment says how often othe
 
 from __future__ import annotations
 
+import importlib
 import math
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -28,6 +30,7 @@ from tests.simulated import recording, setup_content
 from tests.small_case import setup
 from tests.stage import RATE_HZ, ou, recording_of
 
+CHECKOUT = Path(__file__).parents[1]
 SPANS_S = np.array([(0.0, 40.0), (42.0, 60.0), (75.0, 150.0)])
 FRAME_S = 1 / 60
 
@@ -136,7 +139,7 @@ def test_extensions_and_lengths_carry_the_stage():
     raw = simulate(setup(beads={"reference": []}), (0.6, 2.0, 4.0, 7.0), 2048, 1)
     moved = subtract_drift(raw)
     (notice,) = [n for n in moved.notices if n.code == "drift_left"]
-    assert " nm between the first and the last plateau" in notice.message
+    assert "along z between the first and the last plateau" in notice.message
     assert "nm per root second" in notice.message
     calibration = mtpipe.calibrate(moved)
     (bead,) = calibration.beads
@@ -244,3 +247,22 @@ def test_lengths_hold_the_truth_with_the_stage_and_not_without():
     for with_it, without in shares_that_hold(60).values():
         assert 0.50 < with_it < 0.86
         assert without < 0.45
+
+
+def test_the_study_counts_what_it_measured(monkeypatch):
+    monkeypatch.syspath_prepend(str(CHECKOUT / "workflows" / "validation"))
+    study = importlib.import_module("no_reference")
+    against = study._against((0.9, 1.1), 1.2)
+    assert not against["holds"]
+    assert against["pull"] == pytest.approx(-1.867, abs=0.001)
+    held = study._against((0.9, 1.1), 1.05)
+    outcomes = [
+        [
+            {"what": "contour", **one, "pull_without": 5.0},
+            {"what": "stage", "strength": 1.5, "told": True},
+        ]
+        for one in (held, held, against, held)
+    ]
+    row = study.coverage_table(outcomes).splitlines()[2].split(" | ")
+    assert row[:3] == ["| contour", "4 of 4", "75.0"]
+    assert row[-2] == "0.0"

@@ -44,8 +44,9 @@ def left_notice(recording: Recording, course: StageCourse | None) -> Notice | No
         return None
     if course is None:
         text = (
-            "the plateaus are too short to tell how far the stage moves along z, and no reference "
-            "bead does: errors of extensions, and of the tether's lengths, are without that motion"
+            "how far the stage moves along z is unknown: the plateaus are too short to tell, and "
+            "no reference bead took it off; errors of extensions and of the tether's lengths are "
+            "without that motion, and longer plateaus or a reference bead would mend it"
         )
         return Notice("drift_unknown", "caution", text, axis="z")
     covariance = covariance_of_means(course, _spans_s(recording), float(recording.time_s[0]))
@@ -55,9 +56,9 @@ def left_notice(recording: Recording, course: StageCourse | None) -> Notice | No
     else:
         variance, between = covariance[0, 0], "on average since the beginning"
     text = (
-        f"no reference bead tells how far the stage moved along z: by ± {math.sqrt(variance):.2g} "
-        f"nm {between}, if it moves on as within the plateaus ({_rates(course)}); extensions and "
-        "the tether's lengths carry that error"
+        f"the stage may have moved by ± {math.sqrt(variance):.2g} nm along z {between}, if it goes "
+        f"on as within the plateaus ({_rates(course)}); no reference bead took that off, and "
+        "extensions and the tether's lengths carry it as an error"
     )
     return Notice("drift_left", "caution", text, axis="z")
 
