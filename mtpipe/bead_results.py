@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 
 from mtpipe.estimate import Estimate, Status
@@ -60,6 +61,9 @@ class PlateauResult:
 
     `not_one_state` says why the plateau gives no force to use: it mixes several states. Empty for
     a sound one.
+
+    `stage_stderr_nm` is the part of that error which is the stage's motion since z = 0; 0 where
+    reference beads took it off.
     """
 
     trace: Trace
@@ -67,11 +71,17 @@ class PlateauResult:
     extension_stderr_nm: float
     axes: tuple[AxisResult, ...]
     not_one_state: str = ""
+    stage_stderr_nm: float = 0.0
 
     @property
     def plateau(self) -> Plateau:
         """Where the magnets rested."""
         return self.trace.plateau
+
+    @property
+    def own_stderr_nm(self) -> float:
+        """Standard error of the extension without the stage's motion."""
+        return math.sqrt(max(self.extension_stderr_nm**2 - self.stage_stderr_nm**2, 0.0))
 
     def status(self, axis: AxisResult) -> Status:
         """The word of one of the plateau's traces; "ok" is a number to use."""
@@ -105,7 +115,9 @@ class BeadResult:
     the one expected from the setup (wall included if the setup lists it), None where no free fit
     tells it. `radius` is what the series says of the bead's radius, None where it was not fitted.
     `series` says which joint fit the forces come from, "" for none; `left_out` the traces
-    (plateau number, axis) that contradict it and were fitted by themselves.
+    (plateau number, axis) that contradict it and were fitted by themselves. `stage_nm2` is the
+    (plateaus, plateaus) covariance of the extensions by the stage's motion, None where reference
+    beads took it off.
     """
 
     bead: str
@@ -116,3 +128,4 @@ class BeadResult:
     radius: Estimate | None = None
     series: str = ""
     left_out: tuple[tuple[int, str], ...] = ()
+    stage_nm2: FloatArray | None = None

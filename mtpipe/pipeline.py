@@ -260,7 +260,10 @@ def _left_out(recording: Recording) -> tuple[BeadVerdict, ...]:
 
 
 def _reference_warnings(recording: Recording) -> tuple[str, ...]:
-    """Faults of the reference beads that are in every trace, in words; none of those left out."""
+    """What the reference beads leave in every trace, or its size unknown, in words.
+
+    Those that were left out leave nothing there.
+    """
     uses = recording.drift.references if recording.drift else ()
     subtracted = {one.bead for one in uses if one.used}
     faulty = {
@@ -269,7 +272,10 @@ def _reference_warnings(recording: Recording) -> tuple[str, ...]:
         if notice.code in REFERENCE_CODES and notice.bead in subtracted
     }
     names = ", ".join(sorted(name for name in faulty if name is not None))
-    return (f"reference motion of its own ({names}) is in every trace",) if names else ()
+    reasons = [f"reference motion of its own ({names}) is in every trace"] if names else []
+    if any(notice.code == "drift_unknown" for notice in recording.notices):
+        reasons.append("how far the stage moved along z is unknown: errors of extensions lack it")
+    return tuple(reasons)
 
 
 def _check_writable(out: Path) -> None:
@@ -349,6 +355,7 @@ def _run_json(result: Run, title: str) -> str:
             "cutoff_hz": drift.cutoff_hz,
             "drift_rms_nm": drift.drift_rms_nm,
             "noise_added_nm": drift.noise_added_nm,
+            "left_along_z": None if drift.left_along_z is None else asdict(drift.left_along_z),
         },
         "notices": [asdict(notice) for notice in result.notices],
         "seed": result.seed,

@@ -115,6 +115,15 @@ def find_surface(recording: Recording) -> Surface:
     return Surface(heights, errors, tuple(notices))
 
 
+def z_zero_time_s(recording: Recording, bead: str) -> float:
+    """When z = 0 is at the surface: while a bead touches it, else at the recording's beginning."""
+    source = recording.setup.source or Source()
+    choice = source.z_zero_of.get(bead, source.z_zero)
+    if choice is None or choice.unknown or choice.value_nm is not None:
+        return float(recording.time_s[0])
+    return float(np.mean(recording.time_s[_stretch(recording, source, choice)]))
+
+
 def _stage_nm(recording: Recording) -> FloatArray:
     """Motion of the reference beads in z since the recording's first second; 0 without any."""
     n = len(recording.time_s)
