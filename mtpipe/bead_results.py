@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 
-from mtpipe.estimate import Estimate
+from mtpipe.estimate import Estimate, Status
 from mtpipe.fit.posterior import Posterior
 from mtpipe.fit.trace import TraceFit
 from mtpipe.physics.camera import FloatArray
@@ -44,6 +44,16 @@ class AxisResult:
         """Where to read stiffness, friction, noise and corner frequency; None where refused."""
         return None if self.refusal else self.posterior or self.fit
 
+    @property
+    def status(self) -> Status:
+        """The word of this trace by itself: its stiffness's, or its force's where that is worse."""
+        known = self.estimates
+        if known is None:
+            return "refused"
+        if known.stiffness.status != "ok" or self.force is None:
+            return known.stiffness.status
+        return self.force.status
+
 
 @dataclass(frozen=True)
 class PlateauResult:
@@ -72,6 +82,28 @@ class PlateauResult:
     def own_stderr_nm(self) -> float:
         """Standard error of the extension without the stage's motion."""
         return math.sqrt(max(self.extension_stderr_nm**2 - self.stage_stderr_nm**2, 0.0))
+
+    def status(self, axis: AxisResult) -> Status:
+        """The word of one of the plateau's traces; "ok" is a number to use."""
+        if self.not_one_state and not axis.refusal:
+            return "not_one_state"
+        return axis.status
+
+    @property
+    def force_status(self) -> Status:
+        """The word of the plateau's force by x and y.
+
+        That of the best trace that has a force of its own; a force that x and y share rests on
+        both, and is as good as the worse of them. Without any force, that of the stiffnesses.
+        """
+        lateral = [one for one in self.axes if one.axis != "z"]
+        with_force = [one for one in lateral if one.force is not None]
+        words = [self.status(one) for one in with_force or lateral]
+        shared = any(one.shares_force for one in with_force)
+        unusable = [word for word in words if word != "ok"]
+        if unusable and (shared or len(unusable) == len(words)):
+            return unusable[0]
+        return "ok" if words else "refused"
 
 
 @dataclass(frozen=True)

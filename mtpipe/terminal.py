@@ -117,9 +117,23 @@ def summary(run: Run, out: Path) -> None:
         for n in run.notices
         if n.bead not in own and n.severity != "info" and n.message not in grouped
     ]
-    for line in [f"{_names(beads)}: {reason}" for reason, beads in grouped.items()] + general:
+    lines = [f"{_names(beads)}: {reason}" for reason, beads in grouped.items()]
+    for line in [*lines, *_unchecked(run), *general]:
         console.print(line, soft_wrap=True, markup=False)
     console.print(f"Report: {out / 'report' / 'index.html'}", soft_wrap=True, markup=False)
+
+
+def _unchecked(run: Run) -> list[str]:
+    """Why beads are unchecked, in a line for all of them, or for each its reason."""
+    beads = [one.bead for one in run.verdicts if one.verdict == "unchecked"]
+    if run.checked is None:
+        why = "not cross-checked (--no-crosscheck), and no bead is called good without that"
+        return [f"{_names(beads)}: {why}"] if beads else []
+    return [
+        f"{bead}: it was not cross-checked: {reason}"
+        for bead, reason in run.checked.refused.items()
+        if bead in beads
+    ]
 
 
 def _names(beads: list[str]) -> str:

@@ -142,8 +142,8 @@ def _force(
 def _own(
     one: AxisResult, plateau: PlateauResult, conditions: Conditions
 ) -> tuple[float, float] | None:
-    """Force and its standard error from this plateau alone; None where there is no force."""
-    if one.force is None or one.force.status != "ok" or one.posterior is None:
+    """Force and its standard error from this plateau alone; None where there is none to use."""
+    if one.force is None or plateau.status(one) != "ok" or one.posterior is None:
         return None
     lever = conditions.lever_nm(AXES.index(one.axis), plateau.extension_nm)
     stiffness = one.posterior.stiffness

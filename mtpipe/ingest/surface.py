@@ -108,7 +108,7 @@ def find_surface(recording: Recording) -> Surface:
         beads = f"bead {unknown[0]}" if len(unknown) == 1 else f"{len(unknown)} beads"
         said = (
             f"Where z = 0 is for {beads} is unknown ([source.z_zero]): z is left as it stands in "
-            "the file, so the extension, and with it the force, has an unknown offset."
+            "the file, and there is neither an extension nor a force."
         )
         only = unknown[0] if len(unknown) == 1 else None
         notices.append(Notice("z_zero_unknown", "warning", said, bead=only))

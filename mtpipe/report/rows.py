@@ -13,7 +13,7 @@ from mtpipe.report.folder import RunFolder, records
 from mtpipe.report.noise_words import noise_sentence
 from mtpipe.report.plateau_forces import comparisons, share_a_force
 
-VERDICTS = ("good", "caution", "refused")
+VERDICTS = ("good", "unchecked", "caution", "refused")
 
 
 @dataclass(frozen=True)

@@ -33,7 +33,7 @@ MODEL = {
     "bouchiat": "Bouchiat",
     "extensible": "extensible worm-like chain",
 }
-VERDICT_MARK = {"good": "✓", "caution": "△", "refused": "✕"}
+VERDICT_MARK = {"good": "✓", "unchecked": "?", "caution": "△", "refused": "✕"}
 SEVERITY_ORDER = {"warning": 0, "caution": 1, "info": 2}
 
 
