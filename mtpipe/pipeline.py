@@ -262,7 +262,7 @@ def _left_out(recording: Recording) -> tuple[BeadVerdict, ...]:
 def _reference_warnings(recording: Recording) -> tuple[str, ...]:
     """What the reference beads leave in every trace, or its size unknown, in words.
 
-    Those that were left out leave nothing there.
+    Nothing of references that were left out.
     """
     uses = recording.drift.references if recording.drift else ()
     subtracted = {one.bead for one in uses if one.used}
