@@ -8,6 +8,9 @@ from dataclasses import dataclass
 from mtpipe.notice import Notice
 from mtpipe.report import words
 
+# Findings about the recording, which come before all others whatever their severity.
+FIRST_CODES = ("magnet_log_lag", "hidden_step")
+
 
 @dataclass(frozen=True)
 class NoticeGroup:
@@ -28,13 +31,18 @@ class NoticeGroup:
     beads: tuple[str, ...]
 
     @property
+    def foremost(self) -> bool:
+        """Whether it is to be read before anything else: not a mere remark."""
+        return self.code in FIRST_CODES or self.severity != "info"
+
+    @property
     def label(self) -> str:
         """The code in words."""
         return words.label(self.code)
 
 
 def notice_groups(notices: Iterable[Notice], tethered: Collection[str]) -> list[NoticeGroup]:
-    """Notices by code, the most severe first."""
+    """Notices by code: findings about the recording, then the most severe first."""
     groups: dict[tuple[str, bool], list[Notice]] = {}
     for notice in notices:
         groups.setdefault((notice.code, notice.bead not in tethered), []).append(notice)
@@ -48,4 +56,11 @@ def notice_groups(notices: Iterable[Notice], tethered: Collection[str]) -> list[
         )
         for (code, general), group in groups.items()
     ]
-    return sorted(made, key=lambda group: (words.SEVERITY_ORDER[group.severity], group.code))
+    return sorted(
+        made,
+        key=lambda group: (
+            group.code not in FIRST_CODES,
+            words.SEVERITY_ORDER[group.severity],
+            group.code,
+        ),
+    )

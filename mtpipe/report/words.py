@@ -11,6 +11,7 @@ import re
 from collections.abc import Sequence
 from typing import Any
 
+from mtpipe.quality import FLAG_WORDS
 from mtpipe.setup import Measured, Setup
 
 EMPTY = "—"
@@ -21,19 +22,41 @@ STATUS = {
     "at_bound": "at a bound",
     "not_identified": "not identified",
     "not_converged": "fit not converged",
+    "not_one_state": "mixed states",
+    "unlike_model": "unlike the model",
+    "zero_force": "no force",
     "refused": "refused",
 }
 STATUS_MEANING = {
     "at_bound": "the fit ended at a physical limit, so an interval is one-sided",
     "not_identified": "the data do not determine a parameter",
     "not_converged": "the fit found no minimum",
+    "not_one_state": "bead or force change within the plateau, so it has no single force",
+    "unlike_model": "the spectrum differs from the model's, so the number is not to be used",
+    "zero_force": "the force cannot be told from zero",
+}
+# Where the force to quote comes from: in a few words, and what that means.
+SOURCE = {
+    "spectra": "spectra of x and y",
+    "heights": "spectra and heights",
+    "named": "with what was named",
+    "spectra_alone": "spectra of x and y only",
+    "none": "none",
+}
+SOURCE_MEANING = {
+    "spectra": "all spectra of x and y of the bead, fitted together",
+    "heights": "spectra and mean heights fitted together as the setup states the experiment, which "
+    "the cross-check does not contradict",
+    "named": "spectra and mean heights fitted together, with the causes that were named",
+    "spectra_alone": "spectra of x and y only, because the fit of the whole experiment contradicts "
+    "the recording or leaves something unexplained",
 }
 MODEL = {
     "marko-siggia": "Marko–Siggia",
     "bouchiat": "Bouchiat",
     "extensible": "extensible worm-like chain",
 }
-VERDICT_MARK = {"good": "✓", "caution": "△", "refused": "✕"}
+VERDICT_MARK = {"good": "✓", "unchecked": "?", "caution": "△", "refused": "✕"}
 SEVERITY_ORDER = {"warning": 0, "caution": 1, "info": 2}
 
 
@@ -53,8 +76,8 @@ def flags(value: Any) -> list[str]:
 
 
 def label(code: str) -> str:
-    """A code as words: `near_nyquist` becomes "near nyquist"."""
-    return code.replace("_", " ")
+    """A code as words: those of its flag, else `focus_scan` becomes "focus scan"."""
+    return FLAG_WORDS.get(code, code.replace("_", " "))
 
 
 def number(value: Any, digits: int = 3) -> str:
@@ -72,7 +95,7 @@ def number(value: Any, digits: int = 3) -> str:
 
 
 def signed(value: float, decimals: int) -> str:
-    """A number with its sign, also "+", to so many decimals."""
+    """A number with its sign, also "+", rounded to some decimals."""
     return _minus(f"{round(value, decimals) + 0.0:+.{decimals}f}")
 
 
@@ -123,10 +146,36 @@ def span(low: Any, high: Any) -> str:
     return number(low) if number(low) == number(high) else f"{number(low)} – {number(high)}"
 
 
+def change(ratio: float) -> str:
+    """A ratio as a change in percent, or as a factor where it is 2 or more either way."""
+    if 0.5 < ratio < 2:
+        return f"{signed(100 * (ratio - 1), 1 if abs(ratio - 1) < 0.1 else 0)} %"
+    return f"{number(ratio, 2)} times as large"
+
+
+def sentence(phrase: str) -> str:
+    """A phrase with a capital at its beginning and a full stop at its end."""
+    phrase = phrase.strip().rstrip(".")
+    return f"{phrase[:1].upper()}{phrase[1:]}."
+
+
+def unbroken(phrase: str) -> str:
+    """A phrase whose numbers stay in one line with their unit and their error."""
+    joined = re.sub(r"(?<=[0-9]) (?=(?:%|pN|nm|mm|Hz|s)\b|%)", "\u00a0", phrase)
+    return joined.replace(" ± ", "\u00a0±\u00a0")
+
+
+def few(names: Sequence[str], shown: int = 4) -> str:
+    """A few names in full, of many the first and the number of the others."""
+    if len(names) <= shown:
+        return listed(names)
+    return f"{', '.join(names[:shown])} and {len(names) - shown} more"
+
+
 def measured(value: Measured, unit: str) -> str:
-    """A value of the setup with its unit, or that the laboratory does not know it."""
+    """A value of the setup with its unit, or that it is unknown."""
     if value.value is None:
-        return "not known to the laboratory"
+        return "unknown"
     # the digits the laboratory wrote, not a rounding of them
     shown = with_error(value.value, value.stderr) if value.stderr else f"{value.value:.10g}"
     return f"{shown} {unit}"
@@ -154,7 +203,7 @@ def setup_in_words(setup: Setup) -> list[tuple[str, str]]:
         ("Viscosity", measured(setup.buffer.viscosity_mPa_s, "mPa·s")),
         ("Magnetic field", f"along {setup.field.direction}; the bead rotates freely in {across}"),
         ("Effects in the model", effects or "none beyond the baseline"),
-        *([("Forces known beforehand", known)] if known else []),
+        *([("Forces known from elsewhere", known)] if known else []),
     ]
 
 
@@ -162,6 +211,16 @@ def place(plateau: int | None, axis: str | None) -> str:
     """Where in a bead a notice applies; empty for all of it."""
     parts = ([] if plateau is None else [f"plateau {plateau}"]) + ([] if axis is None else [axis])
     return ", ".join(parts)
+
+
+def plateaus(numbers: Sequence[int]) -> str:
+    """`plateau 3`, `plateaus 2 to 5`, `plateaus 0, 1 and 4`."""
+    inside = sorted(numbers)
+    if len(inside) == 1:
+        return f"plateau {inside[0]}"
+    if len(inside) > 2 and inside[-1] - inside[0] == len(inside) - 1:
+        return f"plateaus {inside[0]} to {inside[-1]}"
+    return f"plateaus {listed([str(one) for one in inside])}"
 
 
 def natural(name: str) -> list[tuple[int, int, str]]:
