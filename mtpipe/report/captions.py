@@ -49,9 +49,8 @@ def trace_captions(fit: Mapping[str, Any], *, sampled: bool) -> dict[str, str]:
         parts.append(f"{words.STATUS.get(status, status)}: {meaning}")
     ratio = words.number(fit["nyquist_ratio"], 2)
     parts.append(f"the corner frequency is {ratio} times the Nyquist frequency")
-    text = "; ".join(parts) + "."
     return {
-        "spectrum": text[0].upper() + text[1:],
+        "spectrum": words.sentence("; ".join(parts)),
         "posterior": _posterior_caption(fit, sampled=sampled),
     }
 

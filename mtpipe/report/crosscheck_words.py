@@ -25,20 +25,20 @@ def band(row: Mapping[str, Any]) -> str:
 
 def verdict(p_value: float, comparisons: int, simulations: int) -> str:
     """The p-value of all comparisons together, in a sentence."""
-    p = words.number(p_value, 2)
+    p = words.probability(p_value)
     basis = f"{comparisons} comparisons with {simulations} simulations, counted together"
     if p_value >= CONSISTENT:
-        return f"Recording and simulations agree: p = {p} ({basis})."
+        return f"Recording and simulations agree: {p} ({basis})."
     once = words.number(1 / max(p_value, 1e-300), 2)
     often = f"of {once} recordings of the configured experiment one differs as much by chance"
     if p_value >= MISMATCH:
-        return f"No clear mismatch: p = {p}; {often} ({basis})."
+        return f"No clear mismatch: {p}; {often} ({basis})."
     if p_value < 1 / (simulations + 1):
         often = (
             "no simulation differs as much, so this p-value is extrapolated from the spread of "
             "the simulations"
         )
-    return f"Recording and simulations differ: p = {p}; {often} ({basis})."
+    return f"Recording and simulations differ: {p}; {often} ({basis})."
 
 
 def comparison(row: Mapping[str, Any]) -> str:
@@ -59,7 +59,7 @@ def comparison(row: Mapping[str, Any]) -> str:
     spread = f"{_short(row['simulated_low'])} to {_short(row['simulated_high'])}"
     sentence = (
         f"{', '.join(parts)}: {what} is {side} the simulated one, {_short(row['value'])} "
-        f"instead of {spread} (p = {words.number(row['p_value'], 2)}"
+        f"instead of {spread} ({words.probability(row['p_value'])}"
     )
     return sentence + (", extrapolated)." if row["extrapolated"] else ").")
 
@@ -78,7 +78,7 @@ def place_in_words(located: Mapping[str, Any]) -> str:
             parts.append(f"between {words.number(low, 2)} and {words.number(high, 2)} Hz")
     if located["plateaus"]:
         parts.append(f"in {words.plateaus(located['plateaus'])}")
-    return f"{' '.join(parts)} (p = {words.number(located['p_value'], 2)})"
+    return f"{' '.join(parts)} ({words.probability(located['p_value'])})"
 
 
 def _short(value: Any) -> str:

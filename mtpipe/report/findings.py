@@ -37,6 +37,7 @@ UNCHECKED = (
     "Whether the experiment was as the setup states it is not known: the fit may be good and the "
     "force wrong. Run mtpipe run without --no-crosscheck to find out."
 )
+MIXED = "The plateau mixes several states and gives no force."
 VERDICT_BEADS = {
     "good": "good beads",
     "unchecked": "unchecked beads",
@@ -122,15 +123,15 @@ def overall_forces(run: RunFolder) -> str:
 
 def mixed_plateaus(run: RunFolder) -> list[str]:
     """Sentences on plateaus that mix states and give no force, each with the beads concerned."""
+    told = {(n.bead, n.plateau): n.message for n in run.notices if n.code == "not_one_state"}
     mixed = run.forces[run.forces["status"] == "not_one_state"]
     groups: dict[tuple[int, str], list[str]] = {}
     for row in records(mixed.drop_duplicates(["bead", "plateau"])):
-        reason = words.text(row["refusal"]).rstrip(".")
-        groups.setdefault((int(row["plateau"]), reason), []).append(row["bead"])
+        bead, plateau = row["bead"], int(row["plateau"])
+        groups.setdefault((plateau, told.get((bead, plateau), MIXED)), []).append(bead)
     return [
-        f"Plateau {plateau} is not one state and gives no force of {words.few(beads)}"
-        + (f": {reason}." if reason else ".")
-        for (plateau, reason), beads in groups.items()
+        f"{words.few(beads)}, plateau {plateau}: {message}"
+        for (plateau, message), beads in groups.items()
     ]
 
 
@@ -210,14 +211,18 @@ def _as_much(factor: float, stderr: float) -> str:
 
 def _note(bead: Mapping[str, Any], mismatch: str, tolerance: float) -> str:
     """What the mismatch does to the forces, beside the tolerance of the setup's `[report]`."""
+    bound = bead["force_bound_percent"]
     if mismatch not in DIFFERENT:
-        return ""
+        if mismatch != "consistent" or not words.is_number(bound):
+            return ""
+        return (
+            f"Deviations too small to be seen may move a force by up to {words.number(bound, 2)} %."
+        )
     if not bead["material"]:
         return (
             "The mismatch is significant but moves no force by more than "
             f"{words.number(100 * tolerance)} %."
         )
-    bound = bead["force_bound_percent"]
     if mismatch == "explained" or not words.is_number(bound):
         return ""
     return f"What is not explained may move a force by up to {words.number(bound, 2)} %."

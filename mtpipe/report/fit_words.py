@@ -97,8 +97,8 @@ def _why_apart(joint: JointFit, axes: Sequence[str]) -> list[str]:
         return []
     return [
         "x and y have their own forces because no fit with one force for both describes the "
-        "spectra (p below 0.001): extension, radius or the direction of the field may be wrong, or the "
-        "tether is not a single molecule"
+        "spectra (p below 0.001): extension, radius or the direction of the field may be wrong, or "
+        "the tether is not a single molecule"
     ]
 
 

@@ -20,6 +20,7 @@ class NoticeGroup:
     ----------
     severity : that of the worst of them.
     general : on the recording as a whole, or on a reference bead, which concerns every bead.
+    foremost : to be read before anything else, as one of them is no mere remark.
     items : (bead, place, message) of each.
     beads : the beads concerned.
     """
@@ -27,18 +28,19 @@ class NoticeGroup:
     code: str
     severity: str
     general: bool
+    foremost: bool
     items: tuple[tuple[str, str, str], ...]
     beads: tuple[str, ...]
-
-    @property
-    def foremost(self) -> bool:
-        """Whether it is to be read before anything else: not a mere remark."""
-        return self.code in FIRST_CODES or self.severity != "info"
 
     @property
     def label(self) -> str:
         """The code in words."""
         return words.label(self.code)
+
+
+def is_foremost(notice: Notice) -> bool:
+    """Whether a notice is to be read before anything else: no mere remark."""
+    return notice.code in FIRST_CODES or notice.severity != "info"
 
 
 def notice_groups(notices: Iterable[Notice], tethered: Collection[str]) -> list[NoticeGroup]:
@@ -51,6 +53,7 @@ def notice_groups(notices: Iterable[Notice], tethered: Collection[str]) -> list[
             code=code,
             severity=min((n.severity for n in group), key=words.SEVERITY_ORDER.__getitem__),
             general=general,
+            foremost=any(map(is_foremost, group)),
             items=tuple((n.bead or "", words.place(n.plateau, n.axis), n.message) for n in group),
             beads=tuple(sorted({n.bead for n in group if n.bead}, key=words.natural)),
         )

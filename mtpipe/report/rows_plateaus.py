@@ -35,7 +35,7 @@ class PlateauForces:
     configured: Cell
     named: Cell
     corrected: Cell
-    between: str
+    between: Cell
 
 
 @dataclass(frozen=True)
@@ -104,6 +104,7 @@ def _plateau(
     first = axes[0]
     by_axis = {row["axis"]: row for row in axes}
     missing = Cell(words.EMPTY, "this axis was not recorded")
+    uncorrected = Cell(words.EMPTY, "no correction was fitted")
     return PlateauForces(
         plateau=plateau,
         magnet=_magnet(first),
@@ -129,8 +130,10 @@ def _plateau(
         named=error_cell(first["force_named_pN"], first["force_named_stderr_pN"], "nothing named"),
         corrected=error_cell(corrected["corrected_pN"], corrected["corrected_stderr_pN"], "")
         if corrected
-        else Cell(words.EMPTY, "no correction was fitted"),
-        between=words.span(corrected["low_pN"], corrected["high_pN"]) if corrected else words.EMPTY,
+        else uncorrected,
+        between=Cell(words.span(corrected["low_pN"], corrected["high_pN"]))
+        if corrected
+        else uncorrected,
     )
 
 

@@ -11,7 +11,6 @@ import re
 from collections.abc import Sequence
 from typing import Any
 
-from mtpipe.quality import FLAG_WORDS
 from mtpipe.setup import Measured, Setup
 
 EMPTY = "—"
@@ -57,6 +56,19 @@ MODEL = {
     "extensible": "extensible worm-like chain",
 }
 VERDICT_MARK = {"good": "✓", "unchecked": "?", "caution": "△", "refused": "✕"}
+# Codes of notices that are no words when their underscores are taken out.
+LABELS = {
+    "fx_fy": "forces from x and y differ",
+    "above_nyquist": "corner above the Nyquist frequency",
+    "poor_fit": "spectrum unlike the model",
+    "unlike_the_series": "unlike the bead's other traces",
+    "beyond_dna": "beyond what DNA bears",
+    "not_crosschecked": "not cross-checked",
+    "tether_formula": "choice of the chain's formula",
+    "tether_relation": "choice of the chain's relation",
+}
+# Below this the tail of a hundred simulations says no more than "very small".
+SMALLEST_P = 1e-12
 SEVERITY_ORDER = {"warning": 0, "caution": 1, "info": 2}
 
 
@@ -76,8 +88,8 @@ def flags(value: Any) -> list[str]:
 
 
 def label(code: str) -> str:
-    """A code as words: those of its flag, else `focus_scan` becomes "focus scan"."""
-    return FLAG_WORDS.get(code, code.replace("_", " "))
+    """A code as words; without words of its own `lost_frames` becomes "lost frames"."""
+    return LABELS.get(code, code.replace("_", " "))
 
 
 def number(value: Any, digits: int = 3) -> str:
@@ -89,9 +101,17 @@ def number(value: Any, digits: int = 3) -> str:
     exponent = math.floor(math.log10(abs(float(f"{value:.{digits - 1}e}"))))
     if exponent < -4 or exponent >= 7:
         mantissa = f"{value / 10.0**exponent:.{digits - 1}f}"
-        return _minus(mantissa) + f" × 10{_superscript(exponent)}"
+        times = "" if mantissa == "1" else f"{_minus(mantissa)} × "
+        return f"{times}10{_superscript(exponent)}"
     shown = f"{value:.{max(digits - 1 - exponent, 0)}f}"
     return _minus(shown.rstrip("0").rstrip(".") if "." in shown else shown)
+
+
+def probability(p_value: float) -> str:
+    """A p-value; where it is below what any tail can be followed to, as a limit."""
+    if p_value < SMALLEST_P:
+        return f"p < {number(SMALLEST_P, 1)}"
+    return f"p = {number(p_value, 2)}"
 
 
 def signed(value: float, decimals: int) -> str:
@@ -154,9 +174,10 @@ def change(ratio: float) -> str:
 
 
 def sentence(phrase: str) -> str:
-    """A phrase with a capital at its beginning and a full stop at its end."""
+    """A phrase with a capital at its beginning, unless that is a symbol, and a full stop."""
     phrase = phrase.strip().rstrip(".")
-    return f"{phrase[:1].upper()}{phrase[1:]}."
+    symbol = re.match(r"[xyzp]\b", phrase)
+    return f"{phrase if symbol else phrase[:1].upper() + phrase[1:]}."
 
 
 def unbroken(phrase: str) -> str:
