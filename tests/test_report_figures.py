@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import json
+import re
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -11,8 +14,11 @@ import pytest
 from scipy.stats import gamma
 
 from mtpipe.report import write_report
+from mtpipe.report.figures_finding import picture
+from mtpipe.report.figures_geometry import mean_stderr_nm, plateau_means
 from mtpipe.report.figures_trace import spectrum_figure
-from mtpipe.report.plotly_json import Arrays, outline, with_gaps
+from mtpipe.report.folder import read_run_folder
+from mtpipe.report.plotly_json import DARK, Arrays, outline, with_gaps
 from tests.report_folder import write_run_folder
 from tests.report_page import Page, resolved, unpacked
 
@@ -95,8 +101,8 @@ def test_what_is_named_is_drawn_before_and_after(pages: dict[str, Page]) -> None
 def test_what_no_effect_explains_is_said_drawn_and_bounded(pages: dict[str, Page]) -> None:
     page = pages["bead-b10.html"]
     assert "Nothing in the catalogue explains it. Between 0.4 and 2.5 Hz along y …" in page.text
-    bounds = next(row for row in page.rows if "1.04 ± 0.03" in row)
-    assert bounds[bounds.index("1.04 ± 0.03") + 1] == "0.95 – 1.07"
+    bounds = next(row for row in page.rows if "1.040 ± 0.030" in row)
+    assert bounds[bounds.index("1.040 ± 0.030") + 1] == "0.95 – 1.07"
     figure = resolved(page.charts["figures"]["unexplained"], unpacked(page.charts["arrays"]))
     of = {axis: [one for one in figure["data"] if one["xaxis"] == axis] for axis in ("x", "x2")}
     assert [one.get("name") for one in of["x"]] == ["recorded / expected"]
@@ -113,3 +119,67 @@ def test_what_no_effect_explains_is_said_drawn_and_bounded(pages: dict[str, Page
         shapes["data"][2]["error_y"]["arrayminus"], 0.1 * np.geomspace(1, 2, 16)
     )
     assert not {"unexplained", "shapes"} & set(pages[GOOD].charts["figures"])
+
+
+def test_cross_talk_shows_as_a_slope_of_mean_y_against_mean_z(folder: Path) -> None:
+    run = read_run_folder(folder)
+    bead = run.beads["bead"][0]
+    traces, forces = run.traces.copy(), run.forces
+    y = (traces["bead"] == bead) & (traces["axis"] == "y") & (traces["stage"] == "subtracted")
+    for row in forces[(forces["bead"] == bead) & (forces["axis"] == "y")].itertuples():
+        inside = y & traces["time_s"].between(row.start_s, row.start_s + row.duration_s)
+        traces.loc[inside, "mean_nm"] += 0.5 * row.extension_nm
+    means = plateau_means(replace(run, traces=traces), bead, "y")
+    assert means is not None
+    assert np.all(np.diff(means.z_nm) > 0)
+    pull = (means.mean_nm - 0.5 * (means.z_nm - means.z_nm[-1])) / means.stderr_nm
+    # the fixture's means of stretches scatter by less than thermal motion would
+    assert np.abs(pull).max() < 3
+    assert means.mean_nm[0] < -5 * means.stderr_nm[0]
+    without = plateau_means(run, bead, "y")
+    assert without is not None
+    assert np.abs(without.mean_nm / without.stderr_nm).max() < 3
+
+
+def test_standard_errors_of_means_hold_their_scatter() -> None:
+    """Means of 400 simulated traces of 300 relaxation times scatter by the error that is drawn."""
+    rng = np.random.default_rng(5)
+    stiffness, corner_hz, duration_s, step_s = 1e-3, 2.0, 24.0, 0.01
+    kept = np.exp(-2 * np.pi * corner_hz * step_s)
+    variance = 4.114 / stiffness
+    kicks = rng.normal(0, np.sqrt(variance * (1 - kept**2)), (int(duration_s / step_s), 400))
+    x = np.empty_like(kicks)
+    x[0] = rng.normal(0, np.sqrt(variance), 400)
+    for i in range(1, len(x)):
+        x[i] = kept * x[i - 1] + kicks[i]
+    expected = mean_stderr_nm(4.114, stiffness, corner_hz, duration_s)
+    assert x.mean(axis=0).std() == pytest.approx(expected, rel=0.15)  # 4 of its errors
+
+
+def test_no_figure_has_a_colour_without_a_dark_one(pages: dict[str, Page]) -> None:
+    light = {"#56b4e9", "#e69f00", "#ffffff"}  # bright enough on both grounds, or replaced
+    for page in pages.values():
+        used = set(re.findall(r'"(#[0-9a-f]{6})"', json.dumps(page.charts)))
+        assert used - set(DARK) - set(DARK.values()) <= light
+
+
+def test_the_picture_shows_what_was_found(folder: Path) -> None:
+    run = read_run_folder(folder)
+    captions = {}
+    for bead in run.beads["bead"]:
+        made = picture(Arrays(), run, bead)
+        assert made is not None
+        captions[bead] = made.caption
+    assert captions["b10"] == "Motion along x after drift subtraction."
+    assert captions["b2"] == "Recorded over fitted power along x, plateau 0."
+    assert captions['../<b id="x">&b 1/2'].startswith("Recorded over expected power along")
+
+
+def test_a_legend_is_spoken_of_only_where_there_is_one(folder: Path, tmp_path: Path) -> None:
+    assert "legend" not in Page(folder / "report" / "index.html").text  # one bead has a force
+    several = Page(write_report(write_run_folder(tmp_path / "run", good=2, plateaus=2)))
+    assert "Select a name in the legend" in several.text
+    assert several.charts["figures"]["forces"]["layout"]["showlegend"]
+    many = Page(write_report(write_run_folder(tmp_path / "many", good=9, plateaus=1)))
+    assert "legend" not in many.text
+    assert not many.charts["figures"]["forces"]["layout"]["showlegend"]

@@ -32,7 +32,7 @@ def forces_of(page: Page) -> dict[str, dict[str, str]]:
     """The table of forces: cells by heading, by plateau."""
     start = next(i for i, row in enumerate(page.rows) if "Force to quotepN" in row)
     head = page.rows[start]
-    rows = takewhile(lambda row: len(row) == len(head), page.rows[start + 1 :])
+    rows = takewhile(lambda row: row[0].isdigit(), page.rows[start + 1 :])
     return {row[0]: dict(zip(head, row, strict=True)) for row in rows}
 
 

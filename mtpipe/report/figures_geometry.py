@@ -57,16 +57,29 @@ def plateau_means(run: RunFolder, bead: str, name: str) -> Means | None:
         inside = trace["time_s"].between(row["start_s"], row["start_s"] + row["duration_s"])
         if not inside.any():
             continue
-        variance = thermal_pN_nm / row["stiffness_pN_per_nm"]
-        # of n correlated samples the mean scatters as of T / 2τ independent ones
-        relaxation_s = 1 / (2 * np.pi * row["corner_frequency_hz"])
-        stderr = np.sqrt(variance * 2 * relaxation_s / row["duration_s"])
+        stderr = mean_stderr_nm(
+            thermal_pN_nm,
+            row["stiffness_pN_per_nm"],
+            row["corner_frequency_hz"],
+            row["duration_s"],
+        )
         mean = trace.loc[inside, "mean_nm"].mean()
         found.append((row["plateau"], row["extension_nm"], mean, stderr))
     if len(found) < 2:
         return None
     plateau, z, mean, stderr = np.array(found, dtype=float).T
     return Means(plateau, z, mean - mean[-1], stderr)
+
+
+def mean_stderr_nm(
+    thermal_pN_nm: float, stiffness_pN_per_nm: float, corner_frequency_hz: float, duration_s: float
+) -> float:
+    """Standard error of the mean of a trace that is much longer than its relaxation time τ.
+
+    Its positions scatter by kT / k, and their mean as that of T / 2τ independent ones.
+    """
+    relaxation_s = 1 / (2 * np.pi * corner_frequency_hz)
+    return float(np.sqrt(thermal_pN_nm / stiffness_pN_per_nm * 2 * relaxation_s / duration_s))
 
 
 def geometry_figure(arrays: Arrays, run: RunFolder, beads: list[str]) -> Figure:
