@@ -20,6 +20,8 @@ from mtpipe.friction_prior import viscosity_from_others
 from mtpipe.noise_prior import expected_noise_nm
 from mtpipe.notice import Notice
 from mtpipe.processes import executor
+from mtpipe.recommended.force import BeadForces
+from mtpipe.recommended.spectral import forces_of_spectra
 from mtpipe.recording import Recording
 from mtpipe.traces import Trace, traces_of
 
@@ -41,6 +43,11 @@ class Calibration:
     conditions: Conditions
     beads: tuple[BeadResult, ...]
     notices: tuple[Notice, ...]
+
+    @property
+    def forces(self) -> dict[str, BeadForces]:
+        """The forces to quote of each bead, as its spectra give them: nothing is cross-checked."""
+        return {bead.bead: forces_of_spectra(bead) for bead in self.beads}
 
 
 def calibrate(

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 # Quantiles that bound the central 68 %: those of one standard error to either side.
 CENTRAL_68 = (0.1587, 0.8413)
-Status = Literal["ok", "fixed", "at_bound", "not_identified", "not_converged"]
+Status = Literal["ok", "fixed", "at_bound", "not_identified", "not_converged", "not_one_state"]
 
 
 @dataclass(frozen=True)

@@ -11,7 +11,7 @@ import json
 import math
 import tempfile
 import time
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import asdict, dataclass, replace
 from datetime import UTC, datetime
 from pathlib import Path
@@ -24,7 +24,7 @@ from mtpipe import tables
 from mtpipe.calibration import Calibration, calibrate
 from mtpipe.comparison import MethodResult, by_methods
 from mtpipe.crosschecking.recording import CrossCheck
-from mtpipe.diagnosis.mismatch import content, examine
+from mtpipe.diagnosis.mismatch import Examined, content, examine
 from mtpipe.drift import subtract_drift
 from mtpipe.effects.catalogue import catalogue
 from mtpipe.errors import MtpipeError
@@ -37,6 +37,9 @@ from mtpipe.ingest.surface import put_surface_at_zero
 from mtpipe.noise_floor import noise_notices
 from mtpipe.notice import Notice
 from mtpipe.quality import BeadVerdict, bead_verdicts, trace_flags
+from mtpipe.recommended.choice import recommended_forces
+from mtpipe.recommended.force import BeadForces, named_forces
+from mtpipe.recommended.verdict import with_diagnosis
 from mtpipe.recording import Recording
 from mtpipe.tether_curves import tether_curves
 from mtpipe.tracking.stack import is_stack
@@ -49,13 +52,15 @@ LEFT_OUT_CODES = ("no_positions", "constant_bead")
 class Run:
     """Everything a run found out.
 
-    `others` are forces by other methods, where asked for. `flags` are per bead, about its traces;
-    `curves` exist for beads with enough forces; `checked` is the cross-check, unless left out;
-    `mismatch`, `before_after` and `unexplained` are the content of the diagnosis's files.
+    `forces` are the forces to quote, of each tethered bead. `others` are forces by other methods,
+    where asked for. `flags` are per bead, about its traces; `curves` exist for beads with enough
+    forces; `checked` is the cross-check, unless left out; `mismatch`, `before_after` and
+    `unexplained` are the content of the diagnosis's files.
     """
 
     recording: Recording
     calibration: Calibration
+    forces: dict[str, BeadForces]
     others: tuple[MethodResult, ...]
     flags: dict[str, tuple[Notice, ...]]
     verdicts: tuple[BeadVerdict, ...]
@@ -156,8 +161,19 @@ def run(
     )
     clock.lap("calibrate")
     others = by_methods(calibration, methods)
+    examined: Examined | None = None
+    if cross_check:
+        examined = examine(
+            recording,
+            seed=seed,
+            workers=workers,
+            progress=lambda done, total: say("cross-checking beads", done, total),
+        )
+        clock.lap("crosscheck")
+    found = {} if examined is None else examined.found
+    forces = recommended_forces(calibration, found)
     say("fitting tethers", 0, beads)
-    curves = tether_curves(calibration)
+    curves = tether_curves(calibration, named_forces(forces))
     clock.lap("force-extension")
     flags = {
         bead.bead: (
@@ -173,30 +189,23 @@ def run(
     verdicts = bead_verdicts(
         calibration, flags, curves, recording.setup, _reference_warnings(recording)
     ) + _left_out(recording)
-    checked, mismatch = None, content(recording.name, {})
-    before_after, unexplained = {}, {}
-    if cross_check:
-        examined = examine(
-            recording,
-            seed=seed,
-            workers=workers,
-            progress=lambda done, total: say("cross-checking beads", done, total),
-        )
-        checked, mismatch = examined.checked, examined.mismatch
-        before_after, unexplained = examined.before_after, examined.unexplained
-        verdicts = tuple(with_diagnosis(one, mismatch["beads"].get(one.bead)) for one in verdicts)
-        clock.lap("crosscheck")
+    tolerance = recording.setup.report.tolerance
+    verdicts = tuple(
+        with_diagnosis(one, forces.get(one.bead), found.get(one.bead), tolerance)
+        for one in verdicts
+    )
     result = Run(
         recording,
         calibration,
+        forces,
         others,
         flags,
         verdicts,
         curves,
-        checked,
-        mismatch,
-        before_after,
-        unexplained,
+        None if examined is None else examined.checked,
+        content(recording.name, found, forces, tolerance),
+        {} if examined is None else examined.before_after,
+        {} if examined is None else examined.unexplained,
         seed,
         started,
         dict(clock.seconds),
@@ -214,27 +223,6 @@ def _tracked(path: Path, out: Path, setup: Path, workers: int, say: Progress) ->
     recording = out / "recording.csv"
     track(path, recording, setup=setup, workers=workers, progress=say)
     return recording
-
-
-def with_diagnosis(verdict: BeadVerdict, found: Mapping[str, Any] | None) -> BeadVerdict:
-    """A bead's verdict once it is diagnosed: no bead is good that is not what the setup says.
-
-    Parameters
-    ----------
-    found : what `mismatch.json` says of the bead; None where it could not be simulated.
-    """
-    if found is None or found["verdict"] == "consistent":
-        return verdict
-    named = " and ".join(
-        " or ".join([effect["effect"], *effect["equivalent"]]) for effect in found["effects"]
-    )
-    if found["verdict"] == "explained":
-        reason = f"it shows what the setup leaves out: {named}; forces with it are in mismatch.json"
-    else:
-        beside = f" also beside {named}" if named else ""
-        reason = f"it differs from its simulation{beside}, and the cause is not known"
-    grade = "caution" if verdict.verdict == "good" else verdict.verdict
-    return replace(verdict, verdict=grade, reasons=(*verdict.reasons, reason))
 
 
 def not_simulated(listed: Sequence[str]) -> list[Notice]:
@@ -300,9 +288,9 @@ def _title(path: Path, name: str) -> str:
 
 def _write_tables(result: Run, raw: Recording, out: Path, title: str) -> None:
     calibration = result.calibration
-    forces = tables.forces_table(calibration, result.flags, result.others)
+    forces = tables.forces_table(calibration, result.forces, result.flags, result.others)
     tracked = result.recording.tracked
-    beads = tables.beads_table(calibration, result.verdicts, result.curves, tracked)
+    beads = tables.beads_table(calibration, result.forces, result.verdicts, result.curves, tracked)
     details = {
         "spectra": tables.spectra_table(calibration),
         "traces": tables.traces_table(raw, result.recording),

@@ -61,9 +61,9 @@ class BeadVerdict:
     """Verdict on a bead with its reasons in words.
 
     `mismatch` is the verdict of the diagnosis, "" without a cross-check. `force_bound_percent` is
-    by how much what is unexplained may still move a force of the bead, at most over plateaus (68 %);
-    nan where nobody looked. `material` : whether that, or what was named, moves a force by more
-    than the tolerance of the setup's `[report]`.
+    by how much what is unexplained may still move a force of the bead, at most over plateaus
+    (68 %); nan without a cross-check. `material` : whether that, or what was named, moves a force
+    by more than the tolerance of the setup's `[report]`.
     """
 
     bead: str

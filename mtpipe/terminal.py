@@ -99,7 +99,7 @@ def summary(out: Path) -> None:
     for bead in beads:
         found = bead_finding(run, bead)
         change = [f"As configured → to quote: {found.change}."] if found.change else []
-        note = [found.note] if found.note and found.kind != "consistent" else []
+        note = [found.note] if found.note else []
         opening = f"{bead['verdict']}. {found.headline}"
         lines = (opening, *found.details, *note, *change, *found.reasons)
         blocks.setdefault(lines, []).append(bead["bead"])

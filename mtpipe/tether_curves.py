@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
 
 import numpy as np
 from scipy import stats
@@ -11,6 +12,7 @@ from scipy import stats
 from mtpipe.bead_results import AxisResult, BeadResult, PlateauResult
 from mtpipe.calibration import Calibration, calibrate
 from mtpipe.conditions import Conditions
+from mtpipe.estimate import Estimate
 from mtpipe.extension_curve import ForceExtension, fit_curves
 from mtpipe.fit.tether import Assay, ExtensionPoints
 from mtpipe.recording import AXES, Recording
@@ -19,12 +21,21 @@ from mtpipe.series_choice import CONTRADICTION_P
 _Force = tuple[float, float]
 
 
-def tether_curves(calibration: Calibration) -> dict[str, ForceExtension]:
-    """The curve of each bead that has a force in at least one plateau."""
+def tether_curves(
+    calibration: Calibration, instead: Mapping[str, Mapping[int, Estimate]] | None = None
+) -> dict[str, ForceExtension]:
+    """The curve of each bead that has a force in at least one plateau.
+
+    Parameters
+    ----------
+    instead : by bead and plateau number, forces to take in place of those of the spectra.
+    """
     conditions = calibration.conditions
     beads = {}
     for bead in calibration.beads:
         points = extension_points(bead, conditions)
+        if instead is not None and bead.bead in instead:
+            points = _with_forces(points, instead[bead.bead])
         assay = Assay(
             conditions.temperature_K,
             bead_turns=conditions.rotation,
@@ -33,6 +44,17 @@ def tether_curves(calibration: Calibration) -> dict[str, ForceExtension]:
         if points.usable().any():
             beads[bead.bead] = (points, assay)
     return fit_curves(beads)
+
+
+def _with_forces(points: ExtensionPoints, forces: Mapping[int, Estimate]) -> ExtensionPoints:
+    """Points with other forces, which no lever moves; those of other plateaus are left out."""
+    there = [forces.get(int(number)) for number in points.plateau]
+    return replace(
+        points,
+        force_pN=np.array([math.nan if one is None else one.value for one in there]),
+        force_stderr_pN=np.array([math.nan if one is None else one.stderr for one in there]),
+        lever_nm=None,
+    )
 
 
 def force_extension(recording: Recording, *, seed: int = 0) -> dict[str, ForceExtension]:

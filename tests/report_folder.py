@@ -177,16 +177,19 @@ def quoted(t: Trace) -> dict[str, Any]:
 def bead_row(bead: str, forces: pd.DataFrame, plateaus: int) -> dict[str, Any]:
     mine = forces.loc[forces["bead"] == bead, "force_pN"]
     verdict = {NO_Z: "caution", REFUSED: "refused", UNEXPLAINED: "caution"}.get(bead, "good")
+    differs = "it differs from its simulation (p = 2e-07), and the cause is not known"
     reasons = {
+        NASTY: "it shows what the setup leaves out: viscosity; the forces quoted are with it",
         NO_Z: "z was not recorded, so there is no force | stiffness and friction are determined",
-        REFUSED: "all traces refused: the bead is stuck to the surface",
+        REFUSED: f"all traces refused: the bead is stuck to the surface | {differs}",
+        UNEXPLAINED: f"its friction is 1.37 ± 0.06 times that expected | {differs}",
     }
     row: dict[str, Any] = {
         "bead": bead,
         "verdict": verdict,
         "reasons": reasons.get(bead, ""),
         "mismatch": MISMATCH.get(bead, "consistent"),
-        "force_bound_percent": {NO_Z: np.nan, UNEXPLAINED: 14.2}.get(bead, 1.1),
+        "force_bound_percent": {NO_Z: np.nan, UNEXPLAINED: 14.2}.get(bead, 0.0),
         "material": bead == UNEXPLAINED,
         "plateaus": plateaus,
         "plateaus_used": 0 if bead == REFUSED else plateaus,

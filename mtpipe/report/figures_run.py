@@ -27,11 +27,14 @@ from mtpipe.report.plotly_json import (
     with_gaps,
 )
 
+# Sources of forces of a bead that differs from its simulation for no known reason.
+UNSURE = ("spectra_alone", "heights_alone")
+
 
 def forces_figure(arrays: Arrays, folder: RunFolder, beads: list[str]) -> Figure:
     """Force to quote against magnet position (or plateau) of every bead.
 
-    Open where it comes from the spectra of x and y only because something else is not explained.
+    Open where something is not explained.
     Up to eight beads have a colour and a sign each; more are drawn alike, named under the pointer.
     """
     forces = quoted(folder.forces)
@@ -55,7 +58,7 @@ def forces_figure(arrays: Arrays, folder: RunFolder, beads: list[str]) -> Figure
                 "line": {"color": colour, "width": 1},
                 "marker": {
                     "symbol": [
-                        f"{sign}-open" if source == "spectra_alone" else sign
+                        f"{sign}-open" if source in UNSURE else sign
                         for source in mine["force_source"]
                     ],
                     "size": 7,

@@ -91,6 +91,9 @@ def bead_finding(run: RunFolder, bead: Mapping[str, Any]) -> Finding:
     given = quoted(forces)
     sources = [words.SOURCE.get(code, code) for code in given["force_source"].unique()]
     reasons = tuple(words.sentence(r) for r in words.text(bead["reasons"]).split("|") if r.strip())
+    if mismatch in DIFFERENT:
+        # the last one is of the diagnosis (mtpipe.recommended.verdict), of which more is said here
+        reasons = reasons[:-1]
     return Finding(
         kind=kind,
         details=reasons if kind == "refused" else _details(run, name, found),
@@ -211,20 +214,18 @@ def _as_much(factor: float, stderr: float) -> str:
 
 def _note(bead: Mapping[str, Any], mismatch: str, tolerance: float) -> str:
     """What the mismatch does to the forces, beside the tolerance of the setup's `[report]`."""
-    bound = bead["force_bound_percent"]
     if mismatch not in DIFFERENT:
-        if mismatch != "consistent" or not words.is_number(bound):
-            return ""
-        return (
-            f"Deviations too small to be seen may move a force by up to {words.number(bound, 2)} %."
-        )
+        return ""
     if not bead["material"]:
         return (
             "The mismatch is significant but moves no force by more than "
             f"{words.number(100 * tolerance)} %."
         )
-    if mismatch == "explained" or not words.is_number(bound):
+    if mismatch == "explained":
         return ""
+    bound = bead["force_bound_percent"]
+    if not words.is_number(bound):
+        return "By how much what is not explained may move a force is not known."
     return f"What is not explained may move a force by up to {words.number(bound, 2)} %."
 
 

@@ -28,7 +28,7 @@ from mtpipe.report.figures_before_after import residuals_figure, spectra_figure
 from mtpipe.report.figures_crosscheck import curves_figure, map_figure
 from mtpipe.report.figures_finding import picture
 from mtpipe.report.figures_geometry import geometry_figure, measured_beads
-from mtpipe.report.figures_run import drift_figure, forces_figure, has_legend
+from mtpipe.report.figures_run import UNSURE, drift_figure, forces_figure, has_legend
 from mtpipe.report.figures_trace import posterior_figure, spectrum_figure
 from mtpipe.report.figures_unexplained import (
     left_panels,
@@ -153,7 +153,7 @@ def _index_page(run: RunFolder, beads: list[rows.BeadRow]) -> dict[str, Any]:
         "single": [group for group in groups if not group.general],
         "captions": {name: one.caption if one else "" for name, one in pictures.items()},
         "legend": has_legend(list(quoted(run.forces)["bead"].unique())),
-        "open_points": (quoted(run.forces)["force_source"] == "spectra_alone").any(),
+        "open_points": quoted(run.forces)["force_source"].isin(UNSURE).any(),
         "setup": words.setup_in_words(run.setup),
         "source": run.run["setup"].get("source"),
         "drift_words": DRIFT_METHOD.get(method, method),

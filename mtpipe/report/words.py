@@ -34,12 +34,13 @@ STATUS_MEANING = {
     "unlike_model": "the spectrum differs from the model's, so the number is not to be used",
     "zero_force": "the force cannot be told from zero",
 }
-# Where the force to quote comes from: in a few words, and what that means.
+# Where the force to quote comes from (docs/forces.md): in a few words, and what that means.
 SOURCE = {
     "spectra": "spectra of x and y",
     "heights": "spectra and heights",
     "named": "with what was named",
     "spectra_alone": "spectra of x and y only",
+    "heights_alone": "mostly heights",
     "none": "none",
 }
 SOURCE_MEANING = {
@@ -47,8 +48,10 @@ SOURCE_MEANING = {
     "heights": "spectra and mean heights fitted together as the setup states the experiment, which "
     "the cross-check does not contradict",
     "named": "spectra and mean heights fitted together, with the causes that were named",
-    "spectra_alone": "spectra of x and y only, because the fit of the whole experiment contradicts "
-    "the recording or leaves something unexplained",
+    "spectra_alone": "spectra of x and y only: something is not explained, and mean heights do not "
+    "agree with the forces",
+    "heights_alone": "spectra and mean heights fitted together as the setup states the experiment: "
+    "something is not explained, but mean heights agree with the forces",
 }
 MODEL = {
     "marko-siggia": "Marko–Siggia",

@@ -1,0 +1,94 @@
+"""What mean heights and the tether say of the forces of a bead that nothing explains."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+from scipy import stats
+
+from mtpipe.bead_results import BeadResult
+from mtpipe.crosschecking.case import described
+from mtpipe.diagnosis.explanation import Explanation
+from mtpipe.estimate import Estimate
+from mtpipe.physics.tether import Chain, mean_extension_nm
+from mtpipe.series_choice import CONTRADICTION_P
+
+
+@dataclass(frozen=True)
+class Heights:
+    """The configured experiment, whose forces rest on heights before all.
+
+    Attributes
+    ----------
+    sound : its mean heights are those of the tether at the forces fitted.
+    ln_left_open : by plateau, how far ln of the force moves when what spectra differ by is left
+        open (`mtpipe.diagnosis.smooth_correction`).
+    """
+
+    sound: bool
+    force: Mapping[int, Estimate]
+    ln_left_open: Mapping[int, float]
+
+
+def heights_of(found: Explanation) -> Heights:
+    """Whether the heights of a bead agree with the forces that were fitted to them, and these."""
+    fit = found.fit
+    pulls = fit.height_pulls
+    sound = fit.converged and float(stats.chi2.sf(pulls @ pulls, len(pulls))) > CONTRADICTION_P
+    left = found.unexplained
+    correction = None if left is None else left.correction
+    numbers = [plateau.number for plateau in found.after.case.plateaus]
+    shift = [0.0] * len(numbers)
+    if correction is not None:
+        shift = [
+            math.hypot(float(ln), float(error))
+            for ln, error in zip(correction.ln_force_shift, correction.ln_force_stderr, strict=True)
+        ]
+    forces = {
+        number: Estimate(
+            float(force), float(error), (float(force - error), float(force + error)), "pN", ""
+        )
+        for number, force, error in zip(numbers, fit.force_pN, found.force_stderr_pN, strict=True)
+    }
+    return Heights(sound, forces, dict(zip(numbers, shift, strict=True)))
+
+
+def lever_ln_errors(
+    bead: BeadResult, chain: Chain | None, forces: Mapping[int, Estimate]
+) -> dict[int, float]:
+    """Standard error of ln force, by plateau, for a lever that the tether contradicts.
+
+    The force of a stiffness is in proportion to the extension. At that force a tether as the setup
+    states it has an extension of its own; where it is another than the recorded one, z or the
+    tether is not what it is taken for: an interval has to reach both.
+
+    Parameters
+    ----------
+    chain : the tether as stated; None where its length is not known: then nothing is contradicted.
+    """
+    if chain is None:
+        return {}
+    errors = {}
+    for plateau in bead.plateaus:
+        number, recorded = plateau.plateau.number, plateau.extension_nm
+        force = forces.get(number)
+        if force is None or not force.value > 0 or not recorded > 0:
+            continue
+        low, middle, high = (
+            float(mean_extension_nm(chain, value)) for value in
+            (max(force.interval[0], 1e-3), force.value, max(force.interval[1], 1e-3))
+        )  # fmt: skip
+        off, error = math.log(middle / recorded), 0.5 * math.log(high / low)
+        errors[number] = math.sqrt(max(off**2 - error**2, 0.0))
+    return errors
+
+
+def stated_chain(found: Explanation) -> Chain | None:
+    """The tether as the setup states it; None where it does not know the length."""
+    case = found.before.case
+    parameters = case.fit.model.parameters
+    if any(one.name == "ln contour length" and one.prior is None for one in parameters):
+        return None
+    return described(case).chain
