@@ -36,10 +36,16 @@ def diagnosed(verdict, *, before=FORCES_PN, after=None, pulls=0.0, moved=None, p
             force_pN=np.array(forces),
             force_stderr_pN=0.01 * np.array(forces),
             height_pulls=np.full(len(forces), pulls),
+            slopes=[SimpleNamespace(extension_nm=[100.0]) for _ in forces],
+            data=None,
+            expected=None,
             converged=True,
             theta=None,
             model=SimpleNamespace(
-                parameters=(), described=lambda theta: SimpleNamespace(chain=CHAIN)
+                parameters=(),
+                described=lambda theta: SimpleNamespace(chain=CHAIN),
+                data=None,
+                heights=lambda *_: SimpleNamespace(missed_nm=np.full(len(forces), pulls)),
             ),
         )
 
@@ -255,3 +261,12 @@ def test_a_caution_stays_one_and_keeps_its_reasons(bead):
     doubtful = replace(UNCHECKED, verdict="caution", reasons=("short",))
     one = judged(bead, diagnosed("consistent"), doubtful)
     assert (one.verdict, one.reasons, one.mismatch) == ("caution", ("short",), "consistent")
+
+
+def test_a_force_that_is_not_known_to_a_factor_of_two_is_no_number(bead):
+    for ratio, known in ((0.6, True), (0.3, False)):
+        wrong = with_friction_contradicted(bead, ratio)
+        forces = bead_forces(wrong, diagnosed("unexplained", pulls=20.0))
+        assert {one.force.status == "ok" for one in forces.recommended.values()} == {known}
+        assert all(one.force.interval[0] > 0 for one in forces.recommended.values())
+        assert len(forces.usable_pN) == (3 if known else 0)

@@ -11,7 +11,7 @@ in its error.
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -36,6 +36,8 @@ from mtpipe.recording import Recording
 from mtpipe.series_choice import CONTRADICTION_P
 
 CONFIGURED = "configured experiment, fitted to all axes and heights"
+# A limit of a factor e² and beyond is told as that.
+LARGEST_LN = 2.0
 
 
 def recommended_forces(
@@ -113,9 +115,14 @@ def _of_unexplained(
 ) -> BeadForces:
     """Forces of a bead that differs from its simulation for a reason that is not known."""
     against, heights = contradictions_of(bead), heights_of(found)
+    spectra = {n: force.widened(abs(against.friction_ln)) for n, force in spectra.items()}
     apart = _Apart.of(spectra, heights.force, against.ln_error)
-    if heights.sound and (against.shape or apart.agree):
-        errors = {n: math.hypot(left, apart.ln_error) for n, left in heights.ln_left_open.items()}
+    stand = heights.sound and apart.agree
+    if against.shape:
+        # of spectra of x and y, heights, and their joint fit, two agree or none
+        stand = heights.sound or median_of(heights.ln_missed.values()) < apart.typical_ln / 2
+    if stand:
+        errors = {n: math.hypot(own, apart.ln_error) for n, own in heights.ln_error.items()}
         widened = {n: force.widened(errors[n]) for n, force in heights.force.items()}
         recommended = chosen_of(bead, widened, "heights_alone", spectra)
     else:
@@ -124,7 +131,7 @@ def _of_unexplained(
         errors = {n: math.hypot(shared, levers.get(n, 0.0)) for n in spectra}
         widened = {n: force.widened(levers.get(n, 0.0)) for n, force in spectra.items()}
         recommended = chosen_of(bead, widened, "spectra_alone", spectra)
-    bound = 100 * math.expm1(max(errors.values(), default=math.inf))
+    bound = 100 * math.expm1(min(max(errors.values(), default=math.inf), LARGEST_LN))
     return replace(forces, recommended=recommended, bound_percent=bound)
 
 
@@ -133,11 +140,13 @@ class _Apart:
     """How far the forces of the spectra and those of the heights differ.
 
     `agree` : by no more than their errors. `ln_error` : what one may be off by as the other tells:
-    their scatter beyond statistical errors, and the error of their mean difference.
+    their scatter beyond statistical errors, and the error of their mean difference. `typical_ln` :
+    median of their distance in ln force.
     """
 
     agree: bool
     ln_error: float
+    typical_ln: float
 
     @classmethod
     def of(
@@ -146,7 +155,7 @@ class _Apart:
         """Compare them; `systematic` is the part of the spectra's ln errors that all share."""
         both = [n for n in spectra if n in heights]
         if not both:
-            return cls(False, math.inf)
+            return cls(False, math.inf, math.nan)
         off = np.array([math.log(spectra[n].value / heights[n].value) for n in both])
         total = np.array([
             math.hypot(*(f.stderr / f.value for f in (spectra[n], heights[n]))) for n in both
@@ -154,4 +163,10 @@ class _Apart:
         agree = float(stats.chi2.sf(np.sum((off / total) ** 2), len(both))) > CONTRADICTION_P
         statistical = np.sqrt(np.maximum(total**2 - systematic**2, 1e-12))
         mean_error = float(np.sum(statistical**-2.0)) ** -0.5
-        return cls(agree, math.hypot(scatter_beyond_errors(off, statistical), mean_error))
+        beyond = scatter_beyond_errors(off, statistical)
+        return cls(agree, math.hypot(beyond, mean_error), float(np.median(np.abs(off))))
+
+
+def median_of(distances: Iterable[float]) -> float:
+    """Median of the absolute values."""
+    return float(np.median([abs(one) for one in distances]))

@@ -6,14 +6,20 @@ import math
 from collections.abc import Mapping
 from dataclasses import dataclass
 
+import numpy as np
 from scipy import stats
 
 from mtpipe.bead_results import BeadResult
+from mtpipe.configured.fit import ConfiguredFit
 from mtpipe.crosschecking.case import described
 from mtpipe.diagnosis.explanation import Explanation
 from mtpipe.estimate import Estimate
+from mtpipe.physics.camera import FloatArray
 from mtpipe.physics.tether import Chain, mean_extension_nm
 from mtpipe.series_choice import CONTRADICTION_P
+
+# A height that asks for a force e² times another is told as that.
+FARTHEST_LN = 2.0
 
 
 @dataclass(frozen=True)
@@ -23,13 +29,15 @@ class Heights:
     Attributes
     ----------
     sound : its mean heights are those of the tether at the forces fitted.
-    ln_left_open : by plateau, how far ln of the force moves when what spectra differ by is left
-        open (`mtpipe.diagnosis.smooth_correction`).
+    ln_missed : by plateau, ln of the force that the mean height asks for, less that of the fit.
+    ln_error : by plateau, systematic error of ln force: `ln_missed`, and how far the force moves
+        when what spectra differ by is left open (`mtpipe.diagnosis.smooth_correction`).
     """
 
     sound: bool
     force: Mapping[int, Estimate]
-    ln_left_open: Mapping[int, float]
+    ln_missed: Mapping[int, float]
+    ln_error: Mapping[int, float]
 
 
 def heights_of(found: Explanation) -> Heights:
@@ -40,19 +48,33 @@ def heights_of(found: Explanation) -> Heights:
     left = found.unexplained
     correction = None if left is None else left.correction
     numbers = [plateau.number for plateau in found.after.case.plateaus]
-    shift = [0.0] * len(numbers)
+    missed = ln_missed(fit)
+    error = np.abs(missed)
     if correction is not None:
-        shift = [
-            math.hypot(float(ln), float(error))
-            for ln, error in zip(correction.ln_force_shift, correction.ln_force_stderr, strict=True)
-        ]
+        error = np.hypot(error, np.hypot(correction.ln_force_shift, correction.ln_force_stderr))
     forces = {
         number: Estimate(
             float(force), float(error), (float(force - error), float(force + error)), "pN", ""
         )
         for number, force, error in zip(numbers, fit.force_pN, found.force_stderr_pN, strict=True)
     }
-    return Heights(sound, forces, dict(zip(numbers, shift, strict=True)))
+    return Heights(
+        sound,
+        forces,
+        dict(zip(numbers, missed.tolist(), strict=True)),
+        dict(zip(numbers, error.tolist(), strict=True)),
+    )
+
+
+def ln_missed(fit: ConfiguredFit) -> FloatArray:
+    """(plateaus,) ln of the force that each mean height asks for, less that of the fit.
+
+    To first order, as far as `FARTHEST_LN`.
+    """
+    missed = fit.model.heights(fit.model.data, fit.expected, fit.theta).missed_nm
+    # the first coordinate of a plateau is ln of its force
+    per_ln_force = np.array([slope.extension_nm[0] for slope in fit.slopes])
+    return np.asarray(np.clip(missed / per_ln_force, -FARTHEST_LN, FARTHEST_LN))
 
 
 def lever_ln_errors(

@@ -22,6 +22,8 @@ from mtpipe.recommended.scatter import scatter_beyond_errors
 from mtpipe.series_choice import CONTRADICTION_P
 
 METHOD = "spectra of x and y"
+# A force whose 68 % interval reaches from half to twice its value is no number to use.
+NO_NUMBER_FACTOR = 2.0
 
 
 @dataclass(frozen=True)
@@ -51,7 +53,7 @@ class Contradictions:
 
     @property
     def ln_error(self) -> float:
-        """Standard error of ln force that stands for them.
+        """Standard error of ln force that stands for them, where a cross-check finds no cause.
 
         A friction that is wrong is a wrong radius or viscosity, which no force follows, or a wrong
         lateral scale, which force and friction follow alike: an interval has to reach both. Of x
@@ -131,15 +133,24 @@ def chosen_of(
             one = RecommendedForce(spectra[number], "spectra")
         else:
             one = RecommendedForce(Estimate.missing("pN", ""), "none")
+        one = RecommendedForce(_number_or_none(one.force), one.source)
         if mixed.get(number):
             one = RecommendedForce(replace(one.force, status="not_one_state"), one.source)
         chosen[number] = one
     return chosen
 
 
+def _number_or_none(force: Estimate) -> Estimate:
+    """The force; one that is not known to a factor is no number, and its interval what is known."""
+    low, high = force.interval
+    if force.status != "ok" or high < NO_NUMBER_FACTOR**2 * low:
+        return force
+    return Estimate.missing("pN", force.method, interval=force.interval)
+
+
 def spectral_forces(bead: BeadResult) -> dict[int, Estimate]:
-    """By plateau number, the force of x and y, with what these contradict themselves by."""
-    error = contradictions_of(bead).ln_error
+    """By plateau number, the force of x and y, with what these contradict one another by."""
+    error = contradictions_of(bead).axes_ln / 2
     return {
         plateau.plateau.number: force.widened(error)
         for plateau in bead.plateaus
