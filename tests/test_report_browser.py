@@ -336,9 +336,13 @@ def test_nothing_that_is_printed_is_torn_or_lost(
     page = new_page(browser, complaints, width=1280)
     page.goto((report / name).as_uri())
     page.emulate_media(media="print")
-    whole = page.locator("figure, p, article, tr, li")
+    whole = page.locator("figure, article, .opening, tr")
     breaks = whole.evaluate_all("all => all.map(e => getComputedStyle(e).breakInside)")
     assert set(breaks) == {"avoid"}
+    lines = page.locator("p, li").evaluate_all(
+        "all => all.map(e => Math.min(getComputedStyle(e).orphans, getComputedStyle(e).widows))"
+    )
+    assert set(lines) == {3}
     left_out = page.locator("nav, .filter, .chooser, footer")
     assert left_out.count() > 0
     assert not any(one.is_visible() for one in left_out.all())
