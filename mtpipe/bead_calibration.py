@@ -29,7 +29,7 @@ from mtpipe.fit.series_posterior import SeriesPosterior, sample_series
 from mtpipe.fit.trace import TraceFit, fit_model
 from mtpipe.free_fits import LATERAL, free_fit, friction_ratio, refusals_of, whole_bead
 from mtpipe.friction_prior import FrictionPrior, MeasuredFriction, ratio_estimate
-from mtpipe.recording import AXES
+from mtpipe.recording import AXES, FloatArray
 from mtpipe.series_choice import SeriesChoice, as_series_trace, choose_series
 from mtpipe.traces import Trace
 
@@ -66,7 +66,11 @@ class _FirstPass:
 
 
 def calibrate_bead(
-    bead: str, traces: Sequence[Trace], z_zero_stderr_nm: float, shared: Shared
+    bead: str,
+    traces: Sequence[Trace],
+    z_zero_stderr_nm: float,
+    stage_nm2: FloatArray | None,
+    shared: Shared,
 ) -> BeadResult:
     """Calibrate one bead.
 
@@ -74,14 +78,20 @@ def calibrate_bead(
     ----------
     z_zero_stderr_nm : of where z = 0 lies; infinite where that is unknown: then there is no
         extension, and no force.
+    stage_nm2 : (traces, traces) covariance of their mean z by the stage's motion; None where
+        reference beads took it off.
     """
     conditions = shared.conditions
     first = _first_pass(traces, z_zero_stderr_nm, shared)
     expectation = FrictionPrior(first.measured, conditions.friction_relative_stderr)
     contradicts = any(expectation.contradicted(axis) for axis in LATERAL)
     series = _series(first, shared, _generator(shared.seed, bead), contradicts)
+    stage = np.zeros(len(traces)) if stage_nm2 is None else np.sqrt(np.diag(stage_nm2))
     plateaus = []
-    for i, (trace, extension) in enumerate(zip(traces, first.extensions, strict=True)):
+    for i, (trace, (length, own), moved) in enumerate(
+        zip(traces, first.extensions, stage.tolist(), strict=True)
+    ):
+        extension = (length, math.hypot(own, moved))
         zero = (extension[0], math.hypot(extension[1], z_zero_stderr_nm))
         axes = []
         for axis in first.recorded:
@@ -98,9 +108,14 @@ def calibrate_bead(
             else:
                 axes.append(replace(joint, free=alone.free, force_alone=alone.force_alone,
                                     effective_radius=alone.effective_radius))  # fmt: skip
-        plateaus.append(PlateauResult(trace, extension[0], extension[1], tuple(axes)))
+        plateaus.append(PlateauResult(trace, *extension, tuple(axes), stage_stderr_nm=moved))
     result = BeadResult(
-        bead, tuple(plateaus), z_zero_stderr_nm, ratio_estimate(first.measured), contradicts
+        bead,
+        tuple(plateaus),
+        z_zero_stderr_nm,
+        ratio_estimate(first.measured),
+        contradicts,
+        stage_nm2=stage_nm2,
     )
     if series is None:
         return result

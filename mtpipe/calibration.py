@@ -15,6 +15,7 @@ from dataclasses import dataclass, replace
 from mtpipe.bead_calibration import Shared, calibrate_bead, measured_friction
 from mtpipe.bead_results import BeadResult
 from mtpipe.conditions import Conditions, conditions_of
+from mtpipe.drift.left import extension_covariance_nm2
 from mtpipe.exposure import estimate_exposure
 from mtpipe.friction_prior import viscosity_from_others
 from mtpipe.noise_prior import expected_noise_nm
@@ -22,11 +23,11 @@ from mtpipe.notice import Notice
 from mtpipe.processes import executor
 from mtpipe.recommended.force import BeadForces
 from mtpipe.recommended.spectral import forces_of_spectra
-from mtpipe.recording import Recording
+from mtpipe.recording import FloatArray, Recording
 from mtpipe.traces import Trace, traces_of
 
 Progress = Callable[[int, int], None]
-_Job = tuple[str, list[Trace], float]
+_Job = tuple[str, list[Trace], float, FloatArray | None]
 
 
 @dataclass(frozen=True)
@@ -86,7 +87,13 @@ def calibrate(
         seed,
     )
     jobs = [
-        (bead, traces, recording.z_zero_stderr_nm.get(bead, 0.0)) for bead, traces in beads.items()
+        (
+            bead,
+            traces,
+            recording.z_zero_stderr_nm.get(bead, 0.0),
+            extension_covariance_nm2(recording, bead),
+        )
+        for bead, traces in beads.items()
     ]
     say = progress or (lambda done, total: None)
     with executor(min(workers, len(jobs))) as pool:
@@ -149,7 +156,7 @@ def _conditions_by_bead(jobs: Sequence[_Job], shared: Shared, pool: Executor) ->
     conditions = shared.conditions
     if len(jobs) < 2 or not conditions.viscosity_mPa_s[1] > 0 or conditions.radius_nm is None:
         return [conditions] * len(jobs)
-    asked = [pool.submit(measured_friction, *job[1:], shared) for job in jobs]
+    asked = [pool.submit(measured_friction, *job[1:3], shared) for job in jobs]
     ratios = [future.result() for future in asked]
     return [
         replace(

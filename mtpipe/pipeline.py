@@ -36,16 +36,19 @@ from mtpipe.ingest.files import SETUP_NAME
 from mtpipe.ingest.surface import put_surface_at_zero
 from mtpipe.noise_floor import noise_notices
 from mtpipe.notice import Notice
-from mtpipe.quality import BeadVerdict, bead_verdicts, trace_flags
+from mtpipe.quality import trace_flags
 from mtpipe.recommended.choice import recommended_forces
 from mtpipe.recommended.force import BeadForces, named_forces
 from mtpipe.recommended.verdict import with_diagnosis
 from mtpipe.recording import Recording
 from mtpipe.tether_curves import tether_curves
 from mtpipe.tracking.stack import is_stack
+from mtpipe.verdict import BeadVerdict, bead_verdicts
 
 Progress = Callable[[str, int, int], None]
 LEFT_OUT_CODES = ("no_positions", "constant_bead")
+# Of a reference bead: it moves by itself, as reading or subtraction saw it.
+REFERENCE_CODES = ("moving_reference", "reference_moves")
 
 
 @dataclass(frozen=True)
@@ -187,7 +190,7 @@ def run(
         for bead in calibration.beads
     }
     verdicts = bead_verdicts(
-        calibration, flags, curves, recording.setup, _reference_warnings(recording)
+        calibration, flags, curves, recording.setup, _reference_warnings(recording), found
     ) + _left_out(recording)
     tolerance = recording.setup.report.tolerance
     verdicts = tuple(
@@ -257,14 +260,22 @@ def _left_out(recording: Recording) -> tuple[BeadVerdict, ...]:
 
 
 def _reference_warnings(recording: Recording) -> tuple[str, ...]:
-    """Faults of the reference beads that are in every trace, in words."""
+    """What the reference beads leave in every trace, or its size unknown, in words.
+
+    Nothing of references that were left out.
+    """
+    uses = recording.drift.references if recording.drift else ()
+    subtracted = {one.bead for one in uses if one.used}
     faulty = {
         notice.bead
         for notice in recording.notices
-        if notice.severity == "warning" and notice.bead in recording.setup.beads.reference
+        if notice.code in REFERENCE_CODES and notice.bead in subtracted
     }
     names = ", ".join(sorted(name for name in faulty if name is not None))
-    return (f"reference motion of its own ({names}) is in every trace",) if names else ()
+    reasons = [f"reference motion of its own ({names}) is in every trace"] if names else []
+    if any(notice.code == "drift_unknown" for notice in recording.notices):
+        reasons.append("how far the stage moved along z is unknown: errors of extensions lack it")
+    return tuple(reasons)
 
 
 def _check_writable(out: Path) -> None:
@@ -344,6 +355,7 @@ def _run_json(result: Run, title: str) -> str:
             "cutoff_hz": drift.cutoff_hz,
             "drift_rms_nm": drift.drift_rms_nm,
             "noise_added_nm": drift.noise_added_nm,
+            "left_along_z": None if drift.left_along_z is None else asdict(drift.left_along_z),
         },
         "notices": [asdict(notice) for notice in result.notices],
         "seed": result.seed,

@@ -51,6 +51,19 @@ class ReferenceUse:
 
 
 @dataclass(frozen=True)
+class StageCourse:
+    """Motion of the stage along z that stays in the traces of all beads.
+
+    A random walk of so many nm in a second (growing with the root of time), with standard error,
+    and a steady motion whose rate is about 0 within `steady_nm_per_s`.
+    """
+
+    random_nm_per_root_s: float
+    random_stderr_nm_per_root_s: float
+    steady_nm_per_s: float
+
+
+@dataclass(frozen=True)
 class Drift:
     """What drift subtraction did.
 
@@ -67,6 +80,8 @@ class Drift:
         their origin no better.
     beyond_nm : (n_frames,) of beads whose z shows the stage's fast motion on a scale of its own:
         what was subtracted from z beyond `subtracted_nm`.
+    left_along_z : the stage's motion along z where no reference bead took it off; None where one
+        did, or nothing tells.
     """
 
     method: Literal["reference", "highpass", "none"]
@@ -77,6 +92,7 @@ class Drift:
     noise_added_nm: tuple[float, float, float]
     start_stderr_nm: tuple[float, float, float]
     beyond_nm: Mapping[str, FloatArray] = field(default_factory=dict)
+    left_along_z: StageCourse | None = None
 
     def of_bead(self, bead: str) -> FloatArray:
         """(n_frames, 3) nm, all that was subtracted from one bead."""

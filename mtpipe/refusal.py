@@ -16,12 +16,10 @@ from scipy import fft
 from mtpipe.conditions import Conditions
 from mtpipe.fit.trace import TraceFit
 from mtpipe.physics.camera import FloatArray
+from mtpipe.status import LEAST_RELAXATIONS
 
 # DNA overstretches at 65 pN (Smith, Cui & Bustamante 1996); no calibration is meant beyond.
 STRONGEST_TETHER_PN = 65.0
-# A random walk fitted as a tether shows a relaxation time of at least a twentieth of the trace in
-# 99 of 100 cases (Dickey & Fuller 1979: their 1 % value is T/τ = 20.7); a tether must do better.
-LONGEST_RELAXATION = 0.05
 # No bead near a surface has this many times its Stokes friction with the wall's correction.
 IMPLAUSIBLE_FRICTION = 5.0
 LINE_SHARE = 0.75
@@ -107,9 +105,7 @@ def without_plateau(fit: TraceFit, expected_friction: float | None) -> str | Non
     expected_friction : in pN s/nm, or None. A bead diffuses as fast as its friction lets it; slow
         motion that is much slower than that is drift under a tether's own, faster motion.
     """
-    relaxation_s = math.exp(fit.theta[1] - fit.theta[0])
-    duration_s = fit.spectrum.duration_s
-    if relaxation_s < LONGEST_RELAXATION * duration_s:
+    if fit.relaxations >= LEAST_RELAXATIONS:
         return None
     friction = math.exp(fit.theta[1])
     if expected_friction is not None and friction > IMPLAUSIBLE_FRICTION * expected_friction:

@@ -22,9 +22,9 @@ from mtpipe.extension_curve import ForceExtension
 from mtpipe.fit.tether import TetherFit
 from mtpipe.noise_floor import noise_floor_nm
 from mtpipe.notice import Notice
-from mtpipe.quality import BeadVerdict
 from mtpipe.recommended.force import BeadForces
 from mtpipe.recording import AXES, Recording, Tracked
+from mtpipe.verdict import BeadVerdict
 
 TRACE_POINTS = 2000
 POSTERIOR_POINTS = 400
@@ -77,6 +77,7 @@ def _quoted_columns(forces: BeadForces, plateau: int) -> dict[str, Any]:
     return {
         **four("force", "pN", recommended.force),
         "force_source": recommended.source,
+        "force_status": recommended.force.status,
         **two("force_configured", "pN", forces.configured.get(plateau)),
         **two("force_named", "pN", forces.named.get(plateau)),
     }
@@ -108,13 +109,14 @@ def _method_row(calibration: Calibration, other: MethodResult) -> dict[str, Any]
         **_trace_columns(calibration, other.bead, other.plateau, other.axis),
         **four("force", "pN", None),
         "force_source": "",
+        "force_status": "",
         **four("force_axis", "pN", other.force),
         **four("stiffness", "pN_per_nm", fit.stiffness if fit else None),
         **four("friction", "pN_s_per_nm", fit.friction if fit else None),
         **four("corner_frequency", "hz", fit.corner_frequency if fit else None),
         **four("effective_radius", "nm", None),
         **four("noise", "nm", fit.noise if fit else None),
-        "status": fit.stiffness.status if fit else "refused",
+        "status": other.status,
         "tied_to": "",
         "method": other.method,
         "posterior_converged": False,
@@ -135,13 +137,14 @@ def _force_row(
         **_trace_columns(calibration, bead.bead, plateau, one.axis),
         **four("force", "pN", None),
         "force_source": "",
+        "force_status": "",
         **four("force_axis", "pN", None if one.refusal else one.force_alone),
         **four("stiffness", "pN_per_nm", known.stiffness if known else None),
         **four("friction", "pN_s_per_nm", known.friction if known else None),
         **four("corner_frequency", "hz", known.corner_frequency if known else None),
         **four("effective_radius", "nm", None if one.refusal else one.effective_radius),
         **four("noise", "nm", known.noise if known else None),
-        "status": known.stiffness.status if known else "refused",
+        "status": plateau.status(one),
         "tied_to": ";".join(known.stiffness.tied_to) if known else "",
         "method": one.method,
         "fit_deviance": fit.deviance if fit else math.nan,

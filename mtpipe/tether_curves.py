@@ -80,8 +80,8 @@ def extension_points(bead: BeadResult, conditions: Conditions) -> ExtensionPoint
 
     The force is the one that x and y share. Where they have forces of their own, it is that along
     the field, averaged with the one across (which needs the bead's radius and the modes of its
-    rotation) if both agree in all plateaus of the bead. Its error is without that of z = 0, which
-    is common to all plateaus.
+    rotation) if both agree in all plateaus of the bead. Its error is without that of z = 0 and
+    of the stage's motion, which plateaus have in common.
     """
     pairs = [_along_and_across(plateau, conditions) for plateau in bead.plateaus]
     agree = _agree([pair for pair in pairs if pair[0] is not None and pair[1] is not None])
@@ -96,6 +96,7 @@ def extension_points(bead: BeadResult, conditions: Conditions) -> ExtensionPoint
         extension_nm=np.array([p.extension_nm for p in bead.plateaus]),
         extension_stderr_nm=np.array([p.extension_stderr_nm for p in bead.plateaus]),
         lever_nm=np.array([p.extension_nm for p in bead.plateaus]),
+        stage_nm2=bead.stage_nm2,
     )
 
 
@@ -141,12 +142,12 @@ def _force(
 def _own(
     one: AxisResult, plateau: PlateauResult, conditions: Conditions
 ) -> tuple[float, float] | None:
-    """Force and its standard error from this plateau alone; None where there is no force."""
-    if one.force is None or one.force.status != "ok" or one.posterior is None:
+    """Force and its standard error from this plateau alone; None where there is none to use."""
+    if one.force is None or plateau.status(one) != "ok" or one.posterior is None:
         return None
     lever = conditions.lever_nm(AXES.index(one.axis), plateau.extension_nm)
     stiffness = one.posterior.stiffness
     if lever is None:
         return None
-    relative = math.hypot(stiffness.stderr / stiffness.value, plateau.extension_stderr_nm / lever)
+    relative = math.hypot(stiffness.stderr / stiffness.value, plateau.own_stderr_nm / lever)
     return one.force.value, one.force.value * relative

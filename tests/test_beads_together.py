@@ -304,7 +304,7 @@ def test_what_the_other_beads_exclude_is_unexplained_without_an_alternative():
     assert found.after is found.before
     assert found.nearest.tried.effect.name == "viscosity"
     assert "but all beads would share it: of 1 other bead 1 excludes it" in found.nearest.reason
-    assert "Nearest: viscosity, which gains" in found.unexplained.sentence
+    assert "Nearest, but not named, is viscosity: it gains" in found.unexplained.sentence
 
 
 def test_a_bead_that_is_unexplained_has_no_say_and_stays():

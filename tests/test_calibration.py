@@ -10,9 +10,10 @@ from scipy import stats
 import mtpipe
 from mtpipe.calibration import calibrate
 from mtpipe.physics.tether import Chain, mean_extension_nm
-from mtpipe.quality import bead_verdict, bead_verdicts, trace_flags
+from mtpipe.quality import trace_flags
 from mtpipe.setup import parse_setup
 from mtpipe.tether_curves import extension_points, tether_curves
+from mtpipe.verdict import bead_verdict, bead_verdicts
 from tests import simulated
 from tests.simulated import CHAIN, RATE_HZ, bead_nm, recording, setup_content
 
@@ -28,7 +29,7 @@ def verdict_of(calibration, setup):
         for plateau in bead.plateaus
         for notice in trace_flags(calibration, bead, plateau, setup)
     )
-    return bead_verdict(bead, flags, None, setup), {notice.code for notice in flags}
+    return bead_verdict(bead, flags, setup), {notice.code for notice in flags}
 
 
 def test_forces_lie_within_their_errors():

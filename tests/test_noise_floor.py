@@ -7,10 +7,10 @@ import pytest
 
 import mtpipe
 from mtpipe.noise_floor import noise_floor_nm, noise_notices
-from mtpipe.quality import BeadVerdict
 from mtpipe.recording import Tracked
 from mtpipe.setup import parse_setup
 from mtpipe.tables import beads_table
+from mtpipe.verdict import BeadVerdict
 from tests.simulated import setup_content
 
 NOISE_NM = (20.0, 20.0, 20.0)

@@ -12,6 +12,7 @@ import pandas as pd
 import pytest
 
 import mtpipe
+from mtpipe.setup import parse_setup
 from tests.simulated import RATE_HZ, recording, setup_content
 
 CHECKOUT = Path(__file__).parents[1]
@@ -296,6 +297,21 @@ def test_a_reference_that_moves_is_said_on_the_terminal_and_in_the_verdict(tmp_p
     assert beads.verdict[0] != "good"
 
 
+@pytest.mark.parametrize("fault", [7.0, np.nan])
+def test_a_reference_that_is_left_out_is_in_no_trace(tmp_path, fault):
+    raw = recording((1.0,), 2048)
+    content = setup_content()
+    content["beads"] = content["beads"] | {"reference": ["ref1", "dead"]}
+    positions = {**raw.positions_nm, "dead": np.full((2048, 3), fault)}
+    changed = vars(raw) | {"positions_nm": positions, "setup": parse_setup(content)}
+    path = write(tmp_path, type(raw)(**changed), content)
+    result = mtpipe.run(path, tmp_path / "out", cross_check=False)
+    assert any("left out" in one.message and one.bead == "dead" for one in result.notices)
+    (verdict,) = result.verdicts
+    assert verdict.verdict == "unchecked"
+    assert verdict.reasons == ()
+
+
 def test_a_bead_left_out_on_reading_keeps_its_row(tmp_path):
     raw = recording((1.0,), 2048)
     positions = {**raw.positions_nm, "dead": np.full((2048, 3), 7.0)}
@@ -305,5 +321,6 @@ def test_a_bead_left_out_on_reading_keeps_its_row(tmp_path):
     beads = pd.read_csv(tmp_path / "out" / "beads.csv").set_index("bead")
     assert beads.verdict["dead"] == "refused"
     assert "never moves" in beads.reasons["dead"]
-    assert beads.verdict["b1"] == "good"
+    assert beads.verdict["b1"] == "unchecked"
     assert "dead" in done.stdout
+    assert "b1: not cross-checked" in done.stdout

@@ -218,10 +218,29 @@ def _no_plateau(recording: Recording) -> RecordingError:
     steps = np.abs(np.diff(recording.magnet_mm))
     steps = steps[np.isfinite(steps)]
     jitter = float(np.median(steps)) if len(steps) else 0.0
+    if jitter > 0:
+        return RecordingError(
+            f"no stretch of resting magnets lasts {choice.minimum_s:g} s "
+            f"(the position changes by {jitter:.2g} mm from frame to frame)",
+            mend="Raise [plateaus] tolerance_mm above the motor's noise, or lower minimum_s.",
+        )
+    longest = choice.model_copy(update={"minimum_s": 0.0, "settle_s": 0.0})
+    every = find_plateaus(recording.time_s, recording.magnet_mm, longest)
+    frame_s = float(np.median(np.diff(recording.time_s)))
+    longest_s = frame_s * max((one.stop - one.start for one in every), default=1)
+    empty = int(np.count_nonzero(np.isnan(recording.magnet_mm)))
+    if empty:
+        return RecordingError(
+            f"the magnet position is missing in {empty} of {len(recording.magnet_mm)} frames, and "
+            f"without a break it is there for at most {longest_s:.3g} s; a plateau needs "
+            f"{choice.minimum_s:g} s",
+            mend="Fill the empty cells of the magnet's column, or lower [plateaus] minimum_s.",
+        )
     return RecordingError(
-        f"no stretch of resting magnets lasts {choice.minimum_s:g} s "
-        f"(the position changes by {jitter:.2g} mm from frame to frame)",
-        mend="Raise [plateaus] tolerance_mm above the motor's noise, or lower minimum_s.",
+        f"no stretch of resting magnets is left that lasts {choice.minimum_s:g} s: the longest "
+        f"lasts {longest_s:.3g} s, of which {choice.settle_s:g} s are left out for settling, and "
+        "any time in which the magnets rotate",
+        mend="Lower [plateaus] minimum_s or settle_s.",
     )
 
 

@@ -153,7 +153,7 @@ class _Apart:
         cls, spectra: Mapping[int, Estimate], heights: Mapping[int, Estimate], systematic: float
     ) -> _Apart:
         """Compare them; `systematic` is the part of the spectra's ln errors that all share."""
-        both = [n for n in spectra if n in heights]
+        both = [n for n in heights if n in spectra and spectra[n].value > 0]
         if not both:
             return cls(False, math.inf, math.nan)
         off = np.array([math.log(spectra[n].value / heights[n].value) for n in both])

@@ -109,7 +109,8 @@ def _pair(plateau: PlateauResult) -> tuple[Estimate | None, Estimate | None]:
 
 
 def _is_number(force: Estimate | None) -> bool:
-    return force is not None and force.status == "ok" and force.value > 0
+    """Whether a force can be compared with others, be it one to use or not."""
+    return force is not None and force.status in ("ok", "unlike_model") and force.value > 0
 
 
 def forces_of_spectra(bead: BeadResult) -> BeadForces:
@@ -161,15 +162,19 @@ def spectral_forces(bead: BeadResult) -> dict[int, Estimate]:
 def spectral_force(plateau: PlateauResult) -> Estimate | None:
     """The force that x and y tell together; None where neither tells one.
 
-    Where each has a force of its own it is their mean by ln, weighted by what each knows by itself.
+    Where each has a force of its own it is their mean by ln, weighted by what each knows by itself;
+    of forces that are not all to be used, of those that are.
     """
-    forces = [one for one in plateau.axes if one.axis != "z" and _is_number(one.force)]
+    numbers = [one for one in plateau.axes if one.axis != "z" and _is_number(one.force)]
+    forces = [one for one in numbers if plateau.status(one) == "ok"] or numbers
     told = [one.force for one in forces if one.force is not None]
     if not told:
-        return next((one.force for one in plateau.axes if one.force is not None), None)
-    if len(told) == 1 or all(one.shares_force for one in forces):
-        return told[0]
-    return _mean(told, np.array([_own_ln_error(one) for one in forces]))
+        force = next((one.force for one in plateau.axes if one.force is not None), None)
+    elif len(told) == 1 or all(one.shares_force for one in forces):
+        force = told[0]
+    else:
+        force = _mean(told, np.array([_own_ln_error(one) for one in forces]))
+    return None if force is None else replace(force, status=plateau.force_status)
 
 
 def _own_ln_error(one: AxisResult) -> float:

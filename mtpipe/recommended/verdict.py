@@ -5,8 +5,8 @@ from __future__ import annotations
 from dataclasses import replace
 
 from mtpipe.diagnosis.explanation import Explanation
-from mtpipe.quality import BeadVerdict
 from mtpipe.recommended.force import BeadForces
+from mtpipe.verdict import BeadVerdict
 
 
 def with_diagnosis(
