@@ -17,8 +17,8 @@ from mtpipe.demo import recording_in, sample_data
 from mtpipe.pipeline import run
 
 PICTURE = Path(__file__).parents[2] / "docs" / "images" / "report.png"
-# A recording that conceals two things its setup is silent about, so that there is a finding to see.
-RECORDING = sample_data() / "concealed" / "recordings" / "r0004"
+# The recording of the demo whose setup is silent about something, so that there is a finding to see.
+RECORDING = sample_data() / "concealed" / "recordings" / "r0000"
 SIZE = {"width": 1180, "height": 640}
 
 
