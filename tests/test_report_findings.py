@@ -134,6 +134,7 @@ def test_plateaus_that_mix_states_are_told_first(folder: Path) -> None:
                 ("not_one_state", "caution", message, NASTY, 1),
                 ("not_one_state", "caution", message, UNEXPLAINED, 1),
                 ("magnet_log_lag", "info", "The magnets' log is 4.1 s late.", None, None),
+                ("hidden_step", "caution", "The force steps at 71 s.", UNEXPLAINED, 2),
             )
         ]
 
@@ -142,7 +143,8 @@ def test_plateaus_that_mix_states_are_told_first(folder: Path) -> None:
     start = page.lines.index("The recording")
     told = page.lines[start + 1 : page.lines.index("What was found")]
     assert told[0] == f"warning {NASTY} and {UNEXPLAINED}, plateau 1: {message}"
-    assert told[1] == "info The magnets' log is 4.1 s late."
+    assert told[1] == f"caution {UNEXPLAINED}, plateau 2: The force steps at 71 s."
+    assert told[2] == "info The magnets' log is 4.1 s late."
     bead = Page(folder / "report" / GOOD)
     row = next(row for row in bead.rows if row[:1] == ["1"] and len(row) > 8)
     assert row[4] == "—empty: the plateau mixes states"

@@ -19,7 +19,7 @@ class NoticeGroup:
     Attributes
     ----------
     severity : that of the worst of them.
-    general : on the recording as a whole, or on a reference bead, which concerns every bead.
+    general : a finding about the recording, or on a reference bead, which concerns every bead.
     foremost : to be read before anything else, as one of them is no mere remark.
     items : (bead, place, message) of each.
     beads : the beads concerned.
@@ -47,7 +47,8 @@ def notice_groups(notices: Iterable[Notice], tethered: Collection[str]) -> list[
     """Notices by code: findings about the recording, then the most severe first."""
     groups: dict[tuple[str, bool], list[Notice]] = {}
     for notice in notices:
-        groups.setdefault((notice.code, notice.bead not in tethered), []).append(notice)
+        general = notice.bead not in tethered or notice.code in FIRST_CODES
+        groups.setdefault((notice.code, general), []).append(notice)
     made = [
         NoticeGroup(
             code=code,

@@ -13,6 +13,8 @@ from mtpipe.report.plateau_forces import comparisons
 from mtpipe.report.rows import quality
 
 NO_FIT = "no fit of the whole experiment"
+# Words of a status that a flag says already.
+SAID_BY_FLAG = {"unlike_model": "poor_fit"}
 
 
 @dataclass(frozen=True)
@@ -142,7 +144,7 @@ def _axis_fit(row: Mapping[str, Any]) -> AxisFit:
     codes = words.flags(row["flags"])
     why = why_empty(row)
     remarks = [words.text(row["refusal"]).rstrip(".")]
-    if status not in ("ok", "refused", *codes):
+    if status not in ("ok", "refused", *codes) and SAID_BY_FLAG.get(status) not in codes:
         remarks.append(words.STATUS.get(status, words.label(status)))
     sampled = words.is_number(row["posterior_rhat"])
     if sampled and not row["posterior_converged"] and "not_converged" not in codes:

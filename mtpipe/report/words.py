@@ -66,6 +66,8 @@ LABELS = {
     "poor_fit": "spectrum unlike the model",
     "unlike_the_series": "unlike the bead's other traces",
     "beyond_dna": "beyond what DNA bears",
+    "zero_force": "force may be zero",
+    "not_one_state": "mixed states",
     "not_crosschecked": "not cross-checked",
     "tether_formula": "choice of the chain's formula",
     "tether_relation": "choice of the chain's relation",

@@ -17,7 +17,7 @@ from mtpipe.demo import recording_in, sample_data
 from mtpipe.pipeline import run
 
 PICTURE = Path(__file__).parents[2] / "docs" / "images" / "report.png"
-# The recording of the demo whose setup is silent about something, so that there is a finding to see.
+# Of the demo, the recording whose setup is silent about something: there is a finding to see.
 RECORDING = sample_data() / "concealed" / "recordings" / "r0000"
 SIZE = {"width": 1180, "height": 640}
 
