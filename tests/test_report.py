@@ -179,7 +179,7 @@ def test_the_page_says_where_the_forces_come_from(pages: dict[str, Page]) -> Non
 def test_noise_by_spectra_stands_beside_noise_by_images(pages: dict[str, Page]) -> None:
     good = " ".join(pages[GOOD].text.split())
     assert "Tracking noise: x 1 nm by its images, 1.21 ± 0.07 nm by its spectra; y 1.1 nm" in good
-    assert "; z 3.2 nm by its images, not told by its spectra." in good
+    assert "; z 3.2 nm by its images, not determined by its spectra." in good
     assert "by its images" not in pages["bead-b2.html"].text
 
 
