@@ -16,9 +16,10 @@ from scipy.stats import gamma
 from mtpipe.report import write_report
 from mtpipe.report.figures_finding import picture
 from mtpipe.report.figures_geometry import mean_stderr_nm, plateau_means
+from mtpipe.report.figures_run import forces_figure, has_legend
 from mtpipe.report.figures_trace import spectrum_figure
 from mtpipe.report.folder import read_run_folder
-from mtpipe.report.plotly_json import DARK, Arrays, outline, with_gaps
+from mtpipe.report.plotly_json import DARK, PALETTE, Arrays, outline, with_gaps
 from tests.report_folder import write_run_folder
 from tests.report_page import Page, resolved, unpacked
 
@@ -129,15 +130,13 @@ def test_cross_talk_shows_as_a_slope_of_mean_y_against_mean_z(folder: Path) -> N
     for row in forces[(forces["bead"] == bead) & (forces["axis"] == "y")].itertuples():
         inside = y & traces["time_s"].between(row.start_s, row.start_s + row.duration_s)
         traces.loc[inside, "mean_nm"] += 0.5 * row.extension_nm
-    means = plateau_means(replace(run, traces=traces), bead, "y")
-    assert means is not None
+    means = plateau_means(replace(run, traces=traces))[bead, "y"]
     assert np.all(np.diff(means.z_nm) > 0)
     pull = (means.mean_nm - 0.5 * (means.z_nm - means.z_nm[-1])) / means.stderr_nm
     # the fixture's means of stretches scatter by less than thermal motion would
     assert np.abs(pull).max() < 3
     assert means.mean_nm[0] < -5 * means.stderr_nm[0]
-    without = plateau_means(run, bead, "y")
-    assert without is not None
+    without = plateau_means(run)[bead, "y"]
     assert np.abs(without.mean_nm / without.stderr_nm).max() < 3
 
 
@@ -180,6 +179,8 @@ def test_a_legend_is_spoken_of_only_where_there_is_one(folder: Path, tmp_path: P
     several = Page(write_report(write_run_folder(tmp_path / "run", good=2, plateaus=2)))
     assert "Select a name in the legend" in several.text
     assert several.charts["figures"]["forces"]["layout"]["showlegend"]
-    many = Page(write_report(write_run_folder(tmp_path / "many", good=9, plateaus=1)))
-    assert "legend" not in many.text
-    assert not many.charts["figures"]["forces"]["layout"]["showlegend"]
+    many = read_run_folder(write_run_folder(tmp_path / "many", good=9, plateaus=1))
+    made = forces_figure(Arrays(), many, list(many.beads["bead"]))
+    assert len(made["data"]) > len(PALETTE)
+    assert not made["layout"]["showlegend"]
+    assert not has_legend([trace["name"] for trace in made["data"]])

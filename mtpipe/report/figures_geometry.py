@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -9,7 +10,7 @@ import numpy as np
 import pandas as pd
 
 from mtpipe.physics.buffer import thermal_energy_pN_nm
-from mtpipe.report.folder import RunFolder, records
+from mtpipe.report.folder import RunFolder
 from mtpipe.report.plotly_json import (
     AXIS_COLOUR,
     GREY,
@@ -26,6 +27,8 @@ from mtpipe.report.plotly_json import (
 LATERAL = ("x", "y")
 # Share of the width that each of the two panels has; the rest is for the second's labels.
 PANEL = 0.4
+NEEDED = ("plateau", "extension_nm", "start_s", "duration_s", "stiffness_pN_per_nm",
+          "corner_frequency_hz")  # fmt: skip
 
 
 @dataclass(frozen=True)
@@ -44,31 +47,37 @@ class Means:
     stderr_nm: np.ndarray[Any, Any]
 
 
-def plateau_means(run: RunFolder, bead: str, name: str) -> Means | None:
-    """Mean positions along an axis; None where fewer than two plateaus have them and a mean z."""
-    traces = run.traces
-    trace = traces[
-        (traces["bead"] == bead) & (traces["axis"] == name) & (traces["stage"] == "subtracted")
-    ]
-    forces = run.forces[(run.forces["bead"] == bead) & (run.forces["axis"] == name)]
-    thermal_pN_nm = float(thermal_energy_pN_nm(run.run["conditions"]["temperature_K"]))
+def plateau_means(run: RunFolder) -> dict[tuple[str, str], Means]:
+    """Mean positions by bead and lateral axis, of those with a mean z in at least two plateaus."""
+    traces, forces = run.traces, run.forces
+    lateral = traces[(traces["stage"] == "subtracted") & traces["axis"].isin(LATERAL)]
+    recorded = dict(iter(lateral.groupby(["bead", "axis"])))
+    placed = forces[forces["extension_nm"].notna() & forces["axis"].isin(LATERAL)]
+    means: dict[tuple[str, str], Means] = {}
+    for key, rows in placed.sort_values("extension_nm").groupby(["bead", "axis"], sort=False):
+        trace = recorded.get(key)
+        made = None if trace is None else _means(trace, rows, run.run["conditions"])
+        if made is not None:
+            means[str(key[0]), str(key[1])] = made
+    return means
+
+
+def _means(
+    trace: pd.DataFrame, plateaus: pd.DataFrame, conditions: Mapping[str, Any]
+) -> Means | None:
+    """Means of one trace; None where fewer than two plateaus are in it."""
+    thermal_pN_nm = float(thermal_energy_pN_nm(conditions["temperature_K"]))
     found = []
-    for row in records(forces[forces["extension_nm"].notna()].sort_values("extension_nm")):
-        inside = trace["time_s"].between(row["start_s"], row["start_s"] + row["duration_s"])
-        if not inside.any():
-            continue
-        stderr = mean_stderr_nm(
-            thermal_pN_nm,
-            row["stiffness_pN_per_nm"],
-            row["corner_frequency_hz"],
-            row["duration_s"],
-        )
-        mean = trace.loc[inside, "mean_nm"].mean()
-        found.append((row["plateau"], row["extension_nm"], mean, stderr))
+    rows = plateaus[list(NEEDED)].to_numpy(np.float64)
+    for plateau, z, start_s, duration_s, stiffness, corner_hz in rows:
+        inside = trace["time_s"].between(start_s, start_s + duration_s)
+        if inside.any():
+            stderr = mean_stderr_nm(thermal_pN_nm, stiffness, corner_hz, duration_s)
+            found.append((plateau, z, trace.loc[inside, "mean_nm"].mean(), stderr))
     if len(found) < 2:
         return None
-    plateau, z, mean, stderr = np.array(found, dtype=float).T
-    return Means(plateau, z, mean - mean[-1], stderr)
+    number, height, mean, error = np.array(found, dtype=float).T
+    return Means(number, height, mean - mean[-1], error)
 
 
 def mean_stderr_nm(
@@ -82,19 +91,22 @@ def mean_stderr_nm(
     return float(np.sqrt(thermal_pN_nm / stiffness_pN_per_nm * 2 * relaxation_s / duration_s))
 
 
-def geometry_figure(arrays: Arrays, run: RunFolder, beads: list[str]) -> Figure:
+def geometry_figure(
+    arrays: Arrays, means: Mapping[tuple[str, str], Means], beads: Sequence[str]
+) -> Figure:
     """A panel for x and one for y, a line for each bead; a single one in the colours of the axes.
 
     Up to eight beads have a colour and a sign each; more are drawn alike, named under the pointer.
     """
+    beads = [bead for bead in beads if any((bead, name) in means for name in LATERAL)]
     alone, distinct = len(beads) == 1, len(beads) <= len(PALETTE)
     data: list[dict[str, Any]] = []
     made = layout(340, showlegend=distinct and not alone)
     for column, name in enumerate(LATERAL):
         suffix = "" if column == 0 else "2"
         for number, bead in enumerate(beads):
-            means = plateau_means(run, bead, name)
-            if means is None:
+            mine = means.get((bead, name))
+            if mine is None:
                 continue
             colour = AXIS_COLOUR[name] if alone else PALETTE[number] if distinct else GREY
             data.append(
@@ -104,10 +116,10 @@ def geometry_figure(arrays: Arrays, run: RunFolder, beads: list[str]) -> Figure:
                     "name": escaped(bead),
                     "legendgroup": str(number),
                     "showlegend": column == 0,
-                    "x": arrays.add(means.z_nm),
-                    "y": arrays.add(means.mean_nm),
-                    "error_y": bars(arrays, means.stderr_nm, colour),
-                    "customdata": arrays.add(means.plateau),
+                    "x": arrays.add(mine.z_nm),
+                    "y": arrays.add(mine.mean_nm),
+                    "error_y": bars(arrays, mine.stderr_nm, colour),
+                    "customdata": arrays.add(mine.plateau),
                     "line": {"color": colour, "width": 1},
                     "marker": {"color": colour, "size": 6}
                     | {"symbol": SYMBOLS[number % len(SYMBOLS)]},
@@ -123,9 +135,3 @@ def geometry_figure(arrays: Arrays, run: RunFolder, beads: list[str]) -> Figure:
         )
         made[f"yaxis{suffix}"] = axis(f"mean {name} / nm", anchor=f"x{suffix}", zeroline=True)
     return {"data": data, "layout": made}
-
-
-def measured_beads(forces: pd.DataFrame) -> list[str]:
-    """Beads that have a mean z in at least two plateaus, in the order of the table."""
-    seen = forces[forces["extension_nm"].notna()].groupby("bead", sort=False)["plateau"].nunique()
-    return [str(bead) for bead in seen.index[seen >= 2]]

@@ -27,7 +27,7 @@ from mtpipe.report.figures_bead import (
 from mtpipe.report.figures_before_after import residuals_figure, spectra_figure
 from mtpipe.report.figures_crosscheck import curves_figure, map_figure
 from mtpipe.report.figures_finding import picture
-from mtpipe.report.figures_geometry import geometry_figure, measured_beads
+from mtpipe.report.figures_geometry import Means, geometry_figure, plateau_means
 from mtpipe.report.figures_run import UNSURE, drift_figure, forces_figure, has_legend
 from mtpipe.report.figures_trace import posterior_figure, spectrum_figure
 from mtpipe.report.figures_unexplained import (
@@ -43,6 +43,7 @@ from mtpipe.report.plateau_forces import comparisons, quoted
 from mtpipe.report.plotly_json import DARK, Arrays
 
 Progress = Callable[[int, int], None]
+PlateauMeans = Mapping[tuple[str, str], Means]
 STATIC = ("report.css", "charts.js", "lists.js")
 DRIFT_METHOD = {
     "reference": "The motion of the reference beads was subtracted from every trace.",
@@ -71,6 +72,7 @@ def write_report(folder: Path, *, progress: Progress | None = None) -> Path:
 
     run = read_run_folder(folder)
     beads = rows.bead_rows(run)
+    means = plateau_means(run)
     pages = page_names([row.bead for row in beads])
     shared = {"run": run.run, "pages": pages, "beads": beads, "words": words}
     environment = _environment()
@@ -81,13 +83,13 @@ def write_report(folder: Path, *, progress: Progress | None = None) -> Path:
             (target / name).write_text(text, encoding="utf-8")
         for number, row in enumerate(beads):
             page = environment.get_template("bead.html.j2").render(
-                **shared, **_bead_page(run, row), position=number
+                **shared, **_bead_page(run, row, means), position=number
             )
             (target / pages[row.bead]).write_text(page, encoding="utf-8")
             if progress is not None:
                 progress(number + 1, len(beads) + 1)
         index = environment.get_template("index.html.j2").render(
-            **shared, **_index_page(run, beads)
+            **shared, **_index_page(run, beads, means)
         )
         (target / "index.html").write_text(index, encoding="utf-8")
     if progress is not None:
@@ -126,14 +128,13 @@ def _environment() -> Environment:
     return environment
 
 
-def _index_page(run: RunFolder, beads: list[rows.BeadRow]) -> dict[str, Any]:
+def _index_page(run: RunFolder, beads: list[rows.BeadRow], means: PlateauMeans) -> dict[str, Any]:
     arrays = Arrays()
     names = [row.bead for row in beads]
     usable = [row.bead for row in beads if row.verdict != "refused"]
-    measured = [name for name in usable if name in measured_beads(run.forces)]
     figures = {
         "forces": forces_figure(arrays, run, names),
-        "geometry": geometry_figure(arrays, run, measured),
+        "geometry": geometry_figure(arrays, means, usable),
         "drift": drift_figure(arrays, run),
     }
     pictures = {name: picture(arrays, run, name) for name in names}
@@ -165,7 +166,7 @@ def _index_page(run: RunFolder, beads: list[rows.BeadRow]) -> dict[str, Any]:
     }
 
 
-def _bead_page(run: RunFolder, row: rows.BeadRow) -> dict[str, Any]:
+def _bead_page(run: RunFolder, row: rows.BeadRow, means: PlateauMeans) -> dict[str, Any]:
     arrays, bead = Arrays(), row.bead
     fits = rows_plateaus.axis_fits(run, bead)
     methods, by_method = rows_methods.method_rows(run, bead, fits)
@@ -174,7 +175,7 @@ def _bead_page(run: RunFolder, row: rows.BeadRow) -> dict[str, Any]:
     compared = comparisons(forces)
     checked = rows_crosscheck.crosscheck_rows(run, bead)
     shown = picture(arrays, run, bead)
-    figures = _bead_figures(arrays, run, bead)
+    figures = _bead_figures(arrays, run, bead, means)
     if shown is not None:
         figures["picture"] = shown.figure
     if checked.done:
@@ -221,13 +222,12 @@ def _bead_page(run: RunFolder, row: rows.BeadRow) -> dict[str, Any]:
     }
 
 
-def _bead_figures(arrays: Arrays, run: RunFolder, bead: str) -> dict[str, Any]:
+def _bead_figures(arrays: Arrays, run: RunFolder, bead: str, means: PlateauMeans) -> dict[str, Any]:
     """The bead's charts that show all of it at once; those without anything to draw left out."""
-    measured = bead in measured_beads(run.forces)
     figures = {
         "force_extension": force_extension_figure(arrays, run, bead),
         "agreement": agreement_figure(arrays, comparisons(run.forces[run.forces["bead"] == bead])),
-        "geometry": geometry_figure(arrays, run, [bead] if measured else []),
+        "geometry": geometry_figure(arrays, means, [bead]),
         "traces": traces_figure(arrays, run, bead),
     }
     if named := run.before_after.get(bead):
