@@ -323,4 +323,4 @@ def test_a_bead_left_out_on_reading_keeps_its_row(tmp_path):
     assert "never moves" in beads.reasons["dead"]
     assert beads.verdict["b1"] == "unchecked"
     assert "dead" in done.stdout
-    assert "b1: not cross-checked" in done.stdout
+    assert "b1: unchecked. Not checked against a simulation." in done.stdout
