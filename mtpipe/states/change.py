@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from scipy import stats
 
 from mtpipe.recording import FloatArray
-from mtpipe.states.blocks import Blocks, block_width, blocks_of
+from mtpipe.states.blocks import LEAST_BLOCKS, Blocks, block_width, blocks_of
 from mtpipe.states.edges import LEAST_FRAMES, sides_of
 from mtpipe.states.level import FEWEST_BLOCKS, StepScores, step_scores
 from mtpipe.states.motion import Motion, slowest_relaxation
@@ -28,6 +28,8 @@ LIKELY_NATS = 7.0
 # Longest move of the magnets that passes for a step, and how many durations are tried.
 LONGEST_MOVE_S = 3.0
 DURATIONS = 12
+# Each width of blocks is this many times the one before.
+WIDER = 4
 # A step is at most this many blocks off where the blocks place it.
 NEAR_BLOCKS = 2
 
@@ -48,33 +50,67 @@ class Change:
     log_p: float
 
 
+@dataclass(frozen=True)
+class _Scan:
+    """All places of a stretch at one width of blocks.
+
+    Attributes
+    ----------
+    blocks, scored : by bead. focus_nm : (places,) how far the focus moves about each.
+    together : scores of all beads together.
+    """
+
+    width: int
+    blocks: dict[str, Blocks]
+    scored: dict[str, list[StepScores]]
+    focus_nm: FloatArray
+    together: list[StepScores]
+
+    @property
+    def most(self) -> list[tuple[float, int]]:
+        """Strength and place of the strongest step of all beads together, and of each."""
+        looked = [self.together, *(one for one in self.scored.values() if len(self.scored) > 1)]
+        strengths = [_strength(one) for one in looked]
+        return [(float(each.max()), int(np.argmax(each))) for each in strengths]
+
+
 def strongest_change(motion: Motion, start: int, stop: int, log_p: float) -> Change | None:
     """The most certain change common to beads in rows [start, stop), less likely than exp(log_p) by
     chance; None where there is none.
+
+    Changes take their time: blocks of several widths are looked at.
     """
     width = block_width(slowest_relaxation(motion, start, stop), stop - start)
-    if (stop - start) // width < FEWEST_BLOCKS:
-        return None
-    blocks = {bead: blocks_of(xyz[start:stop], width) for bead, xyz in motion.position_nm.items()}
+    scans: list[_Scan] = []
+    while (stop - start) // width >= (LEAST_BLOCKS if scans else FEWEST_BLOCKS):
+        scan = _scanned(motion, start, stop, width)
+        if scan is not None:
+            scans.append(scan)
+        width *= WIDER
+    found = [(most, place, scan) for scan in scans for most, place in scan.most]
+    tried = sum(len(scan.focus_nm) * len(scan.most) for scan in scans)
+    for most, place, scan in sorted(found, key=lambda one: -one[0]):
+        chance = math.log(tried) - most
+        if chance > log_p:
+            return None
+        if _common(scan, place):
+            cut = start + (place + 1) * scan.width
+            row, low, high = _placed(motion, start, stop, cut, scan.width)
+            return Change(row, low, high, chance)
+    return None
+
+
+def _scanned(motion: Motion, start: int, stop: int, width: int) -> _Scan | None:
     count = (stop - start) // width
     focus = motion.focus_nm[start + width : start + count * width : width][: count - 1]
-    scored = {bead: _scores(one, focus) for bead, one in blocks.items()}
+    every = {bead: blocks_of(xyz[start:stop], width) for bead, xyz in motion.position_nm.items()}
+    scored = {bead: _scores(one, focus) for bead, one in every.items()}
     scored = {bead: one for bead, one in scored.items() if one}
     if not scored:
         return None
-    together = _together([blocks[bead] for bead in scored], list(scored.values()), focus)
-    strength = _strength(together)
-    looked = [strength, *(_strength(one) for one in scored.values() if len(scored) > 1)]
-    found = [(float(each.max()), int(np.argmax(each))) for each in looked]
-    for most, place in sorted(found, reverse=True):
-        chance = math.log(len(strength) * len(found)) - most
-        if chance > log_p:
-            return None
-        if _common(blocks, scored, place, focus):
-            cut = (place + 1) * width
-            row, low, high = _placed(motion, start, stop, start + cut, width)
-            return Change(row, low, high, chance)
-    return None
+    blocks = {bead: every[bead] for bead in scored}
+    together = _together(list(blocks.values()), list(scored.values()), focus)
+    return _Scan(width, blocks, scored, focus, together)
 
 
 def _scores(blocks: Blocks, focus_nm: FloatArray) -> list[StepScores]:
@@ -120,19 +156,17 @@ def _strength(scores: Sequence[StepScores]) -> FloatArray:
     return np.asarray(-stats.chi2.logsf(squared, len(scores)))
 
 
-def _common(
-    blocks: dict[str, Blocks],
-    scored: dict[str, list[StepScores]],
-    place: int,
-    focus_nm: FloatArray,
-) -> bool:
+def _common(scan: _Scan, place: int) -> bool:
     """Whether beads beside the one that shows a step most show it too, and the same way."""
+    scored = scan.scored
     if len(scored) == 1:
         return True
     near = slice(max(place - NEAR_BLOCKS, 0), place + NEAR_BLOCKS + 1)
     most = max(scored, key=lambda bead: float(_strength(scored[bead])[near].max()))
     others = [bead for bead in scored if bead != most]
-    rest = _together([blocks[bead] for bead in others], [scored[bead] for bead in others], focus_nm)
+    rest = _together(
+        [scan.blocks[bead] for bead in others], [scored[bead] for bead in others], scan.focus_nm
+    )
     strength = _strength(rest)[near]
     at = int(np.argmax(strength))
     lead = int(np.argmax([abs(one.score[near][at]) for one in rest]))

@@ -101,7 +101,7 @@ def _white_eigenvalues(n: int) -> FloatArray:
     return np.asarray(2 - 2 * np.cos(np.pi * np.arange(1, n + 1) / (n + 1)))
 
 
-@functools.lru_cache(maxsize=16)
+@functools.lru_cache(maxsize=8)
 def _squared_sines(n: int) -> FloatArray:
     """(place, mode) squared eigenvectors of the differences' covariance."""
     j = np.arange(1, n + 1)

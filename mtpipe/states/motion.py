@@ -16,8 +16,8 @@ from mtpipe.states.level import FEWEST_BLOCKS, fit_noise_about_step
 
 # A stretch's noise is known well enough from so many frames of its middle.
 MOST_FRAMES = 16_384
-# Focus and stage are followed, and z with them, within this time.
-FOCUS_S = 1.5
+# The focus is moved within this time, and by this many times what the stage usually does in it.
+FOCUS_S, FOCUS_TIMES = 1.5, 4.0
 # A column of which more is lost tells nothing of when something happened.
 LEAST_KNOWN = 0.5
 
@@ -30,8 +30,9 @@ class Motion:
     ----------
     time_s : (n_frames,). frame_s : interval of frames.
     position_nm : by bead (n_frames, 3), NaN where lost.
-    focus_nm : (n_frames,) how far the stage moves in z about each frame. Look-up tables are not
-        alike (PHYSICS 8.8), so that z may change by a share of it while the force does not.
+    focus_nm : (n_frames,) how far someone moves the focus about each frame, 0 where nobody does.
+        Look-up tables are not alike (PHYSICS 8.8), so that z may change by some of it while the
+        force does not.
     """
 
     time_s: FloatArray
@@ -57,7 +58,9 @@ def motion_of(recording: Recording) -> Motion:
 
 
 def _focus_nm(recording: Recording, frame_s: float) -> FloatArray:
-    """(n_frames,) range of the subtracted motion in z within FOCUS_S of each frame."""
+    """(n_frames,) range of the subtracted motion in z within FOCUS_S of each frame, where it is far
+    beyond the usual.
+    """
     stage = np.zeros(len(recording.time_s))
     if recording.drift is not None and recording.drift.method == "reference":
         subtracted = recording.drift.subtracted_nm[:, 2]
@@ -65,9 +68,8 @@ def _focus_nm(recording: Recording, frame_s: float) -> FloatArray:
         if len(known):
             stage = np.interp(np.arange(len(stage)), known, subtracted[known])
     width = 2 * max(1, round(FOCUS_S / frame_s)) + 1
-    return np.asarray(
-        ndimage.maximum_filter1d(stage, width) - ndimage.minimum_filter1d(stage, width)
-    )
+    moved = ndimage.maximum_filter1d(stage, width) - ndimage.minimum_filter1d(stage, width)
+    return np.where(moved > FOCUS_TIMES * float(np.median(moved)), moved, 0.0)
 
 
 def middle(column: FloatArray) -> FloatArray:
