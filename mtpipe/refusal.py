@@ -29,8 +29,8 @@ IMPLAUSIBLE_FRICTION = 5.0
 # more, as tables vibrate along lines.
 CIRCLE_SHARE, LINE_SHARE = 0.5, 0.75
 LINE_LOWEST_ORDINATE = 3
-# A line is looked for at four frequencies per ordinate, and held against 16 ordinates about it, from
-# where its own leakage is below a hundredth. By chance one trace in a million shows one.
+# A line is looked for at four frequencies per ordinate, and held against 16 ordinates about it,
+# from where its own leakage is below a hundredth. By chance one trace in a million shows one.
 BETWEEN_ORDINATES, LINE_NEIGHBOURS, LINE_LEAKAGE, LINE_CHANCE = 4, 16, 4, 1e-6
 CIRCLING_WINDOW = 2048
 # A ring stays below; a disc, the motion of a tether without force, has 4/3.

@@ -65,7 +65,8 @@ def find_lag(motion: Motion, edges: Sequence[Edge]) -> Lag | None:
     found = _edge_lags(motion, edges, np.zeros(len(edges)))
     if shift and nats > SHIFT_NATS:
         moved = _edge_lags(motion, edges, np.full(len(edges), float(shift)))
-        if sum(one.seen for one in moved) >= sum(one.seen for one in found):
+        # edges that a shift puts beyond the recording cannot be seen
+        if 2 * len(moved) >= len(edges) and _share_seen(moved) >= _share_seen(found):
             found = moved
     seen = [one for one in found if one.seen]
     if not seen:
@@ -96,6 +97,10 @@ def find_lag(motion: Motion, edges: Sequence[Edge]) -> Lag | None:
             own.append(one.edge.number)
             shifts[i], error[i] = one.best, one.error
     return Lag(tuple(found), shifts, error, tuple(own), common, common_error, per_row)
+
+
+def _share_seen(lags: Sequence[EdgeLag]) -> float:
+    return sum(one.seen for one in lags) / len(lags) if lags else 0.0
 
 
 def _edge_lags(motion: Motion, edges: Sequence[Edge], shift: FloatArray) -> list[EdgeLag]:

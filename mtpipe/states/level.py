@@ -18,7 +18,9 @@ from scipy import fft, stats
 from mtpipe.recording import FloatArray
 
 # Variance of the random walk per block over that of the white noise, and none.
-WALKS = np.concatenate([[0.0], np.geomspace(1e-5, 1e2, 29)])
+WALKS = np.concatenate([[0.0], np.geomspace(1e-4, 1e2, 19)])
+# Noises of so little of the best one's likelihood add nothing.
+UNLIKELY = 1e-3
 # Shorter series leave too little to tell noise from steps.
 FEWEST_BLOCKS = 8
 
@@ -51,41 +53,60 @@ def step_scores(level: FloatArray) -> StepScores:
     ----------
     level : (n,), n at least FEWEST_BLOCKS, without NaN.
 
-    Noise is fitted twice, the second time without the strongest step, which would pass as a walk.
+    How much of the noise is a walk is uncertain in a short series, and a walk that is taken for too
+    small makes steps: errors are those of all walks, each weighted by its likelihood.
     """
     d = np.diff(level)
-    noise = fit_noise_about_step(level)
-    size, stderr = _steps(d, noise)
+    noises, weights = _likely_noises(_without_step(d))
+    sizes, variances = [], []
+    for noise in noises:
+        size, stderr = _steps(d, noise)
+        sizes.append(size)
+        variances.append(stderr**2)
+    size = np.asarray(weights @ np.array(sizes))
+    stderr = np.sqrt(weights @ np.array(variances))
     freedom = max(len(d) - 4, 2)
     tail = stats.t.logsf(np.abs(size / stderr), freedom)
-    return StepScores(size, np.sign(size) * _normal_from_log_tail(tail), noise)
+    score = np.sign(size) * _normal_from_log_tail(tail)
+    return StepScores(size, score, noises[int(np.argmax(weights))])
 
 
 def fit_noise_about_step(level: FloatArray) -> Noise:
     """Noise of a series of block means (n,) without its strongest step."""
-    d = np.diff(level)
-    first = fit_noise(d)
-    size, stderr = _steps(d, first)
+    return fit_noise(_without_step(np.diff(level)))
+
+
+def _without_step(d: FloatArray) -> FloatArray:
+    """Differences without the strongest step, which would pass as a walk."""
+    size, stderr = _steps(d, fit_noise(d))
     strongest = int(np.argmax(np.abs(size / stderr)))
     without = d.copy()
     without[strongest] -= size[strongest]
     # a block within which the level steps shares the step with its neighbour
     near = [k for k in (strongest - 1, strongest + 1) if 0 <= k < len(d)]
-    size_near, stderr_near = _steps(without, first)
-    second = max(near, key=lambda k: abs(size_near[k] / stderr_near[k]))
-    without[second] -= size_near[second]
-    return fit_noise(without)
+    size, stderr = _steps(without, fit_noise(d))
+    second = max(near, key=lambda k: abs(size[k] / stderr[k]))
+    without[second] -= size[second]
+    return without
 
 
 def fit_noise(differences: FloatArray) -> Noise:
     """White noise and random walk of most likelihood, from differences of block means (n,)."""
+    noises, weights = _likely_noises(differences)
+    return noises[int(np.argmax(weights))]
+
+
+def _likely_noises(differences: FloatArray) -> tuple[list[Noise], FloatArray]:
+    """Noises by their share of the walk, and their likelihoods, which sum to 1."""
     n = len(differences)
     power = fft.dst(differences, type=1, norm="ortho") ** 2
     shape = WALKS[:, None] + _white_eigenvalues(n)
     white = np.maximum((power / shape).mean(axis=1), 1e-300)
     cost = n * np.log(white) + np.log(shape).sum(axis=1)
-    best = int(np.argmin(cost))
-    return Noise(float(white[best]), float(WALKS[best]))
+    weights = np.exp((cost.min() - cost) / 2)
+    likely = np.flatnonzero(weights > UNLIKELY)
+    noises = [Noise(float(white[i]), float(WALKS[i])) for i in likely]
+    return noises, np.asarray(weights[likely] / weights[likely].sum())
 
 
 def _steps(d: FloatArray, noise: Noise) -> tuple[FloatArray, FloatArray]:

@@ -9,11 +9,16 @@ import numpy as np
 
 from mtpipe.notice import Notice
 from mtpipe.recording import Plateau, Recording
+from mtpipe.states.alone import Alone
 from mtpipe.states.change import Change
 from mtpipe.states.lag import Lag
 from mtpipe.states.motion import Motion
+from mtpipe.states.trend import MOST_BIAS, Trend
 
 LAG, HIDDEN, LEFT_OUT = "magnet_log_lag", "hidden_step", "plateau_left_out"
+ALONE, TREND = "bead_changes", "force_trend"
+ALONE_REASON = "the bead changes within the plateau while the others do not"
+TREND_REASON = "the force drifts so far within the plateau that no one force is its"
 Rows = tuple[int, int]
 
 
@@ -106,6 +111,33 @@ def _left_out(motion: Motion, start: int, stop: int, why: str) -> Notice:
         f"no plateau: {why}, and what is left is too short ([plateaus] minimum_s)."
     )
     return Notice(LEFT_OUT, "info", told)
+
+
+def alone_notice(motion: Motion, one: Alone) -> Notice:
+    """A bead that changes for good within a plateau, alone."""
+    at = motion.time_s[one.change.row]
+    left = motion.rows_s(one.left_out[1] - one.left_out[0])
+    done = (
+        "Too little is left of the plateau for a force of this bead."
+        if one.whole
+        else f"Its {left:.3g} s on the shorter side of that are left out."
+    )
+    told = (
+        f"It changes for good at {at:.2f} s while the other beads do not: it lets go, sticks or is "
+        f"shortened. {done}"
+    )
+    return Notice(ALONE, "caution", told, bead=one.bead, plateau=one.plateau.number)
+
+
+def trend_notice(trend: Trend) -> Notice:
+    """A force that drifts within a plateau."""
+    told = (
+        f"The force drifts by {100 * math.expm1(trend.log_change):+.0f} ± "
+        f"{100 * trend.stderr:.0f} % during the plateau, as the beads' sideways motion tells."
+    )
+    if trend.bias > MOST_BIAS:
+        told += " No force is given for it."
+    return Notice(TREND, "caution", told, plateau=trend.plateau.number)
 
 
 def force_change(motion: Motion, before: slice, after: slice) -> tuple[float, float]:

@@ -41,6 +41,7 @@ SHARES = (0.35, 0.27, 0.27, 0.055, 0.055)
 # gives is off by that, or that share of its frames have a force that is off by that.
 MIXED = 0.05
 LONGEST_FRAMES = 90_000
+PRINTED_EVERY = 20
 
 
 @dataclass(frozen=True)
@@ -87,12 +88,16 @@ def main() -> None:
     parser = argparse.ArgumentParser(description="Plateaus of recordings whose log lies.")
     parser.add_argument("--count", type=int, default=200)
     parser.add_argument("--first", type=int, default=0, help="seed of the first recording")
-    parser.add_argument("--each", action="store_true", help="print each that fails")
+    parser.add_argument(
+        "--each", action="store_true", help="print each that fails, and figures now and then"
+    )
     choice = parser.parse_args()
     outcomes = []
     for seed in range(choice.first, choice.first + choice.count):
         outcome = examined(drawn(seed))
         outcomes.append(outcome)
+        if choice.each and len(outcomes) % PRINTED_EVERY == 0:
+            print("\n".join(table(outcomes)), flush=True)
         if choice.each and (outcome.mixed or outcome.harmed):
             print(f"seed {seed}: {outcome}", flush=True)
     print("\n".join(table(outcomes)))
