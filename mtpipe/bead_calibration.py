@@ -13,8 +13,8 @@ from __future__ import annotations
 
 import hashlib
 import math
-from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Collection, Mapping, Sequence
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
@@ -44,6 +44,7 @@ class Shared:
     noise_nm : per axis, the reference beads' tracking noise, or None where there is none.
     contour_length_nm : as the setup states it, 0 where unknown.
     seed : of the posteriors; each bead's and trace's own derives from it.
+    not_one_state : by bead and plateau number, why a plateau gives no force to use.
     """
 
     conditions: Conditions
@@ -51,6 +52,7 @@ class Shared:
     noise_nm: tuple[float | None, float | None, float | None]
     contour_length_nm: float
     seed: int
+    not_one_state: Mapping[tuple[str, int], str] = field(default_factory=dict)
 
 
 @dataclass(frozen=True)
@@ -85,7 +87,12 @@ def calibrate_bead(
     first = _first_pass(traces, z_zero_stderr_nm, shared)
     expectation = FrictionPrior(first.measured, conditions.friction_relative_stderr)
     contradicts = any(expectation.contradicted(axis) for axis in LATERAL)
-    series = _series(first, shared, _generator(shared.seed, bead), contradicts)
+    mixed = {
+        i: shared.not_one_state[bead, trace.plateau.number]
+        for i, trace in enumerate(traces)
+        if (bead, trace.plateau.number) in shared.not_one_state
+    }
+    series = _series(first, shared, _generator(shared.seed, bead), contradicts, set(mixed))
     stage = np.zeros(len(traces)) if stage_nm2 is None else np.sqrt(np.diag(stage_nm2))
     plateaus = []
     for i, (trace, (length, own), moved) in enumerate(
@@ -97,7 +104,7 @@ def calibrate_bead(
         for axis in first.recorded:
             alone = _alone(first, expectation, i, axis, zero, conditions)
             joint = None
-            if series is not None and not alone.refusal:
+            if series is not None and not alone.refusal and i not in mixed:
                 # x and y draw alike: a force they share is one number
                 generator = _generator(shared.seed, bead, i)
                 choice, posterior = series
@@ -108,7 +115,9 @@ def calibrate_bead(
             else:
                 axes.append(replace(joint, free=alone.free, force_alone=alone.force_alone,
                                     effective_radius=alone.effective_radius))  # fmt: skip
-        plateaus.append(PlateauResult(trace, *extension, tuple(axes), stage_stderr_nm=moved))
+        plateaus.append(
+            PlateauResult(trace, *extension, tuple(axes), mixed.get(i, ""), stage_stderr_nm=moved)
+        )
     result = BeadResult(
         bead,
         tuple(plateaus),
@@ -170,13 +179,18 @@ def _series(
     shared: Shared,
     generator: np.random.Generator,
     friction_contradicted: bool,
+    mixed: Collection[int],
 ) -> tuple[SeriesChoice, SeriesPosterior] | None:
-    """The joint fit of all lateral traces whose extension is known, sampled."""
+    """The joint fit of all lateral traces whose extension is known, sampled.
+
+    `mixed` : places of the plateaus that are not one state.
+    """
     members = [
         as_series_trace(i, axis, first.extensions[i][0], fit)
         for i, fits in enumerate(first.fits)
         for axis, fit in fits.items()
         if axis in LATERAL
+        and i not in mixed
         and isinstance(fit, TraceFit)
         and axis not in first.refusals[i]
         and first.extensions[i][0] > 0

@@ -24,6 +24,7 @@ from mtpipe.processes import executor
 from mtpipe.recommended.force import BeadForces
 from mtpipe.recommended.spectral import forces_of_spectra
 from mtpipe.recording import FloatArray, Recording
+from mtpipe.states import with_states
 from mtpipe.traces import Trace, traces_of
 
 Progress = Callable[[int, int], None]
@@ -60,6 +61,8 @@ def calibrate(
 ) -> Calibration:
     """Calibrate every tethered bead of a recording (after drift subtraction).
 
+    Plateaus are tested first for being one state each (`mtpipe.states`).
+
     Parameters
     ----------
     recording : drift already subtracted, if it is to be.
@@ -71,6 +74,7 @@ def calibrate(
     ------
     SetupError : the frame rate is not known.
     """
+    recording = with_states(recording)
     conditions, notices = conditions_of(recording.setup)
     beads = {bead: traces_of(recording, bead) for bead in recording.tethered}
     noise = _reference_noise(recording)
@@ -79,12 +83,14 @@ def calibrate(
         exposure, stderr, notice = estimate_exposure(beads, conditions, lateral)
         conditions = replace(conditions, exposure_s=exposure, exposure_stderr_s=stderr)
         notices = (*notices, notice)
+    assert recording.states is not None
     shared = Shared(
         conditions,
         _lowest_frequencies(recording),
         noise,
         recording.setup.tether.contour_length_nm.value or 0.0,
         seed,
+        recording.states.refused,
     )
     jobs = [
         (

@@ -41,6 +41,7 @@ from mtpipe.recommended.choice import recommended_forces
 from mtpipe.recommended.force import BeadForces, named_forces
 from mtpipe.recommended.verdict import with_diagnosis
 from mtpipe.recording import Recording
+from mtpipe.states import with_states
 from mtpipe.tether_curves import tether_curves
 from mtpipe.tracking.stack import is_stack
 from mtpipe.verdict import BeadVerdict, bead_verdicts
@@ -154,6 +155,9 @@ def run(
     # the stretch in which beads touch the surface tells z = 0 better once the stage stands still
     recording = put_surface_at_zero(subtract_drift(raw))
     clock.lap("drift")
+    say("testing plateaus", 0, 1)
+    recording = with_states(recording)
+    clock.lap("states")
     beads = len(recording.tethered)
     say("calibrating beads", 0, beads)
     calibration = calibrate(

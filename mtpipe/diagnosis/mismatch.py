@@ -24,6 +24,7 @@ from mtpipe.processes import in_one_thread
 from mtpipe.recommended.choice import diagnosed_forces
 from mtpipe.recommended.force import BeadForces
 from mtpipe.recording import Recording
+from mtpipe.states import with_states
 
 SCHEMA = "mtpipe.mismatch/1"
 Progress = Callable[[str, int, int], None]
@@ -89,6 +90,7 @@ def diagnose(recording: Recording, *, seed: int = 0, progress: Progress | None =
     ------
     Nothing for what is wrong with one bead's data: why it could not be simulated is in `refused`.
     """
+    recording = with_states(recording)
     found: dict[str, Explanation] = {}
     refused: dict[str, str] = {}
     total = len(recording.tethered)
@@ -126,6 +128,7 @@ def examine(
 
     Parameters, raises: as `mtpipe.crosscheck`.
     """
+    recording = with_states(recording)
     found, refused = per_bead(recording, _explained, seed=seed, workers=workers, progress=progress)
     found = beads_together(found, seed=seed, workers=workers, progress=progress)
     named = {bead: before_after.content_of(one) for bead, one in found.items()}

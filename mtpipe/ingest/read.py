@@ -9,6 +9,7 @@ from functools import partial
 from pathlib import Path
 
 import numpy as np
+from numpy.typing import NDArray
 from pydantic import ValidationError
 
 from mtpipe.errors import MtpipeError, RecordingError, SetupError
@@ -175,10 +176,29 @@ def _assembled(
         *check_gaps(clock.frame, locate),
         *repeats,
         *magnets.notices,
+        *_settled_away(recording, magnets.resting),
         *sound.notices,
         *surface.notices,
     )
     return dataclasses.replace(recording, notices=notices, z_zero_stderr_nm=surface.stderr_nm)
+
+
+def _settled_away(recording: Recording, resting: NDArray[np.bool_] | None) -> tuple[Notice, ...]:
+    """Say how many dwells the settling time leaves too short to be plateaus."""
+    choice = recording.setup.plateaus
+    if choice.settle_s == 0:
+        return ()
+    unsettled = choice.model_copy(update={"settle_s": 0.0})
+    dwells = find_plateaus(recording.time_s, recording.magnet_mm, unsettled, resting)
+    gone = len(dwells) - len(recording.plateaus)
+    if gone <= 0:
+        return ()
+    said = (
+        f"{gone} of {len(dwells)} dwells of the magnets give no plateau: once [plateaus] settle_s "
+        f"= {choice.settle_s:g} s is left out, less than minimum_s = {choice.minimum_s:g} s is "
+        "left of them."
+    )
+    return (Notice("settled_away", "caution", said),)
 
 
 def _without(data: Collected, source: Source | None) -> dict[str, np.ndarray]:
