@@ -20,6 +20,7 @@ from mtpipe.states.moved import moved_plateaus
 from mtpipe.states.trend import MOST_BIAS, force_trend
 from mtpipe.states.words import (
     ALONE_REASON,
+    HIDDEN,
     TREND_REASON,
     alone_notice,
     lag_notices,
@@ -69,9 +70,10 @@ def _tested(recording: Recording) -> Recording:
         parts = _parts(plateau, changes)
         kept = [one for one in parts if lasts_s(recording, *one) >= least] if changes else parts
         numbers = range(len(cut), len(cut) + len(kept))
-        if len(kept) > 1:
+        said = part_notices(motion, plateau, changes, parts, kept, len(cut))
+        if any(notice.code == HIDDEN for notice in said):
             unbelieved += numbers
-        notices += part_notices(motion, plateau, changes, parts, kept, len(cut))
+        notices += said
         cut += [
             replace(plateau, number=number, start=start, stop=stop)
             for number, (start, stop) in zip(numbers, kept, strict=True)

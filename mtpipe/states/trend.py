@@ -6,14 +6,11 @@ sideways motion, which only the force changes. A drift is not cut: the cross-che
 
 from __future__ import annotations
 
-import math
 from dataclasses import dataclass
 
-import numpy as np
-
 from mtpipe.recording import Plateau
-from mtpipe.states.blocks import relaxation_frames
-from mtpipe.states.motion import Motion, middle
+from mtpipe.states.motion import Motion
+from mtpipe.states.size import force_change
 
 # By chance one plateau in 16 000 shows a trend.
 SIGMAS = 4.0
@@ -44,28 +41,10 @@ def force_trend(motion: Motion, plateau: Plateau) -> Trend | None:
     The first third of the plateau is held against the last: their middles are two thirds apart.
     """
     third = (plateau.stop - plateau.start) // 3
-    logs, weights = [], []
-    for xyz in motion.position_nm.values():
-        for axis in (0, 1):
-            column = xyz[plateau.start : plateau.stop, axis]
-            first, last = column[:third], column[len(column) - third :]
-            if min(np.isfinite(first).sum(), np.isfinite(last).sum()) < third / 2 or third < 16:
-                continue
-            variances = float(np.nanvar(first)), float(np.nanvar(last))
-            if min(variances) <= 0:
-                continue
-            # independent squares: one per relaxation time, the mean of an exponential's square
-            slow = max(relaxation_frames(middle(column)), 1.0)
-            logs.append(math.log(variances[0] / variances[1]))
-            weights.append(third / slow / 4)
-    if not logs:
-        return None
-    log = float(np.average(logs, weights=weights))
-    stderr = sum(weights) ** -0.5
-    # beads of their own ways tell less than they seem to
-    if len(logs) > 2:
-        stderr = max(stderr, float(np.std(logs, ddof=1)) / math.sqrt(len(logs)))
+    first = slice(plateau.start, plateau.start + third)
+    last = slice(plateau.stop - third, plateau.stop)
+    log, stderr = force_change(motion, first, last)
     whole, error = 1.5 * log, 1.5 * stderr
-    if abs(whole) < max(SIGMAS * error, LEAST_LOG_CHANGE):
+    if not abs(whole) > max(SIGMAS * error, LEAST_LOG_CHANGE):
         return None
     return Trend(plateau, whole, error)

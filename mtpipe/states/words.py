@@ -13,10 +13,11 @@ from mtpipe.states.alone import Alone
 from mtpipe.states.change import Change
 from mtpipe.states.lag import Lag
 from mtpipe.states.motion import Motion
+from mtpipe.states.size import force_change, heights_contradicted
 from mtpipe.states.trend import MOST_BIAS, Trend
 
 LAG, HIDDEN, LEFT_OUT = "magnet_log_lag", "hidden_step", "plateau_left_out"
-ALONE, TREND = "bead_changes", "force_trend"
+HEIGHT, ALONE, TREND = "height_step", "bead_changes", "force_trend"
 ALONE_REASON = "the bead changes within the plateau while the others do not"
 TREND_REASON = "the force drifts so far within the plateau that no one force is its"
 Rows = tuple[int, int]
@@ -85,12 +86,22 @@ def part_notices(
     parts, kept : rows of what the changes leave of the plateau, and of those that are long enough.
     number : of the first that is kept.
     """
-    said = []
+    said: list[Notice] = []
     position = "" if plateau.magnet_mm is None else f" at {plateau.magnet_mm:.4g} mm"
     for change, before, after in zip(changes, parts[:-1], parts[1:], strict=True):
         if before not in kept or after not in kept:
             continue
         ratio, error = force_change(motion, slice(*before), slice(*after))
+        if heights_contradicted(motion, slice(*before), slice(*after)):
+            told = (
+                f"The heights of all beads change together at {motion.time_s[change.row]:.2f} s, "
+                "and their sideways motion does not as for a change of the force "
+                f"({100 * math.expm1(ratio):+.0f} ± {100 * error * math.exp(ratio):.0f} %): focus "
+                f"or reference moved. The plateau{position} is cut there; forces of both parts "
+                "rest on their own heights."
+            )
+            said.append(Notice(HEIGHT, "caution", told, plateau=number))
+            continue
         told = (
             f"The force changes at {motion.time_s[change.row]:.2f} s, by "
             f"{100 * math.expm1(ratio):+.0f} ± {100 * error * math.exp(ratio):.0f} % as the beads' "
@@ -138,18 +149,6 @@ def trend_notice(trend: Trend) -> Notice:
     if trend.bias > MOST_BIAS:
         told += " No force is given for it."
     return Notice(TREND, "caution", told, plateau=trend.plateau.number)
-
-
-def force_change(motion: Motion, before: slice, after: slice) -> tuple[float, float]:
-    """ln of force after over force before with its standard error, from sideways motion: F ∝ 1/var.
-
-    The chain's length, on which the force depends too, changes by far less.
-    """
-    logs = _logs(motion, before, after)
-    if not logs:
-        return math.nan, math.nan
-    spread = 1.4826 * float(np.median(np.abs(np.array(logs) - np.median(logs))))
-    return float(np.median(logs)), 1.25 * spread / math.sqrt(len(logs))
 
 
 def mixed_percent(motion: Motion, before: Plateau, after: Plateau) -> float | None:
