@@ -90,7 +90,7 @@ def calibrate(
         noise,
         recording.setup.tether.contour_length_nm.value or 0.0,
         seed,
-        recording.states.refused,
+        {**recording.states.doubtful, **recording.states.refused},
     )
     jobs = [
         (

@@ -132,11 +132,14 @@ class States:
     ----------
     refused : why a bead has no force in a plateau, by bead and plateau number, in words that
         continue "no force, as …".
+    doubtful : the same of plateaus that seem to hold several states and are left whole, as a
+        cross-check can say what changes in them: their forces are none to use until it does.
     unbelieved : numbers of plateaus whose `magnet_mm` is not to be believed: the beads change under
         it where the log does not.
     """
 
     refused: Mapping[tuple[str, int], str] = field(default_factory=dict)
+    doubtful: Mapping[tuple[str, int], str] = field(default_factory=dict)
     unbelieved: frozenset[int] = frozenset()
 
 

@@ -135,7 +135,7 @@ def chosen_of(
         else:
             one = RecommendedForce(Estimate.missing("pN", ""), "none")
         one = RecommendedForce(_number_or_none(one.force), one.source)
-        if mixed.get(number):
+        if mixed.get(number) and one.source != "named":
             one = RecommendedForce(replace(one.force, status="not_one_state"), one.source)
         chosen[number] = one
     return chosen

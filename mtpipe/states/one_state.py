@@ -21,17 +21,19 @@ from mtpipe.states.trend import MOST_BIAS, force_trend
 from mtpipe.states.words import (
     ALONE_REASON,
     HIDDEN,
+    LONE_REASON,
     TREND_REASON,
     alone_notice,
     lag_notices,
+    lone_notice,
     part_notices,
     trend_notice,
 )
 
 # A change is believed that chance makes in one of a thousand recordings, all places tried.
 CHANCE_PER_RECORDING = 1e-3
-# Without another bead that shows the same, up to two changes in a plateau are taken for changes of
-# the force; more are the bead's own, which hops or sticks.
+# Of one bead without another, up to two changes in a plateau may be changes of the force; more are
+# its own: it hops or sticks.
 MOST_ALONE = 2
 
 
@@ -60,12 +62,16 @@ def _tested(recording: Recording) -> Recording:
     plateaus, notices = _by_the_beads(recording, motion, lag)
     cut: list[Plateau] = []
     unbelieved: list[int] = []
+    doubtful: dict[tuple[str, int], str] = {}
     limit = math.log(CHANCE_PER_RECORDING / len(plateaus))
     least = recording.setup.plateaus.minimum_s
     for plateau in plateaus:
         changes = _changes(motion, plateau.start, plateau.stop, limit)
-        if len(recording.tethered) == 1 and len(changes) > MOST_ALONE:
-            # one bead that goes to and fro says nothing of the force
+        if changes and len(recording.tethered) == 1:
+            # one bead does not say whether it is the force that changes
+            if len(changes) <= MOST_ALONE:
+                doubtful[recording.tethered[0], len(cut)] = LONE_REASON
+                notices.append(lone_notice(motion, recording.tethered[0], len(cut), changes))
             changes = []
         parts = _parts(plateau, changes)
         kept = [one for one in parts if lasts_s(recording, *one) >= least] if changes else parts
@@ -83,7 +89,7 @@ def _tested(recording: Recording) -> Recording:
     trends = [trend for plateau in cut if (trend := force_trend(motion, plateau)) is not None]
     notices += [trend_notice(trend) for trend in trends]
     refused = {(one.bead, one.plateau.number): ALONE_REASON for one in alone if one.whole}
-    refused |= {
+    doubtful |= {
         (bead, trend.plateau.number): TREND_REASON
         for trend in trends
         if trend.bias > MOST_BIAS
@@ -94,7 +100,7 @@ def _tested(recording: Recording) -> Recording:
         positions_nm=_without(recording.positions_nm, alone),
         plateaus=tuple(cut),
         notices=(*recording.notices, *notices),
-        states=States(refused, frozenset(unbelieved)),
+        states=States(refused, doubtful, frozenset(unbelieved)),
     )
 
 

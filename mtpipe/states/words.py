@@ -17,8 +17,9 @@ from mtpipe.states.size import force_change, heights_contradicted
 from mtpipe.states.trend import MOST_BIAS, Trend
 
 LAG, HIDDEN, LEFT_OUT = "magnet_log_lag", "hidden_step", "plateau_left_out"
-HEIGHT, ALONE, TREND = "height_step", "bead_changes", "force_trend"
+HEIGHT, ALONE, LONE, TREND = "height_step", "bead_changes", "lone_change", "force_trend"
 ALONE_REASON = "the bead changes within the plateau while the others do not"
+LONE_REASON = "the bead changes within the plateau, and no other bead tells whether the force does"
 TREND_REASON = "the force drifts so far within the plateau that no one force is its"
 Rows = tuple[int, int]
 
@@ -140,6 +141,16 @@ def alone_notice(motion: Motion, one: Alone) -> Notice:
     return Notice(ALONE, "caution", told, bead=one.bead, plateau=one.plateau.number)
 
 
+def lone_notice(motion: Motion, bead: str, plateau: int, changes: Sequence[Change]) -> Notice:
+    """The only bead of a recording changes within a plateau."""
+    times = " and ".join(f"{motion.time_s[change.row]:.2f} s" for change in changes)
+    told = (
+        f"It changes at {times}, and no other bead tells whether the force does. Its force in this "
+        "plateau is not to be used unless the cross-check says what changes."
+    )
+    return Notice(LONE, "caution", told, bead=bead, plateau=plateau)
+
+
 def trend_notice(trend: Trend) -> Notice:
     """A force that drifts within a plateau."""
     told = (
@@ -147,7 +158,7 @@ def trend_notice(trend: Trend) -> Notice:
         f"{100 * trend.stderr:.0f} % during the plateau, as the beads' sideways motion tells."
     )
     if trend.bias > MOST_BIAS:
-        told += " No force is given for it."
+        told += " Its force is not to be used unless the cross-check says what changes."
     return Notice(TREND, "caution", told, plateau=trend.plateau.number)
 
 
