@@ -232,10 +232,11 @@ def examined(case: Drawn) -> Outcome:
     tested = with_states(recording)
     seconds = time.process_time() - began
     assert tested.states is not None
+    unusable = {*tested.states.refused, *tested.states.doubtful}
     left = [
         plateau
         for plateau in tested.plateaus
-        if any((bead, plateau.number) not in tested.states.refused for bead in tested.tethered)
+        if any((bead, plateau.number) not in unusable for bead in tested.tethered)
     ]
     final = [p for p in left if p.number not in tested.states.unbelieved]
     sound = [p for p in recording.plateaus if _spread(case, p) == 0]
