@@ -46,7 +46,7 @@ def read_magnets(
     source: Source | None,
     files: Sequence[Path],
     folder: Path,
-    open_table: Callable[[Path, Layout, tuple[str, ...]], OpenTable],
+    open_table: Callable[[Path, Layout, tuple[str, ...], tuple[str, ...]], OpenTable],
 ) -> Magnets:
     """Take the magnets' position and rotation from the recording or from their own log.
 
@@ -115,7 +115,7 @@ def _from_log(
     time_s: FloatArray,
     files: Sequence[Path],
     folder: Path,
-    open_table: Callable[[Path, Layout, tuple[str, ...]], OpenTable],
+    open_table: Callable[[Path, Layout, tuple[str, ...], tuple[str, ...]], OpenTable],
 ) -> tuple[FloatArray, FloatArray | None, list[Notice]]:
     magnet, rotation = source.magnet, source.rotation
     assert magnet is not None
@@ -135,9 +135,10 @@ def _from_log(
                 else "."
             )
             raise RecordingError("there is no such magnet log", where=str(path), mend=mend)
-        table = open_table(path, layout, source.lost.tokens)
+        asked = tuple(column for column, _ in wanted if isinstance(column, str))
+        table = open_table(path, layout, source.lost.tokens, asked)
         guesses = table.guesses
-        names = Names(table.names, table.has_names, str(path))
+        names = Names(table.names, table.has_names, str(path), table.unusable)
         pieces += table.batches([names.find(column, what) for column, what in wanted])
     if not pieces:
         raise RecordingError("the magnet log has no rows", where=str(paths[0]))
