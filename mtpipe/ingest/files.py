@@ -18,6 +18,7 @@ from pathlib import Path
 from typing import BinaryIO, cast
 
 from mtpipe.errors import RecordingError, SetupError
+from mtpipe.files import as_text
 from mtpipe.ingest.presets import COLUMNS, PRESETS
 from mtpipe.ingest.source import Source
 from mtpipe.recording import SourceFile
@@ -58,14 +59,14 @@ def find_recording(path: Path, setup: Path | str | Setup | None) -> Found:
                 "names no files to read", where=str(path), mend="Add files to its [source] table."
             )
         files = _in_folder(path.parent, parsed)
-        return Found(path.parent.resolve().name, parsed, files, path.parent)
+        return Found(as_text(path.parent.resolve().name), parsed, files, path.parent)
     folder = path if path.is_dir() else path.parent
     parsed = _setup(setup, folder / SETUP_NAME)
     if not path.is_dir():
-        return Found(path.name, parsed, (path,), folder)
+        return Found(as_text(path.name), parsed, (path,), folder)
     files = _in_folder(folder, parsed)
     name = files[0].name if len(files) == 1 else folder.resolve().name
-    return Found(name, parsed, files, folder)
+    return Found(as_text(name), parsed, files, folder)
 
 
 def describe(path: Path, folder: Path) -> SourceFile:
@@ -73,7 +74,7 @@ def describe(path: Path, folder: Path) -> SourceFile:
     with path.open("rb") as stream:
         digest = hashlib.file_digest(stream, "sha256").hexdigest()
     name = path.relative_to(folder) if path.is_relative_to(folder) else Path(path.name)
-    return SourceFile(name.as_posix(), digest, path.stat().st_size)
+    return SourceFile(as_text(name.as_posix()), digest, path.stat().st_size)
 
 
 @contextmanager
