@@ -35,8 +35,8 @@ class StatedRate:
 
 
 @dataclass(frozen=True)
-class _Use:
-    """A column in use: what it is, the unit the setup gives it and the key that says so."""
+class Use:
+    """A column in use: what it is, the unit that the setup gives it, the key that says so."""
 
     column: int
     what: str
@@ -45,17 +45,28 @@ class _Use:
 
 
 def check_columns(table: OpenTable, plan: Assignment, source: Source | None) -> tuple[Notice, ...]:
-    """Compare the units of a file's columns with the setup, and say what is done with the rest.
+    """Compare the units of a recording's columns with the setup; errors as in `check_uses`."""
+    aside = source is not None and source.attributes is not None
+    return check_uses(table, list(_uses(plan, source)), aside=aside)
+
+
+def check_uses(table: OpenTable, uses: Sequence[Use], *, aside: bool) -> tuple[Notice, ...]:
+    """Compare what a file says of columns in use with the setup, and say what is done with it.
+
+    Parameters
+    ----------
+    aside : whether the setup puts the file's word aside.
 
     Raises
     ------
     RecordingError : a unit contradicts the setup, or an attribute may change the numbers in a way
         that is not known.
     """
-    told = {use: table.stated[use.column] for use in _uses(plan, source)}
-    if source is not None and source.attributes == "setup":
+    told = {use: table.stated[use.column] for use in uses}
+    if aside:
         return _put_aside(told, table)
     notices: dict[str, Notice] = {}
+    changed: dict[str, list[str]] = {}
     for use, stated in told.items():
         name = table.names[use.column]
         if stated.unagreed:
@@ -63,16 +74,13 @@ def check_columns(table: OpenTable, plan: Assignment, source: Source | None) -> 
                 f"column {name} ({use.what}) has the attribute {stated.unagreed}, which may change "
                 "its numbers in a way that programs do not agree on",
                 where=str(table.path),
-                mend='Say by [source.scale] what the numbers need, and attributes = "setup" in '
-                "[source].",
+                mend='Say by scale in [source] what the numbers need, and attributes = "setup".',
             )
         notice = _compared(use, stated, table)
         if notice is not None:
             notices.setdefault(notice.message, notice)
-    changed: dict[str, list[str]] = {}
-    for use, stated in told.items():
         for words in stated.changed_by:
-            changed.setdefault(words, []).append(table.names[use.column])
+            changed.setdefault(words, []).append(name)
     for words, names in changed.items():
         said = f"The file's {words} of {_listed(names)} is applied."
         notices[said] = Notice("attributes_applied", "info", said)
@@ -151,7 +159,7 @@ def rate_notice(stated: StatedRate) -> Notice:
     return Notice("frame_rate_derived", "info", said)
 
 
-def _start_s(table: OpenTable, uses: Sequence[_Use]) -> float:
+def _start_s(table: OpenTable, uses: Sequence[Use]) -> float:
     """Time of the first row by the file's own words, 0 where it says nothing."""
     starts = {table.stated[use.column].start_s: table.names[use.column] for use in uses}
     if len(starts) > 1:
@@ -162,13 +170,13 @@ def _start_s(table: OpenTable, uses: Sequence[_Use]) -> float:
     return next(iter(starts), 0.0)
 
 
-def _uses(plan: Assignment, source: Source | None) -> Iterator[_Use]:
+def _uses(plan: Assignment, source: Source | None) -> Iterator[Use]:
     units = source.units if source is not None and source.beads else None
     for bead, columns in plan.beads.items():
         for axis, column in zip(AXES, columns, strict=True):
             if column >= 0:
                 unit = "nm" if units is None else units.of(axis)
-                yield _Use(column, f"{bead} {axis}", unit, "[source.units]")
+                yield Use(column, f"{bead} {axis}", unit, "[source.units]")
     time = source.time.unit if source is not None and source.time is not None else "s"
     magnet = source.magnet.unit if source is not None and source.magnet is not None else "mm"
     turns = source.rotation.unit if source is not None and source.rotation is not None else None
@@ -179,10 +187,10 @@ def _uses(plan: Assignment, source: Source | None) -> Iterator[_Use]:
         (plan.rotation, "rotation", turns),
     ):
         if column >= 0:
-            yield _Use(column, what, unit, f"[source.{what}] unit")
+            yield Use(column, what, unit, f"[source.{what}] unit")
 
 
-def _compared(use: _Use, stated: Stated, table: OpenTable) -> Notice | None:
+def _compared(use: Use, stated: Stated, table: OpenTable) -> Notice | None:
     """What is to be said of a column's unit; None where it agrees or there is none."""
     name = table.names[use.column]
     if not stated.unit or use.unit is None:
@@ -202,7 +210,7 @@ def _compared(use: _Use, stated: Stated, table: OpenTable) -> Notice | None:
     raise RecordingError(said, where=str(table.path), mend=f"Correct {use.key}. {ASIDE}")
 
 
-def _put_aside(told: dict[_Use, Stated], table: OpenTable) -> tuple[Notice, ...]:
+def _put_aside(told: dict[Use, Stated], table: OpenTable) -> tuple[Notice, ...]:
     words: dict[str, list[str]] = {}
     for use, stated in told.items():
         unit = () if stated.unit_in_name else (stated.unit_words,)

@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 
 from mtpipe.errors import RecordingError
 from mtpipe.ingest.contents import BLOCK_BYTES, Array, Contents, values_of
-from mtpipe.ingest.files import open_stream
+from mtpipe.ingest.files import is_packed, open_stream
 from mtpipe.ingest.source import TAKE, Format, Layout
 from mtpipe.ingest.stated import NOTHING, Stated
 
@@ -166,7 +166,7 @@ def _open(path: Path, kind: Format, take: bool) -> Iterator[Contents]:
     """Look through a file; each reader's library is loaded only where it is needed."""
     with ExitStack() as stack:
         stream = stack.enter_context(open_stream(path))
-        if not stream.name:
+        if is_packed(stream):
             stream = io.BytesIO(stream.read())  # gzipped: these formats jump about in the file
         if kind == "hdf5":
             from mtpipe.ingest.hdf5 import open_hdf5

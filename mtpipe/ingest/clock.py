@@ -191,7 +191,9 @@ def _rate(stamps: FloatArray) -> float:
     return rate
 
 
-def _slope(frame: NDArray[np.int64], stamps: FloatArray, gaps: Sequence[int] | NDArray[np.int64] = ()) -> float:
+def _slope(
+    frame: NDArray[np.int64], stamps: FloatArray, gaps: Sequence[int] | NDArray[np.int64] = ()
+) -> float:
     """Frames per second by least squares, each stretch between `gaps` with its own start.
 
     The ends alone would carry all of their stamps' error: seconds since 1970 are kept to 0.1 µs.

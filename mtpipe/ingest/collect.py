@@ -126,8 +126,8 @@ def collect(
     for table in tables:
         plan = assign(table)
         if arrays is None:
-            arrays = _Arrays(plan, lost)
-        arrays.check_same(plan, table.path)
+            arrays = _Arrays(plan, lost, table)
+        arrays.begin(plan, table)
         starts.append(arrays.filled)
         for batch in table.batches(arrays.wanted):
             count = len(batch[0])
@@ -144,8 +144,9 @@ def collect(
 class _Arrays:
     """The arrays while they are filled."""
 
-    def __init__(self, plan: Assignment, lost: Lost) -> None:
+    def __init__(self, plan: Assignment, lost: Lost, table: OpenTable) -> None:
         self.plan = plan
+        self.table = table
         self.lost = lost
         self.filled = 0
         self.zero_rows = 0
@@ -161,7 +162,9 @@ class _Arrays:
         self.values = {column: np.empty(FIRST_ROWS) for column in self.scalars}
         self.positions = {bead: np.empty((FIRST_ROWS, 3)) for bead in plan.beads}
 
-    def check_same(self, plan: Assignment, path: Path) -> None:
+    def begin(self, plan: Assignment, table: OpenTable) -> None:
+        """Begin the next file, which must have the columns of those before it."""
+        self.table, path = table, table.path
         if list(plan.beads) != list(self.plan.beads):
             raise RecordingError(
                 f"has beads {', '.join(plan.beads)} where the files before it have "
@@ -208,7 +211,8 @@ class _Arrays:
         """Clock times as seconds since the first of the recording."""
         if column != self.plan.time:
             raise RecordingError(
-                "a column of clock times is taken for positions or magnets",
+                f"column {self.table.names[column]} holds clock times where numbers are expected",
+                where=str(self.table.path),
                 mend="Correct the columns in [source]; only time can be a clock time.",
             )
         if self.began is None:

@@ -8,6 +8,7 @@ make nm, s, mm and turns of them.
 from __future__ import annotations
 
 import difflib
+import itertools
 import re
 from collections.abc import Mapping
 from dataclasses import dataclass, field
@@ -26,6 +27,8 @@ from mtpipe.recording import AXES
 from mtpipe.setup import Setup
 
 QUALITY_NAME = re.compile(r"(?P<bead>.+)_quality")
+# Columns of one array are listed one by one up to this number.
+MOST_MEMBERS = 6
 POSITION_NAME = re.compile(r"(?P<bead>.+)_(?P<axis>[xyz])_nm")
 
 
@@ -277,5 +280,12 @@ def _factor(
 
 
 def _some(names: tuple[str, ...]) -> str:
-    shown = ", ".join(n if n else "(empty)" for n in names[:12])
-    return shown[:400] + (", ..." if len(names) > 12 else "")
+    """The first names, columns of one array as `a[1] to a[9]`."""
+    shown = []
+    for array, group in itertools.groupby(names, key=lambda name: name.partition("[")[0]):
+        members = list(group)
+        together = len(members) > MOST_MEMBERS and array
+        shown += (
+            [f"{members[0]} to {members[-1]}"] if together else [m or "(empty)" for m in members]
+        )
+    return ", ".join(shown[:12])[:400] + (", ..." if len(shown) > 12 else "")

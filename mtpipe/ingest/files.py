@@ -8,9 +8,9 @@ from __future__ import annotations
 import glob
 import gzip
 import hashlib
-import io
 import os
 import re
+import zlib
 from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
@@ -24,6 +24,8 @@ from mtpipe.ingest.source import Source
 from mtpipe.recording import SourceFile
 from mtpipe.setup import Setup, read_setup
 
+# What reading a packed file raises where it is damaged or cut off.
+DAMAGE = (EOFError, zlib.error, OSError)
 SETUP_NAME = "setup.toml"
 NO_DATA = {".toml", ".md", ".json", ".py", ".pdf", ".png", ".jpg", ".tif", ".tiff", ".log"}
 
@@ -87,7 +89,30 @@ def open_stream(path: Path) -> Iterator[BinaryIO]:
             yield stream
             return
         with gzip.GzipFile(fileobj=stream) as unpacked:
-            yield cast(BinaryIO, io.BufferedReader(cast(io.RawIOBase, unpacked)))
+            yield cast(BinaryIO, unpacked)
+
+
+def is_packed(stream: BinaryIO) -> bool:
+    """Whether a stream unpacks gzip, in which jumping about takes long."""
+    return isinstance(stream, gzip.GzipFile)
+
+
+def read_begin(stream: BinaryIO, size: int) -> bytes:
+    """The first bytes, up to `size` or as far as a packed stream goes that is cut off.
+
+    Raises
+    ------
+    OSError, EOFError, zlib.error : there are none before the damage.
+    """
+    read = getattr(stream, "read1", stream.read)
+    begin = b""
+    try:
+        while len(begin) < size and (piece := read(size - len(begin))):
+            begin += piece
+    except DAMAGE:
+        if not begin:
+            raise
+    return begin
 
 
 def _setup(setup: Path | str | Setup | None, default: Path) -> Setup:

@@ -22,6 +22,9 @@ CACHE_BYTES = 1 << 26
 # Where a superblock of this version states base address, one other address, and the file's end.
 ADDRESSES_AT = {0: 24, 1: 28, 2: 12, 3: 12}
 HEAD_BYTES = 128
+# Where MATLAB 7.3 keeps what cells and objects refer to.
+MATLAB_INNER = {"#refs#", "#subsystem#"}
+MOST_CELLS = 10_000
 SIGNATURE = b"\x89HDF\r\n\x1a\n"
 
 
@@ -36,11 +39,9 @@ def open_hdf5(stream: BinaryIO, stack: ExitStack, *, take: bool) -> Contents:
     -------
     Contents, without columns where the file is cut off and not taken.
     """
-    contents = Contents()
-    size = stream.seek(0, io.SEEK_END)
-    stated = _stated_size(stream)
-    if size < stated:
-        contents.cut = f"is cut off: {size} of {stated} bytes are there"
+    contents = Contents(cut=cut_off(stream))
+    size, stated = stream.seek(0, io.SEEK_END), _stated_size(stream)
+    if contents.cut:
         if not take:
             return contents
         stream.seek(0)
@@ -49,6 +50,13 @@ def open_hdf5(stream: BinaryIO, stack: ExitStack, *, take: bool) -> Contents:
     file = stack.enter_context(h5py.File(stream, "r", rdcc_nbytes=CACHE_BYTES))
     _walk(file, "", NOTHING, contents, set(), size if size < stated else None)
     return contents
+
+
+def cut_off(stream: BinaryIO) -> str:
+    """A sentence about a file that is shorter than it says, "" about one that is whole."""
+    size, stated = stream.seek(0, io.SEEK_END), _stated_size(stream)
+    stream.seek(0)
+    return f"is cut off: {size} of {stated} bytes are there" if size < stated else ""
 
 
 class _Padded(io.BytesIO):
@@ -105,6 +113,8 @@ def _walk(
     around = stated_by(_attributes(group), where=path or "the file").within(around)
     above = above | {_address(group)}
     for key in group:
+        if not path and key in MATLAB_INNER:
+            continue
         name = f"{path}/{key}" if path else key
         try:
             link = group.get(key, getlink=True)
@@ -120,6 +130,8 @@ def _walk(
                 _walk(node, name, around, contents, above, cut_at)
         elif isinstance(node, h5py.Dataset):
             _add(node, name, around, contents, cut_at)
+        else:
+            contents.unusable[name] = "a type of data"
 
 
 def _add(
@@ -130,6 +142,8 @@ def _add(
         contents.unusable[name] = f"kept in another file, {elsewhere}"
     elif node.shape is None:
         contents.unusable[name] = "empty"
+    elif h5py.check_ref_dtype(node.dtype) is h5py.Reference and node.size <= MOST_CELLS:
+        _add_cells(node, name, around, contents, cut_at)
     else:
         contents.add(
             name,
@@ -141,6 +155,23 @@ def _add(
             chunk=node.chunks,
             whole_rows=None if cut_at is None else _whole_rows(node, cut_at),
         )
+
+
+def _add_cells(
+    node: h5py.Dataset, name: str, around: Stated, contents: Contents, cut_at: int | None
+) -> None:
+    """Add what references point to: MATLAB's cells `c[k]`, or fields of structs `s[k]/field`."""
+    parent, _, field = name.rpartition("/")
+    structs = parent and _attributes(node.parent).get("MATLAB_class") == b"struct"
+    for k, reference in enumerate(np.ravel(node[()]).tolist(), start=1):
+        label = f"{parent}[{k}]/{field}" if structs else f"{name}[{k}]"
+        target = node.file[reference] if reference else None
+        if isinstance(target, h5py.Dataset) and h5py.check_ref_dtype(target.dtype) is None:
+            _add(target, label, around, contents, cut_at)
+        elif isinstance(target, h5py.Group):
+            _walk(target, label, around, contents, set(), cut_at)
+        else:
+            contents.unusable[label] = "a link to nothing, or cells within cells"
 
 
 def _elsewhere(node: h5py.Dataset) -> str:

@@ -5,14 +5,13 @@ Text named `.xls` is common in this field.
 
 from __future__ import annotations
 
-import zlib
 from pathlib import Path
 
 import numpy as np
 
 from mtpipe.errors import RecordingError
 from mtpipe.ingest.encodings import marked_encoding
-from mtpipe.ingest.files import open_stream
+from mtpipe.ingest.files import DAMAGE, open_stream, read_begin
 from mtpipe.ingest.gr import MARK as GR_MARK
 from mtpipe.ingest.source import Format
 
@@ -46,8 +45,8 @@ def read_head(path: Path) -> bytes:
     """
     try:
         with open_stream(path) as stream:
-            head = stream.read(HEAD_BYTES)
-    except (OSError, EOFError, zlib.error) as error:
+            head = read_begin(stream, HEAD_BYTES)
+    except DAMAGE as error:
         raise RecordingError(f"is damaged or cut off ({error})", where=str(path)) from None
     if not head:
         raise RecordingError("is empty", where=str(path))

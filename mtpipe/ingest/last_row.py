@@ -46,8 +46,11 @@ def last_row_fault(
     rows = [split_line(line, mark) for line in lines[1:] if line.strip()][-ROWS:]
     at = len(cells) - 1
     column = [row[at] for row in rows if at < len(row) and not is_no_number(row[at])]
-    if len(column) < FEWEST or is_no_number(cells[at]):
+    if len(column) < FEWEST or (cells[at].strip() and is_no_number(cells[at])):
         return None
+    if not cells[at].strip():
+        always = len(column) == len(rows) and bool(names[at])
+        return Fault("may be cut off, as its last cell is empty", False) if always else None
     written = [_precision(cell, decimal) for cell in column]
     here = _precision(cells[at], decimal)
     short = [here[k] < min(one[k] for one in written) for k in (0, 1)]

@@ -20,7 +20,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mtpipe.errors import RecordingError
-from mtpipe.ingest.files import open_stream
+from mtpipe.ingest.files import is_packed, open_stream
 from mtpipe.ingest.stated import NOTHING, Stated
 from mtpipe.recording import AXES, FloatArray
 
@@ -219,9 +219,13 @@ def _tracking(path: Path) -> Iterator[Any]:
     """The group of a tracking file; whatever h5py raises on damage becomes an error in words."""
     import h5py
 
+    from mtpipe.ingest.hdf5 import cut_off
+
     try:
         with open_stream(path) as stream:
-            whole = stream if stream.name else io.BytesIO(stream.read())
+            whole = io.BytesIO(stream.read()) if is_packed(stream) else stream
+            if cut := cut_off(whole):
+                raise RecordingError(cut, where=str(path), mend="Copy the file again.")
             with h5py.File(whole, "r") as file:
                 if GROUP not in file:
                     raise RecordingError(

@@ -9,7 +9,6 @@ from __future__ import annotations
 
 import csv
 import io
-import zlib
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -23,14 +22,13 @@ from numpy.typing import NDArray
 from mtpipe.errors import RecordingError
 from mtpipe.ingest.cells import COMMON, is_number, is_value, values_of_cells
 from mtpipe.ingest.encodings import encoding_of
-from mtpipe.ingest.files import open_stream
+from mtpipe.ingest.files import DAMAGE, open_stream, read_begin
 from mtpipe.ingest.last_row import last_row_fault
 from mtpipe.ingest.lines import line_blocks
 from mtpipe.ingest.source import TAKE, Delimiter, Layout
 from mtpipe.ingest.stated import Stated
 from mtpipe.ingest.text_layout import MARKS, count_of, find_table, is_passed_over, split_line
 
-DAMAGE = (EOFError, zlib.error, OSError)
 HEAD_LINES = 2000
 HEAD_BYTES = 1 << 16
 
@@ -239,7 +237,7 @@ def open_text(
     try:
         if encoding is None:
             with open_stream(path) as stream:
-                encoding, said = encoding_of(stream.read(HEAD_BYTES), count_of(asked))
+                encoding, said = encoding_of(read_begin(stream, HEAD_BYTES), count_of(asked))
         lines, ended = _first_lines(path, encoding, layout.skip_lines)
     except (*DAMAGE, UnicodeError) as error:
         raise RecordingError(f"is damaged ({error})", where=str(path)) from None
