@@ -18,7 +18,7 @@ NO_NUMBER = re.compile(
     r"""
     \W*                                     # empty, or signs alone: --, ?, ***
     | [+-]?1[.,][#$]\w*(?:[+-]\d+)?         # Microsoft's C: -1.#IND00, 1.#QNAN, -1.#IO, -1.$
-    | [+-]?[sq]?nan[a-z]*(?:\(\w*\))?       # other C, IEEE 754: nan, -nan(ind), NaNQ
+    | [+-]?[sq]?nan[qs]?(?:\(\w*\))?        # other C, IEEE 754: nan, -nan(ind), NaNQ
     | [+-]?(?:inf(?:inity)?|∞)
     | \W*(?:n\W?a\W?|null|none|nil|nat)\W*  # N/A, n.a., #N/A, <NA>, NULL, NaT
     | \#[\w/]+[!?]                          # spreadsheets: #NUM!, #DIV/0!, #WERT!

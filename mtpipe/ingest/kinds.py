@@ -16,6 +16,8 @@ from mtpipe.ingest.gr import MARK as GR_MARK
 from mtpipe.ingest.source import Format
 
 MATLAB_4_BYTES = 20
+# Programs pad words in text with zeros, but binary files are full of them.
+STRAY_SHARE = 0.02
 HEAD_BYTES = 4096
 FOREIGN = {
     b"\xd0\xcf\x11\xe0": ("is an Excel workbook", "Save it as text (CSV)."),
@@ -83,9 +85,15 @@ def kind_of(path: Path) -> Format:
         return "gr"
     if _is_matlab_4(head):
         return "matlab"
-    if b"\x00" in head.rstrip(b"\x00") and marked_encoding(head) is None:
+    if marked_encoding(head) is None and _is_binary(head.rstrip(b"\x00")):
         raise RecordingError("is a binary file of a kind that is not known", where=str(path))
     return "text"
+
+
+def _is_binary(head: bytes) -> bool:
+    """Whether more bytes than stray ones are none of any text."""
+    controls = len(head) - len(head.translate(None, bytes(set(range(32)) - set(b"\t\n\r\f\x1a"))))
+    return controls > STRAY_SHARE * len(head)
 
 
 def _is_matlab_4(head: bytes) -> bool:

@@ -27,7 +27,14 @@ from mtpipe.ingest.last_row import last_row_fault
 from mtpipe.ingest.lines import line_blocks
 from mtpipe.ingest.source import TAKE, Delimiter, Layout
 from mtpipe.ingest.stated import Stated
-from mtpipe.ingest.text_layout import MARKS, count_of, find_table, is_passed_over, split_line
+from mtpipe.ingest.text_layout import (
+    MARKS,
+    count_of,
+    find_table,
+    is_passed_over,
+    split_line,
+    wrong_width,
+)
 
 HEAD_LINES = 2000
 HEAD_BYTES = 1 << 16
@@ -195,13 +202,7 @@ class TextTable:
         """Column, what is wrong and how it is mended, of a line that is at fault."""
         cells = split_line(line, self.delimiter)
         if len(cells) != len(self.names):
-            return (
-                "",
-                f"has {len(cells)} columns where {len(self.names)} are expected "
-                f"({line.strip()[:60]!r})",
-                "Lines before the table are passed over with skip_lines, remarks in it with "
-                "comment, the mark that they begin with, in [source].",
-            )
+            return "", *wrong_width(line, len(cells), len(self.names))
         for i in wanted:
             cell = cells[i]
             if is_value(cell, self.decimal, self.lost_tokens):
@@ -246,7 +247,8 @@ def open_text(
     except RecordingError as error:
         more = ended or error.message != "has no data"
         said = error.message + ("" if more else f" in its first {len(lines)} lines")
-        raise RecordingError(said, where=str(path), mend=error.mend) from None
+        where = f"{path}, {error.where}" if error.where else str(path)
+        raise RecordingError(said, where=where, mend=error.mend) from None
     return TextTable(
         path=path,
         names=found.names,

@@ -86,6 +86,9 @@ def find_table(
     table = [Line(k, lines[k], _cells(lines[k], delimiter, k)) for k in kept]
     rows = _Rows.of([line for line in table if line.number in set(body)], layout, lost_tokens)
     at = next((k for k, line in enumerate(table) if rows.has(line)), None)
+    if at is not None and len(table[at].cells) != rows.width:
+        message, mend = wrong_width(table[at].text, len(table[at].cells), rows.width)
+        raise RecordingError(message, where=f"line {table[at].number + 1}", mend=mend)
     named = _Header(layout, delimiter, rows, asked)
     if layout.header is False:
         at = at or 0
@@ -130,6 +133,15 @@ def is_passed_over(line: str, comment: str) -> bool:
     """Whether a line is blank or a remark."""
     stripped = line.strip()
     return not stripped or bool(comment and stripped.startswith(comment))
+
+
+def wrong_width(line: str, columns: int, expected: int) -> tuple[str, str]:
+    """What is wrong with a line that has another number of columns, and how that is mended."""
+    return (
+        f"has {columns} columns where {expected} are expected ({line.strip()[:60]!r})",
+        "Lines before the table are passed over with skip_lines, remarks in it with comment, the "
+        "mark that they begin with, in [source].",
+    )
 
 
 def split_line(line: str, delimiter: Delimiter) -> list[str]:
