@@ -8,6 +8,7 @@ import numpy as np
 import pyarrow as pa
 import pyarrow.parquet as pq
 import pytest
+import scipy.io
 
 from mtpipe.errors import MtpipeError, RecordingError
 from mtpipe.ingest import load
@@ -85,6 +86,29 @@ def test_tdms_of_a_program_that_crashed(tmp_path):
     content[12:20] = b"\xff" * 8
     path.write_bytes(content)
     refused_and_taken(path, columns, least=N - 11, most=N - 10)
+
+
+def test_tdms_cut_within_the_head_of_a_segment(tmp_path):
+    columns = five_columns()
+    path = write_tdms(tmp_path / "r.tdms", columns, 2, "contiguous")
+    second = path.read_bytes().rindex(b"TDSm")
+    cut(path, second + 20)
+    refused_and_taken(path, columns, least=N // 2, most=N // 2)
+
+
+@pytest.mark.parametrize("version", ["4", "5"])
+@pytest.mark.parametrize("packed", [False, True])
+def test_matlab_loses_the_variable_that_is_cut(tmp_path, version, packed):
+    columns = five_columns()
+    variables = {k: v[:, None] for k, v in columns.items()} | {"more": np.zeros(50)}
+    packing = {"do_compression": packed} if version == "5" else {}
+    scipy.io.savemat(tmp_path / "r.mat", variables, format=version, **packing)
+    assert_plain(load(tmp_path / "r.mat", five_setup()), columns)
+    cut(tmp_path / "r.mat", (tmp_path / "r.mat").stat().st_size - 30)
+    refused_and_taken(tmp_path / "r.mat", columns, least=N, most=N)
+    cut(tmp_path / "r.mat", 0.6)
+    with pytest.raises(RecordingError, match="no column 'Y'"):
+        load(tmp_path / "r.mat", five_setup(incomplete="take"))
 
 
 @pytest.mark.parametrize("chunks", [None, (50,), (400,)])

@@ -117,6 +117,7 @@ HEADS = {
     "three lines of Origin": ["{names}", "s{mark}mm{mark}nm{mark}nm{mark}nm",
                               "clock{mark}motor{mark}a{mark}b{mark}c"],
     "repeated names below": ["a{mark}b{mark}c{mark}d{mark}e", "{names}"],
+    "numbers above": ["120{mark}8.3", "1{mark}2{mark}3{mark}4{mark}5", "{names}"],
     "numpy": ["# {names}"],
     "numpy with more": ["# made by x", "#{names}"],
 }  # fmt: skip
@@ -247,7 +248,7 @@ def test_decimal_marks_that_change_are_told_with_their_place(tmp_path):
 @pytest.mark.parametrize(
     ("line", "at", "words"),
     [
-        ("2.5,3.5", 0, "line 1: has 2 columns where 5 are expected ('2.5,3.5')"),
+        ("2.5,3.5", 1, "line 2: has 2 columns where 5 are expected ('2.5,3.5')"),
         ("1.0,3.0,1.0", 40, "line 41: has 3 columns where 5 are expected"),
         ("1.0,3.0,oops,1,1", 40, "line 41, column X: 'oops' is no number"),
     ],

@@ -25,6 +25,8 @@ from mtpipe.ingest.stated import NOTHING, Stated
 # Formats whose index is at the end: of a file that is cut off nothing can be found.
 INDEX_LAST: dict[Format, bytes] = {"npz": b"PK\x05\x06"}
 END_BYTES = 1 << 16
+# What HDF5 says of a file that a program has open, or had as it was stopped.
+STILL_OPEN = ("already open for write", "consistency flags", "lock file")
 
 
 @dataclass(frozen=True)
@@ -149,7 +151,13 @@ def _damaged(path: Path, kind: Format, error: Exception) -> RecordingError:
                     where=str(path),
                     mend="Copy the file again.",
                 )
-    return RecordingError(f"cannot be read as {kind} ({reason})", where=str(path))
+    mend = None
+    if any(words in str(error) for words in STILL_OPEN):
+        mend = (
+            "It is still written, or its program was stopped: close the program, or mend the file "
+        )
+        mend += "with HDF5's own h5clear --status."
+    return RecordingError(f"cannot be read as {kind} ({reason})", where=str(path), mend=mend)
 
 
 def _step(arrays: list[Array]) -> int:
@@ -179,7 +187,7 @@ def _open(path: Path, kind: Format, take: bool) -> Iterator[Contents]:
         elif kind == "matlab":
             from mtpipe.ingest.matlab import open_matlab
 
-            yield open_matlab(stream)
+            yield open_matlab(stream, take=take)
         elif kind in ("npz", "npy"):
             from mtpipe.ingest.numpy_files import open_npy, open_npz
 

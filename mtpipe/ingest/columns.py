@@ -99,7 +99,9 @@ class Names:
 
     def _absent(self, column: str, what: str) -> RecordingError:
         """What to say of a name that no column has."""
-        held = next((key for key in self.unusable if plain(key) == plain(column)), None)
+        held = next(
+            (key for key in self.unusable if f"{plain(column)}/".startswith(f"{plain(key)}/")), None
+        )
         inner = tuple(name for name in self.names if name.startswith((f"{column}[", f"{column}/")))
         others = [f"{key} ({what_it_is})" for key, what_it_is in self.unusable.items()]
         more = f" Of no use are: {_some(tuple(others))}." if others else ""

@@ -6,12 +6,13 @@ asked for and told once.
 
 from __future__ import annotations
 
+import io
 import logging
 import re
 from collections.abc import Iterator
 from contextlib import ExitStack, contextmanager
 from functools import partial
-from typing import Any, BinaryIO
+from typing import Any, BinaryIO, Literal
 
 import nptdms
 import numpy as np
@@ -24,6 +25,10 @@ SCALES = {
     "Polynomial", "Linear", "RTD", "Strain", "Table", "Thermistor", "Thermocouple", "Add",
     "Subtract", "AdvancedAPI",
 }  # fmt: skip
+# What a segment begins with: its mark, its contents (of which this bit is the byte order), its
+# version, how far it is to the next, and how far to the numbers (NI, TDMS file format, 2024).
+LEAD_IN_BYTES = 28
+BIG_ENDIAN = 1 << 6
 
 
 def open_tdms(stream: BinaryIO, stack: ExitStack) -> Contents:
@@ -61,7 +66,7 @@ def _cut(file: nptdms.TdmsFile, stream: BinaryIO) -> str:
     """A sentence if the last segment is not whole, "" if it is."""
     status = file.file_status
     lengths = [len(c) for group in file.groups() for c in group.channels() if len(c)]
-    if not status.incomplete_final_segment:
+    if not status.incomplete_final_segment and _ends_with_a_segment(stream):
         return ""
     missing = max(
         (one.expected_length - one.read_length for one in (status.channel_statuses or {}).values()),
@@ -71,6 +76,17 @@ def _cut(file: nptdms.TdmsFile, stream: BinaryIO) -> str:
     return f"is cut off in its last segment: {least} rows are whole" + (
         f", at least {missing} are missing" if missing > 0 else ""
     )
+
+
+def _ends_with_a_segment(stream: BinaryIO) -> bool:
+    """Whether the file ends where its last segment does, and not within the head of another."""
+    size, at = stream.seek(0, io.SEEK_END), 0
+    while at + LEAD_IN_BYTES <= size:
+        stream.seek(at)
+        lead_in = stream.read(LEAD_IN_BYTES)
+        order: Literal["big", "little"] = "big" if lead_in[4] & BIG_ENDIAN else "little"
+        at += LEAD_IN_BYTES + int.from_bytes(lead_in[12:20], order)
+    return at == size
 
 
 def _unknown_scale(properties: dict[str, Any]) -> str:

@@ -85,11 +85,12 @@ def find_table(
         guesses.append(f"columns are taken to be separated by {delimiter}")
     table = [Line(k, lines[k], _cells(lines[k], delimiter, k)) for k in kept]
     rows = _Rows.of([line for line in table if line.number in set(body)], layout, lost_tokens)
-    at = next((k for k, line in enumerate(table) if rows.has(line)), None)
+    named = _Header(layout, delimiter, rows, _matches(asked))
+    begin = named.certain(table)
+    at = next((k for k, line in enumerate(table) if k >= begin and rows.has(line)), None)
     if at is not None and len(table[at].cells) != rows.width:
         message, mend = wrong_width(table[at].text, len(table[at].cells), rows.width)
         raise RecordingError(message, where=f"line {table[at].number + 1}", mend=mend)
-    named = _Header(layout, delimiter, rows, asked)
     if layout.header is False:
         at = at or 0
         if at:
@@ -163,6 +164,20 @@ def count_of(asked: Sequence[str]) -> Callable[[str], int]:
     return found
 
 
+def _matches(asked: Sequence[str]) -> Callable[[Line], int]:
+    """Counts how many cells of a line are names that are asked for."""
+    whole = {plain(name) for name in asked if NUMBER not in name}
+    parts = [plain(name).partition(NUMBER) for name in asked if NUMBER in name]
+    patterns = [re.compile(rf"{re.escape(head)}\d+{re.escape(tail)}") for head, _, tail in parts]
+
+    def matching(line: Line) -> int:
+        cells = {plain(cell) for cell in line.cells}
+        numbered = sum(any(p.fullmatch(cell) for cell in cells) for p in patterns)
+        return len(cells & whole) + numbered
+
+    return matching
+
+
 @dataclass(frozen=True)
 class _Rows:
     """What the table's rows have in common."""
@@ -208,7 +223,7 @@ class _Header:
     layout: Layout
     delimiter: Delimiter
     rows: _Rows
-    asked: Sequence[str]
+    asked: Callable[[Line], int]
 
     def among(self, above: Sequence[Line]) -> tuple[Line | None, Line | None]:
         """The line of names and the line of units below it, among the lines before the rows."""
@@ -216,10 +231,9 @@ class _Header:
         if not fitting:
             alone = self.layout.header is not False and not self.rows.numeric
             return (above[0], None) if alone else (None, None)
-        found = count_of(self.asked)
-        most = max(fitting, key=lambda line: (found(" \n ".join(line.cells)), line.number))
+        most = max(fitting, key=lambda line: (self.asked(line), line.number))
         chosen = len(fitting) - 1
-        if found(" \n ".join(most.cells)):
+        if self.asked(most):
             chosen = fitting.index(most)
         elif chosen and is_row_of_units(fitting[chosen].cells):
             chosen -= 1
@@ -227,6 +241,14 @@ class _Header:
         if below is not None and not is_row_of_units(below.cells):
             below = None
         return fitting[chosen], below
+
+    def certain(self, table: Sequence[Line]) -> int:
+        """Where the rows begin at the earliest: after a line with all names asked for, else 0."""
+        for k, one in enumerate(table):
+            line = self._fitted(one)
+            if line is not None and self.asked(line) >= max(2, self.rows.width // 2):
+                return k + 1
+        return 0
 
     def in_remark(self, lines: Sequence[str], first: int) -> Line | None:
         """Names in the last remark before the rows, as numpy.savetxt writes them."""
@@ -236,8 +258,7 @@ class _Header:
                 continue
             bare = text.removeprefix(self.layout.comment).strip()
             line = self._fitted(Line(k, bare, _cells(bare, self.delimiter, k)))
-            named = line is not None and len(line.cells) > 1 and count_of(self.asked)(bare) > 0
-            return line if named else None
+            return line if line is not None and self.asked(line) else None
         return None
 
     def _fitted(self, line: Line) -> Line | None:
