@@ -188,7 +188,7 @@ class _Arrays:
             if column < 0:
                 target[:] = np.nan
                 continue
-            with np.errstate(over="ignore"):
+            with np.errstate(over="ignore", invalid="ignore"):
                 np.multiply(columns[column], self.plan.factors[axis], out=target)
             for value in self.lost.values:
                 target[columns[column] == value] = np.nan

@@ -6,6 +6,7 @@ all rows are written with the same number of decimals that is certain, else only
 
 from __future__ import annotations
 
+import csv
 import re
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -39,11 +40,14 @@ def last_row_fault(
     if b"\0" in last:
         return Fault("ends in zero bytes where it was not written to the end", True)
     mark: Delimiter = "tab" if delimiter == "whitespace" else delimiter
-    cells = split_line(last.decode("utf-8", "replace"), mark)
+    lines = re.split(r"\r\n|\r|\n", earlier[-(1 << 16) :].decode("utf-8", "replace"))
+    try:
+        cells = split_line(last.decode("utf-8", "replace"), mark)
+        rows = [split_line(line, mark) for line in lines[1:] if line.strip()][-ROWS:]
+    except csv.Error:  # no line of a table, which reading it says
+        return None
     if len(cells) < len(names):
         return Fault(f"has {len(cells)} of {len(names)} columns: the file is cut off", True)
-    lines = re.split(r"\r\n|\r|\n", earlier[-(1 << 16) :].decode("utf-8", "replace"))
-    rows = [split_line(line, mark) for line in lines[1:] if line.strip()][-ROWS:]
     at = len(cells) - 1
     column = [row[at] for row in rows if at < len(row) and not is_no_number(row[at])]
     if len(column) < FEWEST or (cells[at].strip() and is_no_number(cells[at])):

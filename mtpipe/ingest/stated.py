@@ -73,10 +73,12 @@ class Stated:
 
     def physical(self, raw: NDArray[Any]) -> FloatArray:
         """Values of the file's numbers (n,), NaN where they mean lost."""
-        values = np.asarray(raw, dtype=np.float64)
+        with np.errstate(over="ignore", invalid="ignore"):  # of damaged files
+            values = np.asarray(raw, dtype=np.float64)
         gone = np.isin(raw, self.lost) | (values < self.lowest) | (values > self.highest)
         if self.scale != 1.0 or self.offset:
-            values = values * self.scale + self.offset
+            with np.errstate(over="ignore", invalid="ignore"):
+                values = values * self.scale + self.offset
         return np.where(gone, np.nan, values) if gone.any() else values
 
     def within(self, surroundings: Stated) -> Stated:
