@@ -13,8 +13,8 @@ from __future__ import annotations
 
 import hashlib
 import math
-from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Collection, Mapping, Sequence
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
@@ -29,7 +29,7 @@ from mtpipe.fit.series_posterior import SeriesPosterior, sample_series
 from mtpipe.fit.trace import TraceFit, fit_model
 from mtpipe.free_fits import LATERAL, free_fit, friction_ratio, refusals_of, whole_bead
 from mtpipe.friction_prior import FrictionPrior, MeasuredFriction, ratio_estimate
-from mtpipe.recording import AXES
+from mtpipe.recording import AXES, FloatArray
 from mtpipe.series_choice import SeriesChoice, as_series_trace, choose_series
 from mtpipe.traces import Trace
 
@@ -44,6 +44,7 @@ class Shared:
     noise_nm : per axis, the reference beads' tracking noise, or None where there is none.
     contour_length_nm : as the setup states it, 0 where unknown.
     seed : of the posteriors; each bead's and trace's own derives from it.
+    not_one_state : by bead and plateau number, why a plateau gives no force to use.
     """
 
     conditions: Conditions
@@ -51,6 +52,7 @@ class Shared:
     noise_nm: tuple[float | None, float | None, float | None]
     contour_length_nm: float
     seed: int
+    not_one_state: Mapping[tuple[str, int], str] = field(default_factory=dict)
 
 
 @dataclass(frozen=True)
@@ -66,7 +68,11 @@ class _FirstPass:
 
 
 def calibrate_bead(
-    bead: str, traces: Sequence[Trace], z_zero_stderr_nm: float, shared: Shared
+    bead: str,
+    traces: Sequence[Trace],
+    z_zero_stderr_nm: float,
+    stage_nm2: FloatArray | None,
+    shared: Shared,
 ) -> BeadResult:
     """Calibrate one bead.
 
@@ -74,20 +80,31 @@ def calibrate_bead(
     ----------
     z_zero_stderr_nm : of where z = 0 lies; infinite where that is unknown: then there is no
         extension, and no force.
+    stage_nm2 : (traces, traces) covariance of their mean z by the stage's motion; None where
+        reference beads took it off.
     """
     conditions = shared.conditions
     first = _first_pass(traces, z_zero_stderr_nm, shared)
     expectation = FrictionPrior(first.measured, conditions.friction_relative_stderr)
     contradicts = any(expectation.contradicted(axis) for axis in LATERAL)
-    series = _series(first, shared, _generator(shared.seed, bead), contradicts)
+    mixed = {
+        i: shared.not_one_state[bead, trace.plateau.number]
+        for i, trace in enumerate(traces)
+        if (bead, trace.plateau.number) in shared.not_one_state
+    }
+    series = _series(first, shared, _generator(shared.seed, bead), contradicts, set(mixed))
+    stage = np.zeros(len(traces)) if stage_nm2 is None else np.sqrt(np.diag(stage_nm2))
     plateaus = []
-    for i, (trace, extension) in enumerate(zip(traces, first.extensions, strict=True)):
+    for i, (trace, (length, own), moved) in enumerate(
+        zip(traces, first.extensions, stage.tolist(), strict=True)
+    ):
+        extension = (length, math.hypot(own, moved))
         zero = (extension[0], math.hypot(extension[1], z_zero_stderr_nm))
         axes = []
         for axis in first.recorded:
             alone = _alone(first, expectation, i, axis, zero, conditions)
             joint = None
-            if series is not None and not alone.refusal:
+            if series is not None and not alone.refusal and i not in mixed:
                 # x and y draw alike: a force they share is one number
                 generator = _generator(shared.seed, bead, i)
                 choice, posterior = series
@@ -98,9 +115,16 @@ def calibrate_bead(
             else:
                 axes.append(replace(joint, free=alone.free, force_alone=alone.force_alone,
                                     effective_radius=alone.effective_radius))  # fmt: skip
-        plateaus.append(PlateauResult(trace, extension[0], extension[1], tuple(axes)))
+        plateaus.append(
+            PlateauResult(trace, *extension, tuple(axes), mixed.get(i, ""), stage_stderr_nm=moved)
+        )
     result = BeadResult(
-        bead, tuple(plateaus), z_zero_stderr_nm, ratio_estimate(first.measured), contradicts
+        bead,
+        tuple(plateaus),
+        z_zero_stderr_nm,
+        ratio_estimate(first.measured),
+        contradicts,
+        stage_nm2=stage_nm2,
     )
     if series is None:
         return result
@@ -155,13 +179,18 @@ def _series(
     shared: Shared,
     generator: np.random.Generator,
     friction_contradicted: bool,
+    mixed: Collection[int],
 ) -> tuple[SeriesChoice, SeriesPosterior] | None:
-    """The joint fit of all lateral traces whose extension is known, sampled."""
+    """The joint fit of all lateral traces whose extension is known, sampled.
+
+    `mixed` : places of the plateaus that are not one state.
+    """
     members = [
         as_series_trace(i, axis, first.extensions[i][0], fit)
         for i, fits in enumerate(first.fits)
         for axis, fit in fits.items()
         if axis in LATERAL
+        and i not in mixed
         and isinstance(fit, TraceFit)
         and axis not in first.refusals[i]
         and first.extensions[i][0] > 0

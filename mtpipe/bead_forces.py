@@ -57,7 +57,7 @@ def sampled_alone(
     return replace(
         alone,
         posterior=posterior,
-        force=posterior.summary(sample, "pN"),
+        force=posterior.restoring(sample, "pN"),
         force_sample_pN=sample,
     )
 
@@ -100,7 +100,7 @@ def of_series(
         method,
         fit=posterior.fit,
         posterior=posterior,
-        force=posterior.summary(sample, "pN"),
+        force=posterior.restoring(sample, "pN"),
         force_sample_pN=sample,
         shares_force=len(members) > 1,
     )

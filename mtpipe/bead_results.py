@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 
-from mtpipe.estimate import Estimate
+from mtpipe.estimate import Estimate, Status
 from mtpipe.fit.posterior import Posterior
 from mtpipe.fit.trace import TraceFit
 from mtpipe.physics.camera import FloatArray
@@ -43,20 +44,66 @@ class AxisResult:
         """Where to read stiffness, friction, noise and corner frequency; None where refused."""
         return None if self.refusal else self.posterior or self.fit
 
+    @property
+    def status(self) -> Status:
+        """The word of this trace by itself: its stiffness's, or its force's where that is worse."""
+        known = self.estimates
+        if known is None:
+            return "refused"
+        if known.stiffness.status != "ok" or self.force is None:
+            return known.stiffness.status
+        return self.force.status
+
 
 @dataclass(frozen=True)
 class PlateauResult:
-    """Calibration of one bead in one plateau; extension and its standard error in nm."""
+    """Calibration of one bead in one plateau; extension and its standard error in nm.
+
+    `not_one_state` says why the plateau gives no force to use: it mixes several states. Empty for
+    a sound one.
+
+    `stage_stderr_nm` is the part of that error which is the stage's motion since z = 0; 0 where
+    reference beads took it off.
+    """
 
     trace: Trace
     extension_nm: float
     extension_stderr_nm: float
     axes: tuple[AxisResult, ...]
+    not_one_state: str = ""
+    stage_stderr_nm: float = 0.0
 
     @property
     def plateau(self) -> Plateau:
         """Where the magnets rested."""
         return self.trace.plateau
+
+    @property
+    def own_stderr_nm(self) -> float:
+        """Standard error of the extension without the stage's motion."""
+        return math.sqrt(max(self.extension_stderr_nm**2 - self.stage_stderr_nm**2, 0.0))
+
+    def status(self, axis: AxisResult) -> Status:
+        """The word of one of the plateau's traces; "ok" is a number to use."""
+        if self.not_one_state and not axis.refusal:
+            return "not_one_state"
+        return axis.status
+
+    @property
+    def force_status(self) -> Status:
+        """The word of the plateau's force by x and y.
+
+        That of the best trace that has a force of its own; a force that x and y share rests on
+        both, and is as good as the worse of them. Without any force, that of the stiffnesses.
+        """
+        lateral = [one for one in self.axes if one.axis != "z"]
+        with_force = [one for one in lateral if one.force is not None]
+        words = [self.status(one) for one in with_force or lateral]
+        shared = any(one.shares_force for one in with_force)
+        unusable = [word for word in words if word != "ok"]
+        if unusable and (shared or len(unusable) == len(words)):
+            return unusable[0]
+        return "ok" if words else "refused"
 
 
 @dataclass(frozen=True)
@@ -68,7 +115,9 @@ class BeadResult:
     the one expected from the setup (wall included if the setup lists it), None where no free fit
     tells it. `radius` is what the series says of the bead's radius, None where it was not fitted.
     `series` says which joint fit the forces come from, "" for none; `left_out` the traces
-    (plateau number, axis) that contradict it and were fitted by themselves.
+    (plateau number, axis) that contradict it and were fitted by themselves. `stage_nm2` is the
+    (plateaus, plateaus) covariance of the extensions by the stage's motion, None where reference
+    beads took it off.
     """
 
     bead: str
@@ -79,3 +128,4 @@ class BeadResult:
     radius: Estimate | None = None
     series: str = ""
     left_out: tuple[tuple[int, str], ...] = ()
+    stage_nm2: FloatArray | None = None

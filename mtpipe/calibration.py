@@ -15,16 +15,20 @@ from dataclasses import dataclass, replace
 from mtpipe.bead_calibration import Shared, calibrate_bead, measured_friction
 from mtpipe.bead_results import BeadResult
 from mtpipe.conditions import Conditions, conditions_of
+from mtpipe.drift.left import extension_covariance_nm2
 from mtpipe.exposure import estimate_exposure
 from mtpipe.friction_prior import viscosity_from_others
 from mtpipe.noise_prior import expected_noise_nm
 from mtpipe.notice import Notice
 from mtpipe.processes import executor
-from mtpipe.recording import Recording
+from mtpipe.recommended.force import BeadForces
+from mtpipe.recommended.spectral import forces_of_spectra
+from mtpipe.recording import FloatArray, Recording
+from mtpipe.states import with_states
 from mtpipe.traces import Trace, traces_of
 
 Progress = Callable[[int, int], None]
-_Job = tuple[str, list[Trace], float]
+_Job = tuple[str, list[Trace], float, FloatArray | None]
 
 
 @dataclass(frozen=True)
@@ -42,6 +46,11 @@ class Calibration:
     beads: tuple[BeadResult, ...]
     notices: tuple[Notice, ...]
 
+    @property
+    def forces(self) -> dict[str, BeadForces]:
+        """The forces to quote of each bead, as its spectra give them: nothing is cross-checked."""
+        return {bead.bead: forces_of_spectra(bead) for bead in self.beads}
+
 
 def calibrate(
     recording: Recording,
@@ -51,6 +60,8 @@ def calibrate(
     progress: Progress | None = None,
 ) -> Calibration:
     """Calibrate every tethered bead of a recording (after drift subtraction).
+
+    Plateaus are tested first for being one state each (`mtpipe.states`).
 
     Parameters
     ----------
@@ -63,6 +74,7 @@ def calibrate(
     ------
     SetupError : the frame rate is not known.
     """
+    recording = with_states(recording)
     conditions, notices = conditions_of(recording.setup)
     beads = {bead: traces_of(recording, bead) for bead in recording.tethered}
     noise = _reference_noise(recording)
@@ -71,15 +83,23 @@ def calibrate(
         exposure, stderr, notice = estimate_exposure(beads, conditions, lateral)
         conditions = replace(conditions, exposure_s=exposure, exposure_stderr_s=stderr)
         notices = (*notices, notice)
+    assert recording.states is not None
     shared = Shared(
         conditions,
         _lowest_frequencies(recording),
         noise,
         recording.setup.tether.contour_length_nm.value or 0.0,
         seed,
+        recording.states.refused,
     )
     jobs = [
-        (bead, traces, recording.z_zero_stderr_nm.get(bead, 0.0)) for bead, traces in beads.items()
+        (
+            bead,
+            traces,
+            recording.z_zero_stderr_nm.get(bead, 0.0),
+            extension_covariance_nm2(recording, bead),
+        )
+        for bead, traces in beads.items()
     ]
     say = progress or (lambda done, total: None)
     with executor(min(workers, len(jobs))) as pool:
@@ -142,7 +162,7 @@ def _conditions_by_bead(jobs: Sequence[_Job], shared: Shared, pool: Executor) ->
     conditions = shared.conditions
     if len(jobs) < 2 or not conditions.viscosity_mPa_s[1] > 0 or conditions.radius_nm is None:
         return [conditions] * len(jobs)
-    asked = [pool.submit(measured_friction, *job[1:], shared) for job in jobs]
+    asked = [pool.submit(measured_friction, *job[1:3], shared) for job in jobs]
     ratios = [future.result() for future in asked]
     return [
         replace(

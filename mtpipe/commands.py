@@ -100,7 +100,7 @@ def run(
     from mtpipe import pipeline
 
     with progress_bar() as progress, writing(out):
-        result = pipeline.run(
+        pipeline.run(
             recording,
             out,
             setup=setup,
@@ -110,7 +110,7 @@ def run(
             cross_check=crosscheck,
             progress=progress,
         )
-    summary(result, out)
+    summary(out)
 
 
 @app.command()

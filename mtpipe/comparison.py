@@ -14,7 +14,7 @@ from mtpipe.bead_results import AxisResult, PlateauResult
 from mtpipe.calibration import Calibration
 from mtpipe.conditions import Conditions
 from mtpipe.errors import FitError
-from mtpipe.estimate import Estimate
+from mtpipe.estimate import Estimate, Status
 from mtpipe.methods import MethodFit, fit_by_method
 from mtpipe.recording import AXES
 
@@ -30,6 +30,13 @@ class MethodResult:
     fit: MethodFit | None
     force: Estimate | None
     refusal: str
+
+    @property
+    def status(self) -> Status:
+        """The word of its force, or of its stiffness; "ok" is a number to use."""
+        if self.fit is None:
+            return "refused"
+        return "not_one_state" if self.plateau.not_one_state else self.fit.stiffness.status
 
 
 def by_methods(calibration: Calibration, methods: Sequence[str]) -> tuple[MethodResult, ...]:

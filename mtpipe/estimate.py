@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Literal
 
 import numpy as np
@@ -11,7 +11,10 @@ from numpy.typing import NDArray
 
 # Quantiles that bound the central 68 %: those of one standard error to either side.
 CENTRAL_68 = (0.1587, 0.8413)
-Status = Literal["ok", "fixed", "at_bound", "not_identified", "not_converged"]
+Status = Literal[
+    "ok", "fixed", "at_bound", "not_identified", "not_converged", "unlike_model", "zero_force",
+    "not_one_state", "refused",
+]  # fmt: skip
 
 
 @dataclass(frozen=True)
@@ -20,10 +23,13 @@ class Estimate:
 
     Of a posterior: median, half the width of the central 68 %, and that interval.
 
-    `status` is "ok"; "fixed" (not fitted, taken as known); "at_bound" (the fit ended at a physical
-    limit, such as zero noise: the interval is one-sided); "not_identified" (the data do not
-    determine it: `value` is nan, the interval is what remains possible, and `tied_to` names the
-    quantities that only are known together); "not_converged".
+    `status` is "ok" (a number to use); "fixed" (not fitted, taken as known); "at_bound" (the fit
+    ended at a physical limit, such as zero noise: the interval is one-sided); "not_identified" (the
+    data do not determine it: `value` is nan, the interval is what remains possible, and `tied_to`
+    names the quantities that only are known together); "not_converged"; "unlike_model" (the
+    spectrum is not the one that was fitted, so the number means little); "zero_force" (nought is
+    within what it may be, or the motion shows no return). Of a trace as a whole also
+    "not_one_state" (the plateau mixes several states) and "refused" (no tethered bead's).
     """
 
     value: float
@@ -79,11 +85,13 @@ class Estimate:
 
     def widened(self, relative: float) -> Estimate:
         """The estimate of a positive quantity with one more relative standard error."""
-        if not relative > 0 or not math.isfinite(self.value):
+        if not relative > 0 or not 0 < self.value < math.inf:
             return self
         low, high = (
             self.value * math.exp(sign * math.hypot(math.log(bound / self.value), relative))
+            if bound > 0
+            else bound
             for sign, bound in zip((-1, 1), self.interval, strict=True)
         )
         stderr = math.hypot(self.stderr, relative * self.value)
-        return Estimate(self.value, stderr, (low, high), self.unit, self.method, self.status)
+        return replace(self, stderr=stderr, interval=(low, high))

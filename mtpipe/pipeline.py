@@ -11,7 +11,7 @@ import json
 import math
 import tempfile
 import time
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import asdict, dataclass, replace
 from datetime import UTC, datetime
 from pathlib import Path
@@ -24,7 +24,7 @@ from mtpipe import tables
 from mtpipe.calibration import Calibration, calibrate
 from mtpipe.comparison import MethodResult, by_methods
 from mtpipe.crosschecking.recording import CrossCheck
-from mtpipe.diagnosis.mismatch import content, examine
+from mtpipe.diagnosis.mismatch import Examined, content, examine
 from mtpipe.drift import subtract_drift
 from mtpipe.effects.catalogue import catalogue
 from mtpipe.errors import MtpipeError
@@ -36,26 +36,35 @@ from mtpipe.ingest.files import SETUP_NAME
 from mtpipe.ingest.surface import put_surface_at_zero
 from mtpipe.noise_floor import noise_notices
 from mtpipe.notice import Notice
-from mtpipe.quality import BeadVerdict, bead_verdicts, trace_flags
+from mtpipe.quality import trace_flags
+from mtpipe.recommended.choice import recommended_forces
+from mtpipe.recommended.force import BeadForces, named_forces
+from mtpipe.recommended.verdict import with_diagnosis
 from mtpipe.recording import Recording
+from mtpipe.states import with_states
 from mtpipe.tether_curves import tether_curves
 from mtpipe.tracking.stack import is_stack
+from mtpipe.verdict import BeadVerdict, bead_verdicts
 
 Progress = Callable[[str, int, int], None]
 LEFT_OUT_CODES = ("no_positions", "constant_bead")
+# Of a reference bead: it moves by itself, as reading or subtraction saw it.
+REFERENCE_CODES = ("moving_reference", "reference_moves")
 
 
 @dataclass(frozen=True)
 class Run:
     """Everything a run found out.
 
-    `others` are forces by other methods, where asked for. `flags` are per bead, about its traces;
-    `curves` exist for beads with enough forces; `checked` is the cross-check, unless left out;
-    `mismatch`, `before_after` and `unexplained` are the content of the diagnosis's files.
+    `forces` are the forces to quote, of each tethered bead. `others` are forces by other methods,
+    where asked for. `flags` are per bead, about its traces; `curves` exist for beads with enough
+    forces; `checked` is the cross-check, unless left out; `mismatch`, `before_after` and
+    `unexplained` are the content of the diagnosis's files.
     """
 
     recording: Recording
     calibration: Calibration
+    forces: dict[str, BeadForces]
     others: tuple[MethodResult, ...]
     flags: dict[str, tuple[Notice, ...]]
     verdicts: tuple[BeadVerdict, ...]
@@ -146,6 +155,9 @@ def run(
     # the stretch in which beads touch the surface tells z = 0 better once the stage stands still
     recording = put_surface_at_zero(subtract_drift(raw))
     clock.lap("drift")
+    say("testing plateaus", 0, 1)
+    recording = with_states(recording)
+    clock.lap("states")
     beads = len(recording.tethered)
     say("calibrating beads", 0, beads)
     calibration = calibrate(
@@ -156,8 +168,19 @@ def run(
     )
     clock.lap("calibrate")
     others = by_methods(calibration, methods)
+    examined: Examined | None = None
+    if cross_check:
+        examined = examine(
+            recording,
+            seed=seed,
+            workers=workers,
+            progress=lambda done, total: say("cross-checking beads", done, total),
+        )
+        clock.lap("crosscheck")
+    found = {} if examined is None else examined.found
+    forces = recommended_forces(calibration, found)
     say("fitting tethers", 0, beads)
-    curves = tether_curves(calibration)
+    curves = tether_curves(calibration, named_forces(forces))
     clock.lap("force-extension")
     flags = {
         bead.bead: (
@@ -171,32 +194,25 @@ def run(
         for bead in calibration.beads
     }
     verdicts = bead_verdicts(
-        calibration, flags, curves, recording.setup, _reference_warnings(recording)
+        calibration, flags, curves, recording.setup, _reference_warnings(recording), found
     ) + _left_out(recording)
-    checked, mismatch = None, content(recording.name, {})
-    before_after, unexplained = {}, {}
-    if cross_check:
-        examined = examine(
-            recording,
-            seed=seed,
-            workers=workers,
-            progress=lambda done, total: say("cross-checking beads", done, total),
-        )
-        checked, mismatch = examined.checked, examined.mismatch
-        before_after, unexplained = examined.before_after, examined.unexplained
-        verdicts = tuple(with_diagnosis(one, mismatch["beads"].get(one.bead)) for one in verdicts)
-        clock.lap("crosscheck")
+    tolerance = recording.setup.report.tolerance
+    verdicts = tuple(
+        with_diagnosis(one, forces.get(one.bead), found.get(one.bead), tolerance)
+        for one in verdicts
+    )
     result = Run(
         recording,
         calibration,
+        forces,
         others,
         flags,
         verdicts,
         curves,
-        checked,
-        mismatch,
-        before_after,
-        unexplained,
+        None if examined is None else examined.checked,
+        content(recording.name, found, forces, tolerance),
+        {} if examined is None else examined.before_after,
+        {} if examined is None else examined.unexplained,
         seed,
         started,
         dict(clock.seconds),
@@ -214,27 +230,6 @@ def _tracked(path: Path, out: Path, setup: Path, workers: int, say: Progress) ->
     recording = out / "recording.csv"
     track(path, recording, setup=setup, workers=workers, progress=say)
     return recording
-
-
-def with_diagnosis(verdict: BeadVerdict, found: Mapping[str, Any] | None) -> BeadVerdict:
-    """A bead's verdict once it is diagnosed: no bead is good that is not what the setup says.
-
-    Parameters
-    ----------
-    found : what `mismatch.json` says of the bead; None where it could not be simulated.
-    """
-    if found is None or found["verdict"] == "consistent":
-        return verdict
-    named = " and ".join(
-        " or ".join([effect["effect"], *effect["equivalent"]]) for effect in found["effects"]
-    )
-    if found["verdict"] == "explained":
-        reason = f"it shows what the setup leaves out: {named}; forces with it are in mismatch.json"
-    else:
-        beside = f" also beside {named}" if named else ""
-        reason = f"it differs from its simulation{beside}, and the cause is not known"
-    grade = "caution" if verdict.verdict == "good" else verdict.verdict
-    return replace(verdict, verdict=grade, reasons=(*verdict.reasons, reason))
 
 
 def not_simulated(listed: Sequence[str]) -> list[Notice]:
@@ -269,14 +264,22 @@ def _left_out(recording: Recording) -> tuple[BeadVerdict, ...]:
 
 
 def _reference_warnings(recording: Recording) -> tuple[str, ...]:
-    """Faults of the reference beads that are in every trace, in words."""
+    """What the reference beads leave in every trace, or its size unknown, in words.
+
+    Nothing of references that were left out.
+    """
+    uses = recording.drift.references if recording.drift else ()
+    subtracted = {one.bead for one in uses if one.used}
     faulty = {
         notice.bead
         for notice in recording.notices
-        if notice.severity == "warning" and notice.bead in recording.setup.beads.reference
+        if notice.code in REFERENCE_CODES and notice.bead in subtracted
     }
     names = ", ".join(sorted(name for name in faulty if name is not None))
-    return (f"reference motion of its own ({names}) is in every trace",) if names else ()
+    reasons = [f"reference motion of its own ({names}) is in every trace"] if names else []
+    if any(notice.code == "drift_unknown" for notice in recording.notices):
+        reasons.append("how far the stage moved along z is unknown: errors of extensions lack it")
+    return tuple(reasons)
 
 
 def _check_writable(out: Path) -> None:
@@ -300,9 +303,9 @@ def _title(path: Path, name: str) -> str:
 
 def _write_tables(result: Run, raw: Recording, out: Path, title: str) -> None:
     calibration = result.calibration
-    forces = tables.forces_table(calibration, result.flags, result.others)
+    forces = tables.forces_table(calibration, result.forces, result.flags, result.others)
     tracked = result.recording.tracked
-    beads = tables.beads_table(calibration, result.verdicts, result.curves, tracked)
+    beads = tables.beads_table(calibration, result.forces, result.verdicts, result.curves, tracked)
     details = {
         "spectra": tables.spectra_table(calibration),
         "traces": tables.traces_table(raw, result.recording),
@@ -356,6 +359,7 @@ def _run_json(result: Run, title: str) -> str:
             "cutoff_hz": drift.cutoff_hz,
             "drift_rms_nm": drift.drift_rms_nm,
             "noise_added_nm": drift.noise_added_nm,
+            "left_along_z": None if drift.left_along_z is None else asdict(drift.left_along_z),
         },
         "notices": [asdict(notice) for notice in result.notices],
         "seed": result.seed,

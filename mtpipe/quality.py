@@ -1,17 +1,13 @@
-"""Flags and verdicts: what a user should know before using a force.
+"""Flags: what a user should know before using one trace's force.
 
-A flag is a short code with a sentence, about one trace or one bead. Limits are given with their
-reason; where a flag compares numbers, it needs both a size that matters and three standard errors.
+A flag is a short code with a sentence. Limits are given with their reason; where a flag compares
+numbers, it needs both a size that matters and three standard errors. What they make of a bead is
+`mtpipe.verdict`'s matter.
 """
 
 from __future__ import annotations
 
 import math
-import statistics
-from collections import Counter
-from collections.abc import Mapping
-from dataclasses import dataclass
-from typing import Literal
 
 import numpy as np
 from scipy import stats
@@ -20,13 +16,11 @@ from mtpipe.bead_results import AxisResult, BeadResult, PlateauResult
 from mtpipe.calibration import Calibration
 from mtpipe.conditions import Conditions
 from mtpipe.estimate import Estimate
-from mtpipe.extension_curve import ForceExtension
 from mtpipe.fit.trace import TraceFit
 from mtpipe.notice import Notice, Severity
 from mtpipe.refusal import STRONGEST_TETHER_PN
 from mtpipe.setup import Setup
-
-Verdict = Literal["good", "caution", "refused"]
+from mtpipe.status import P_POOR
 
 SIGMAS = 3.0
 # te Velthuis et al. 2010: corrected forces hold to 10 % up to 80 % of the Nyquist frequency;
@@ -43,26 +37,7 @@ MISTRACKED_SHARE = 0.01
 # Look-up tables of two beads agree within a few percent: over this range that is tens of nm.
 STAGE_MOVED_NM = 500.0
 STAGE_STEP_NM = 100.0
-# A few percent of contour length is a usual error of z = 0 and the refractive index; persistence
-# length varies with salt and with the calibration of all other lengths.
-CONTOUR_DIFFERENCE = 0.05
-PERSISTENCE_DIFFERENCE = 0.20
-# Tethers of one preparation are alike; one shorter than this share of the others' median is another
-# thing: a fragment, or two tethers that hold the bead low.
-CONTOUR_RATIO = 0.7
-FEWEST_OTHERS = 2
-FLAGGED_SHARE = 0.25
-P_POOR = 1e-3
 LOW_ORDINATES = 6
-
-
-@dataclass(frozen=True)
-class BeadVerdict:
-    """Verdict on a bead with its reasons in words."""
-
-    bead: str
-    verdict: Verdict
-    reasons: tuple[str, ...]
 
 
 def trace_flags(
@@ -99,6 +74,8 @@ def trace_flags(
             f"Stage or focus moved by {trace.stage_z_nm:.0f} nm in z: the extension rests on bead "
             "and reference being scaled alike over that range.",
         )
+    if plateau.not_one_state:
+        flag("not_one_state", "caution", f"No force to use: {plateau.not_one_state}.")
     for one in plateau.axes:
         if one.refusal:
             severity: Severity = "info" if one.axis == "z" else "warning"
@@ -134,7 +111,7 @@ def _known_force(plateau: PlateauResult, setup: Setup) -> str | None:
         at, stated = magnet.position_mm.value, magnet.force_pN
         if at is None or stated.value is None or abs(at - position) > MAGNET_TOLERANCE_MM:
             continue
-        if _differs(force, stated.value, stated.stderr, FORCE_DIFFERENCE):
+        if differs(force, stated.value, stated.stderr, FORCE_DIFFERENCE):
             return (
                 f"The setup knows a force of {stated.value:.3g} pN at {at:g} mm; the measured one "
                 f"is {force.value:.3g} ± {force.stderr:.2g} pN."
@@ -157,11 +134,10 @@ def _axis_flags(one: AxisResult, conditions: Conditions) -> list[tuple[str, Seve
             f"The corner frequency is {ratio:.2g} times the Nyquist frequency: the stiffness "
             f"{informed}.",
         ))  # fmt: skip
-    relaxations = fit.spectrum.duration_s * math.exp(fit.theta[0] - fit.theta[1])
-    if relaxations < RELAXATION_TIMES:
+    if fit.relaxations < RELAXATION_TIMES:
         flags.append((
             "short_trace", "caution",
-            f"The trace lasts only {relaxations:.0f} relaxation times.",
+            f"The trace lasts only {fit.relaxations:.0f} relaxation times.",
         ))  # fmt: skip
     stiffness = known.stiffness
     if stiffness.status == "not_identified":
@@ -180,6 +156,11 @@ def _axis_flags(one: AxisResult, conditions: Conditions) -> list[tuple[str, Seve
             "not_converged", "warning",
             f"The posterior did not converge (R-hat {posterior.r_hat:.3f}, "
             f"{posterior.effective_samples:.0f} independent samples).",
+        ))  # fmt: skip
+    if one.status == "zero_force":
+        flags.append((
+            "zero_force", "caution" if lateral else "info",
+            "The stiffness, and with it the force, may as well be nought.",
         ))  # fmt: skip
     if fit.p_value < P_POOR:
         flags.append((
@@ -201,7 +182,7 @@ def _axis_flags(one: AxisResult, conditions: Conditions) -> list[tuple[str, Seve
         lateral
         and radius is not None
         and stated is not None
-        and _differs(radius, stated[0], stated[1], RADIUS_DIFFERENCE)
+        and differs(radius, stated[0], stated[1], RADIUS_DIFFERENCE)
     ):
         flags.append((
             "effective_radius", "caution",
@@ -266,7 +247,7 @@ def _force_difference(plateau: PlateauResult) -> str | None:
     if "x" not in forces or "y" not in forces:
         return None
     x, y = forces["x"], forces["y"]
-    if not _differs(x, y.value, y.stderr, FORCE_DIFFERENCE):
+    if not differs(x, y.value, y.stderr, FORCE_DIFFERENCE):
         return None
     return (
         f"The forces from x and y differ: {x.value:.3g} ± {x.stderr:.2g} pN against "
@@ -274,156 +255,9 @@ def _force_difference(plateau: PlateauResult) -> str | None:
     )
 
 
-def _differs(estimate: Estimate, value: float, stderr: float, size: float) -> bool:
+def differs(estimate: Estimate, value: float, stderr: float, size: float) -> bool:
+    """Whether an estimate is off a value by a share that matters and by three standard errors."""
     difference = abs(estimate.value - value)
     return bool(
         difference > size * abs(value) and difference > SIGMAS * math.hypot(estimate.stderr, stderr)
     )
-
-
-def bead_verdicts(
-    calibration: Calibration,
-    flags: Mapping[str, tuple[Notice, ...]],
-    curves: Mapping[str, ForceExtension],
-    setup: Setup,
-    shared: tuple[str, ...] = (),
-) -> tuple[BeadVerdict, ...]:
-    """Verdicts on all beads of a recording, which are also compared with one another.
-
-    Parameters
-    ----------
-    shared : what spoils every bead, such as a reference bead that moves.
-    """
-    odd = _unlike_the_others(curves)
-    return tuple(
-        bead_verdict(
-            bead,
-            flags[bead.bead],
-            curves.get(bead.bead),
-            setup,
-            (*odd.get(bead.bead, ()), *shared),
-        )
-        for bead in calibration.beads
-    )
-
-
-def _unlike_the_others(curves: Mapping[str, ForceExtension]) -> dict[str, tuple[str, ...]]:
-    """Beads whose tether is far shorter or longer than the others', and what to say of them."""
-    lengths = {
-        bead: curve.recommended.contour_length_nm
-        for bead, curve in curves.items()
-        if curve.recommended is not None
-    }
-    found: dict[str, tuple[str, ...]] = {}
-    for bead, own in lengths.items():
-        others = [length.value for other, length in lengths.items() if other != bead]
-        if len(others) < FEWEST_OTHERS:
-            continue
-        ratio = own.value / statistics.median(others)
-        if abs(math.log(ratio)) > abs(math.log(CONTOUR_RATIO)):
-            hint = ", perhaps held by more than one" if ratio < 1 else ""
-            found[bead] = (
-                f"its tether is {ratio:.2f} times as long as the other beads' (median){hint}",
-            )
-    return found
-
-
-def bead_verdict(
-    bead: BeadResult,
-    flags: tuple[Notice, ...],
-    curve: ForceExtension | None,
-    setup: Setup,
-    compared: tuple[str, ...] = (),
-) -> BeadVerdict:
-    """Verdict on a bead from the flags of its traces, its friction and its tether.
-
-    "refused": no plateau gives a stiffness. "caution": the bead's friction or tether contradicts
-    the setup, or a flag of severity caution or worse stands in more than a quarter of its plateaus.
-    Else "good".
-
-    Parameters
-    ----------
-    compared : what comparing the bead with the others of its recording found.
-    """
-    lateral = [one for plateau in bead.plateaus for one in plateau.axes if one.axis != "z"]
-    usable = [
-        one for one in lateral
-        if one.estimates is not None and one.estimates.stiffness.status == "ok"
-    ]  # fmt: skip
-    if not lateral:
-        alone = "x and y were not recorded, and the force comes from the lateral motion"
-        return BeadVerdict(bead.bead, "refused", (alone,))
-    sentences = [one.refusal for one in lateral if one.refusal]
-    if not usable:
-        fallback = "stiffness is not known in any plateau: not identified, or not converged"
-        common = [sentence for sentence, _ in Counter(sentences).most_common(3)]
-        return BeadVerdict(bead.bead, "refused", tuple(common) or (fallback,))
-    reasons = list(compared)
-    if bead.friction_contradicts and bead.friction_ratio is not None:
-        ratio = bead.friction_ratio
-        wall = "with" if "wall_drag" in setup.model.effects else "without"
-        reasons.append(
-            f"its friction is {ratio.value:.2f} ± {ratio.stderr:.2f} times that expected from "
-            f"radius and viscosity ({wall} the wall's correction)"
-        )
-    if curve is not None:
-        reasons += _tether_reasons(curve, setup)
-    plateaus: dict[str, set[int]] = {}
-    for notice in flags:
-        if notice.severity != "info" and notice.plateau is not None:
-            plateaus.setdefault(notice.code, set()).add(notice.plateau)
-    for code, where in sorted(plateaus.items(), key=lambda pair: -len(pair[1])):
-        if len(where) > FLAGGED_SHARE * len(bead.plateaus):
-            reasons.append(f"{FLAG_WORDS[code]} in {len(where)} of {len(bead.plateaus)} plateaus")
-    return BeadVerdict(bead.bead, "caution" if reasons else "good", tuple(reasons))
-
-
-def _tether_reasons(curve: ForceExtension, setup: Setup) -> list[str]:
-    """Where the fitted tether contradicts the one configured."""
-    fit = curve.recommended
-    if fit is None:
-        return []
-    reasons = []
-    stated = (
-        ("contour", fit.contour_length_nm, setup.tether.contour_length_nm, CONTOUR_DIFFERENCE),
-        (
-            "persistence",
-            fit.persistence_length_nm,
-            setup.tether.persistence_length_nm,
-            PERSISTENCE_DIFFERENCE,
-        ),
-    )
-    for name, fitted, configured, size in stated:
-        value = configured.value
-        if value is None or not _differs(fitted, value, configured.stderr, size):
-            continue
-        hint = ""
-        if name == "persistence" and fitted.value < 0.7 * value:
-            hint = "; more than one tether, or a wrong z = 0, does that"
-        reasons.append(
-            f"its {name} length is {fitted.value:.4g} ± {fitted.stderr:.2g} nm, the setup says "
-            f"{value:.4g} nm{hint}"
-        )
-    return reasons
-
-
-FLAG_WORDS = {
-    "lost_frames": "many frames lost",
-    "mistracked": "mistracked frames",
-    "refused": "traces refused as no tethered bead's",
-    "above_nyquist": "corner frequency near or above Nyquist",
-    "short_trace": "traces short against the relaxation time",
-    "not_identified": "stiffness not identified",
-    "not_converged": "posterior not converged",
-    "poor_fit": "spectrum unlike the model",
-    "drift": "slow motion left in the trace",
-    "effective_radius": "effective radius unlike the setup's",
-    "no_extension": "no extension",
-    "extension": "extension impossible for the tether",
-    "unlike_the_series": "traces that contradict the bead's others",
-    "fx_fy": "forces from x and y differ",
-    "known_force": "force unlike the one known beforehand",
-    "reference_stepped": "reference beads step in z",
-    "beyond_dna": "force beyond what double-stranded DNA bears",
-    "focus_moved": "stage or focus moved far in z",
-}

@@ -51,6 +51,19 @@ class ReferenceUse:
 
 
 @dataclass(frozen=True)
+class StageCourse:
+    """Motion of the stage along z that stays in the traces of all beads.
+
+    A random walk of so many nm in a second (growing with the root of time), with standard error,
+    and a steady motion whose rate is about 0 within `steady_nm_per_s`.
+    """
+
+    random_nm_per_root_s: float
+    random_stderr_nm_per_root_s: float
+    steady_nm_per_s: float
+
+
+@dataclass(frozen=True)
 class Drift:
     """What drift subtraction did.
 
@@ -67,6 +80,8 @@ class Drift:
         their origin no better.
     beyond_nm : (n_frames,) of beads whose z shows the stage's fast motion on a scale of its own:
         what was subtracted from z beyond `subtracted_nm`.
+    left_along_z : the stage's motion along z where no reference bead took it off; None where one
+        did, or nothing tells.
     """
 
     method: Literal["reference", "highpass", "none"]
@@ -77,6 +92,7 @@ class Drift:
     noise_added_nm: tuple[float, float, float]
     start_stderr_nm: tuple[float, float, float]
     beyond_nm: Mapping[str, FloatArray] = field(default_factory=dict)
+    left_along_z: StageCourse | None = None
 
     def of_bead(self, bead: str) -> FloatArray:
         """(n_frames, 3) nm, all that was subtracted from one bead."""
@@ -109,6 +125,22 @@ class Tracked:
 
 
 @dataclass(frozen=True)
+class States:
+    """What testing every plateau for being one state found.
+
+    Attributes
+    ----------
+    refused : why a bead has no force in a plateau, by bead and plateau number, in words that
+        continue "no force, as …".
+    unbelieved : numbers of plateaus whose `magnet_mm` is not to be believed: the beads change under
+        it where the log does not.
+    """
+
+    refused: Mapping[tuple[str, int], str] = field(default_factory=dict)
+    unbelieved: frozenset[int] = frozenset()
+
+
+@dataclass(frozen=True)
 class Recording:
     """Tracked positions with setup and plateaus.
 
@@ -127,6 +159,7 @@ class Recording:
         z has another zero than the surface. Beads that are not named have their extension as z.
     drift : None for a recording as read; else what was subtracted (`mtpipe.subtract_drift`).
     tracked : of a recording that `mtpipe track` wrote; None for any other.
+    states : what testing the plateaus found; None where they have not been tested yet.
     """
 
     name: str
@@ -141,6 +174,7 @@ class Recording:
     drift: Drift | None = None
     z_zero_stderr_nm: Mapping[str, float] = field(default_factory=dict)
     tracked: Tracked | None = None
+    states: States | None = None
 
     def __post_init__(self) -> None:
         n = len(self.time_s)

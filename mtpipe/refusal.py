@@ -8,31 +8,35 @@ so far from a Gaussian tether that a chance refusal is rarer than one in ten tho
 from __future__ import annotations
 
 import math
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import numpy as np
-from scipy import fft
+from scipy import fft, stats
 
 from mtpipe.conditions import Conditions
 from mtpipe.fit.trace import TraceFit
 from mtpipe.physics.camera import FloatArray
+from mtpipe.status import LEAST_RELAXATIONS
 
 # DNA overstretches at 65 pN (Smith, Cui & Bustamante 1996); no calibration is meant beyond.
 STRONGEST_TETHER_PN = 65.0
-# A random walk fitted as a tether shows a relaxation time of at least a twentieth of the trace in
-# 99 of 100 cases (Dickey & Fuller 1979: their 1 % value is T/τ = 20.7); a tether must do better.
-LONGEST_RELAXATION = 0.05
 # No bead near a surface has this many times its Stokes friction with the wall's correction.
 IMPLAUSIBLE_FRICTION = 5.0
-LINE_SHARE = 0.75
+# A line of less than three periods is drift. A circle holds more than half of the motion of both
+# axes, a quarter turn apart, which no vibration of a table does; motion along a line has to hold
+# more, as tables vibrate along lines.
+CIRCLE_SHARE, LINE_SHARE = 0.5, 0.75
 LINE_LOWEST_ORDINATE = 3
+# A line is looked for at four frequencies per ordinate, and held against 16 ordinates about it,
+# from where its own leakage is below a hundredth. By chance one trace in a million shows one.
+BETWEEN_ORDINATES, LINE_NEIGHBOURS, LINE_LEAKAGE, LINE_CHANCE = 4, 16, 4, 1e-6
 CIRCLING_WINDOW = 2048
 # A ring stays below; a disc, the motion of a tether without force, has 4/3.
 RING_MOMENT = 1.25
 
 
 def driven(lateral_nm: FloatArray, frame_s: float, relaxation_s: float) -> str | None:
-    """Motion on a ring, as rotating magnets drive it.
+    """Motion on a ring or along a line, as rotating magnets drive it.
 
     Parameters
     ----------
@@ -43,9 +47,10 @@ def driven(lateral_nm: FloatArray, frame_s: float, relaxation_s: float) -> str |
     xy = lateral_nm[present] - lateral_nm[present].mean(axis=0)
     if len(xy) < 64:
         return None
-    frequency = _circling_hz(lateral_nm, frame_s)
-    if frequency is not None:
-        return f"the bead circles at {frequency:.3g} Hz, as when rotating magnets drive it"
+    line = _driven_line(lateral_nm, frame_s)
+    if line is not None:
+        how = "circles" if line.circles else "swings to and fro"
+        return f"the bead {how} at {line.frequency_hz:.3g} Hz, as when rotating magnets drive it"
     whitened = np.linalg.solve(np.linalg.cholesky(np.cov(xy.T) + 1e-12 * np.eye(2)), xy.T)
     squared = np.sum(whitened**2, axis=0)
     moment = float(np.mean(squared**2) / np.mean(squared) ** 2)
@@ -59,43 +64,73 @@ def driven(lateral_nm: FloatArray, frame_s: float, relaxation_s: float) -> str |
     return None
 
 
-def _circling_hz(lateral_nm: FloatArray, frame_s: float) -> float | None:
-    """Frequency at which a bead circles over the whole trace or a part of it; None: it does not.
+@dataclass(frozen=True)
+class _Line:
+    """A line that stands out of a trace's spectrum: its frequency, and whether it is a circle."""
+
+    frequency_hz: float
+    circles: bool
+
+
+def _driven_line(lateral_nm: FloatArray, frame_s: float) -> _Line | None:
+    """The line at which a bead is driven over the whole trace or a part of it; None: it is not.
 
     A part counts when two neighbouring windows show the same line.
     """
-    whole = _circling_ordinate(lateral_nm)
+    whole = _line(lateral_nm, frame_s)
     if whole is not None:
-        return whole / (len(lateral_nm) * frame_s)
-    before: int | None = None
+        return whole
+    before: _Line | None = None
     for start in range(0, len(lateral_nm) - CIRCLING_WINDOW + 1, CIRCLING_WINDOW):
-        ordinate = _circling_ordinate(lateral_nm[start : start + CIRCLING_WINDOW])
-        if ordinate is not None and before is not None and abs(ordinate - before) <= 1:
-            return ordinate / (CIRCLING_WINDOW * frame_s)
-        before = ordinate
+        found = _line(lateral_nm[start : start + CIRCLING_WINDOW], frame_s)
+        apart_hz = 1 / (CIRCLING_WINDOW * frame_s)
+        if (
+            found is not None
+            and before is not None
+            and found.circles == before.circles
+            and abs(found.frequency_hz - before.frequency_hz) <= apart_hz
+        ):
+            return found
+        before = found
     return None
 
 
-def _circling_ordinate(lateral_nm: FloatArray) -> int | None:
-    """The ordinate that holds most of the motion on both axes, a quarter turn apart."""
+def _line(lateral_nm: FloatArray, frame_s: float) -> _Line | None:
+    """The line that holds most of the motion, and stands out of its neighbours beyond chance.
+
+    Power at an ordinate over the mean of those about it has Fisher and Snedecor's distribution
+    where the spectrum is smooth; all ordinates are tried, and frequencies between them.
+    """
     present = np.all(np.isfinite(lateral_nm), axis=1)
     if 2 * present.sum() < len(lateral_nm):
         return None
     xy = np.where(present[:, None], lateral_nm - lateral_nm[present].mean(axis=0), 0.0)
-    dft = fft.rfft(xy, axis=0)[1:-1]
-    power = np.abs(dft) ** 2
-    total = power.sum(axis=0)
-    if len(power) < 16 or not np.all(total > 0):
+    frames = len(xy)
+    fine = fft.rfft(xy, BETWEEN_ORDINATES * frames, axis=0)
+    both = np.sum(np.abs(fine) ** 2, axis=1)
+    lowest = BETWEEN_ORDINATES * LINE_LOWEST_ORDINATE
+    highest = len(both) - BETWEEN_ORDINATES
+    if highest - lowest < BETWEEN_ORDINATES * LINE_NEIGHBOURS:
         return None
-    both = power.sum(axis=1)
-    peak = int(np.argmax(both))
-    if peak + 1 < LINE_LOWEST_ORDINATE:
+    peak = lowest + int(np.argmax(both[lowest:highest]))
+    # neighbours at whole ordinates from the peak, beyond its own leakage
+    offsets = np.arange(LINE_LEAKAGE, LINE_LEAKAGE + LINE_NEIGHBOURS // 2)
+    about = peak + BETWEEN_ORDINATES * np.concatenate([-offsets, offsets])
+    about = about[(about > 0) & (about < len(both))]
+    # what a line leaks far away is no background
+    ratio = both[peak] / max(float(np.mean(both[about])), 1e-300)
+    tried = BETWEEN_ORDINATES * frames / 2
+    if tried * float(stats.f.sf(ratio, 4, 4 * len(about))) > LINE_CHANCE:
         return None
-    share = power[max(peak - 1, 0) : peak + 2].sum(axis=0) / total
-    phase = np.angle(dft[peak, 1] / dft[peak, 0])
+    share = 2 * np.abs(fine[peak]) ** 2 / (present.sum() * np.sum(xy**2, axis=0))
+    frequency = peak / (BETWEEN_ORDINATES * frames * frame_s)
+    phase = float(np.angle(fine[peak, 1] / fine[peak, 0]))
     quadrature = abs(abs(phase) - math.pi / 2) < math.radians(35)
-    if np.all(share > LINE_SHARE) and quadrature:
-        return peak + 1
+    if quadrature and float(share.min()) > CIRCLE_SHARE:
+        return _Line(frequency, circles=True)
+    along = 2 * both[peak] / (present.sum() * np.sum(xy**2))
+    if float(along) > LINE_SHARE:
+        return _Line(frequency, circles=False)
     return None
 
 
@@ -107,9 +142,7 @@ def without_plateau(fit: TraceFit, expected_friction: float | None) -> str | Non
     expected_friction : in pN s/nm, or None. A bead diffuses as fast as its friction lets it; slow
         motion that is much slower than that is drift under a tether's own, faster motion.
     """
-    relaxation_s = math.exp(fit.theta[1] - fit.theta[0])
-    duration_s = fit.spectrum.duration_s
-    if relaxation_s < LONGEST_RELAXATION * duration_s:
+    if fit.relaxations >= LEAST_RELAXATIONS:
         return None
     friction = math.exp(fit.theta[1])
     if expected_friction is not None and friction > IMPLAUSIBLE_FRICTION * expected_friction:

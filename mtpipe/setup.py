@@ -264,6 +264,16 @@ class DriftChoice(BaseModel):
         return self
 
 
+class ReportChoice(BaseModel):
+    """What matters to whoever reads the report (`[report]`).
+
+    A mismatch that moves no force by more than the share `tolerance` leaves a bead good.
+    """
+
+    model_config = ConfigDict(frozen=True, extra="forbid")
+    tolerance: float = Field(default=0.03, gt=0, lt=1)
+
+
 class Setup(BaseModel):
     """A whole setup."""
 
@@ -280,6 +290,7 @@ class Setup(BaseModel):
     drift: DriftChoice = DriftChoice()
     source: Source | None = None
     tracking: Tracking = Tracking()
+    report: ReportChoice = ReportChoice()
 
     @model_validator(mode="after")
     def _one_force_per_position(self) -> Setup:

@@ -22,8 +22,9 @@ from mtpipe.extension_curve import ForceExtension
 from mtpipe.fit.tether import TetherFit
 from mtpipe.noise_floor import noise_floor_nm
 from mtpipe.notice import Notice
-from mtpipe.quality import BeadVerdict
+from mtpipe.recommended.force import BeadForces
 from mtpipe.recording import AXES, Recording, Tracked
+from mtpipe.verdict import BeadVerdict
 
 TRACE_POINTS = 2000
 POSTERIOR_POINTS = 400
@@ -43,8 +44,15 @@ def four(quantity: str, unit: str, estimate: Estimate | None) -> dict[str, float
     }
 
 
+def two(quantity: str, unit: str, estimate: Estimate | None) -> dict[str, float]:
+    """The value and the standard error of an estimate; nan where there is none."""
+    columns = list(four(quantity, unit, estimate).items())
+    return dict(columns[:2])
+
+
 def forces_table(
     calibration: Calibration,
+    forces: Mapping[str, BeadForces],
     flags: Mapping[str, Sequence[Notice]],
     others: Sequence[MethodResult] = (),
 ) -> pd.DataFrame:
@@ -53,10 +61,26 @@ def forces_table(
     for bead in calibration.beads:
         for plateau in bead.plateaus:
             codes = [n for n in flags[bead.bead] if n.plateau == plateau.plateau.number]
+            quoted = _quoted_columns(forces[bead.bead], plateau.plateau.number)
             for one in plateau.axes:
                 mine = [n.code for n in codes if n.axis in (None, one.axis)]
-                rows.append(_force_row(calibration, bead, plateau, one, mine))
-    return pd.DataFrame(rows + [_method_row(calibration, other) for other in others])
+                rows.append(_force_row(calibration, bead, plateau, one, mine) | quoted)
+    for other in others:
+        quoted = _quoted_columns(forces[other.bead], other.plateau.plateau.number)
+        rows.append(_method_row(calibration, other) | quoted)
+    return pd.DataFrame(rows)
+
+
+def _quoted_columns(forces: BeadForces, plateau: int) -> dict[str, Any]:
+    """The force to quote, the same in all rows of a bead and plateau, and others by name."""
+    recommended = forces.recommended[plateau]
+    return {
+        **four("force", "pN", recommended.force),
+        "force_source": recommended.source,
+        "force_status": recommended.force.status,
+        **two("force_configured", "pN", forces.configured.get(plateau)),
+        **two("force_named", "pN", forces.named.get(plateau)),
+    }
 
 
 def _trace_columns(
@@ -83,14 +107,16 @@ def _method_row(calibration: Calibration, other: MethodResult) -> dict[str, Any]
     fit = other.fit
     return {
         **_trace_columns(calibration, other.bead, other.plateau, other.axis),
-        **four("force", "pN", other.force),
-        **four("force_alone", "pN", other.force),
+        **four("force", "pN", None),
+        "force_source": "",
+        "force_status": "",
+        **four("force_axis", "pN", other.force),
         **four("stiffness", "pN_per_nm", fit.stiffness if fit else None),
         **four("friction", "pN_s_per_nm", fit.friction if fit else None),
         **four("corner_frequency", "hz", fit.corner_frequency if fit else None),
         **four("effective_radius", "nm", None),
         **four("noise", "nm", fit.noise if fit else None),
-        "status": fit.stiffness.status if fit else "refused",
+        "status": other.status,
         "tied_to": "",
         "method": other.method,
         "posterior_converged": False,
@@ -109,14 +135,16 @@ def _force_row(
     posterior, fit, known = one.posterior, one.fit, one.estimates
     return {
         **_trace_columns(calibration, bead.bead, plateau, one.axis),
-        **four("force", "pN", one.force),
-        **four("force_alone", "pN", None if one.refusal else one.force_alone),
+        **four("force", "pN", None),
+        "force_source": "",
+        "force_status": "",
+        **four("force_axis", "pN", None if one.refusal else one.force_alone),
         **four("stiffness", "pN_per_nm", known.stiffness if known else None),
         **four("friction", "pN_s_per_nm", known.friction if known else None),
         **four("corner_frequency", "hz", known.corner_frequency if known else None),
         **four("effective_radius", "nm", None if one.refusal else one.effective_radius),
         **four("noise", "nm", known.noise if known else None),
-        "status": known.stiffness.status if known else "refused",
+        "status": plateau.status(one),
         "tied_to": ";".join(known.stiffness.tied_to) if known else "",
         "method": one.method,
         "fit_deviance": fit.deviance if fit else math.nan,
@@ -133,6 +161,7 @@ def _force_row(
 
 def beads_table(
     calibration: Calibration,
+    forces: Mapping[str, BeadForces],
     verdicts: Sequence[BeadVerdict],
     curves: Mapping[str, ForceExtension],
     tracked: Tracked | None,
@@ -148,13 +177,7 @@ def beads_table(
     for verdict in verdicts:
         bead = results.get(verdict.bead)
         plateaus = () if bead is None else bead.plateaus
-        along = AXES[calibration.conditions.along]
-        forces = [
-            one.force.value
-            for plateau in plateaus
-            for one in plateau.axes
-            if one.force is not None and math.isfinite(one.force.value) and one.axis == along
-        ]
+        usable = [] if bead is None else forces[verdict.bead].usable_pN
         recommended = curves[verdict.bead].recommended if verdict.bead in curves else None
         ratio = None if bead is None else bead.friction_ratio
         rows.append(
@@ -163,9 +186,12 @@ def beads_table(
                 "verdict": verdict.verdict,
                 "reasons": " | ".join(verdict.reasons),
                 "plateaus": len(plateaus),
-                "plateaus_used": len(forces),
-                "force_min_pN": min(forces, default=math.nan),
-                "force_max_pN": max(forces, default=math.nan),
+                "mismatch": verdict.mismatch,
+                "force_bound_percent": verdict.force_bound_percent,
+                "material": verdict.material,
+                "plateaus_used": len(usable),
+                "force_min_pN": min(usable, default=math.nan),
+                "force_max_pN": max(usable, default=math.nan),
                 "tether_model": recommended.model if recommended else "",
                 **_tether_columns(recommended),
                 **four("radius", "nm", bead.radius if bead else None),

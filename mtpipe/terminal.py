@@ -7,11 +7,11 @@ import math
 import multiprocessing
 import signal
 import sys
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 from types import FrameType
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from rich.console import Console
 from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn
@@ -19,10 +19,8 @@ from rich.table import Table
 
 if TYPE_CHECKING:
     from mtpipe.pipeline import Progress as Callback
-    from mtpipe.pipeline import Run
 
 
-NAMES_SHOWN = 4
 STOPPED_CODE = 128 + signal.SIGINT
 
 
@@ -79,11 +77,46 @@ def progress_bar() -> Iterator[Callback]:
         yield advance
 
 
-def summary(run: Run, out: Path) -> None:
-    """Print a table of beads, what is worth worrying about, and where the report is."""
-    from mtpipe.tables import beads_table
+def summary(out: Path) -> None:
+    """Print a run's table of beads, then what was found, and last where the report is.
 
+    Parameters
+    ----------
+    out : the run's folder, as in docs/run-folder.md.
+    """
+    from mtpipe.report import words
+    from mtpipe.report.findings import bead_finding, mixed_plateaus
+    from mtpipe.report.folder import read_run_folder, records
+    from mtpipe.report.notices import is_foremost
+
+    run = read_run_folder(out)
     console = Console(highlight=False)
+    beads = records(run.beads)
+    console.print(_table(beads))
+    tethered = {bead["bead"] for bead in beads}
+    general = [n.message for n in run.notices if n.bead not in tethered and is_foremost(n)]
+    blocks: dict[tuple[str, ...], list[str]] = {}
+    for bead in beads:
+        found = bead_finding(run, bead)
+        change = [f"As configured → to quote: {found.change}."] if found.change else []
+        note = [found.note] if found.note else []
+        opening = f"{bead['verdict']}. {found.headline}"
+        lines = (opening, *found.details, *note, *change, *found.reasons)
+        blocks.setdefault(lines, []).append(bead["bead"])
+    for line in [*mixed_plateaus(run), *general]:
+        _say(console, line)
+    for lines, names in blocks.items():
+        _say(console, f"{words.few(names)}: {lines[0]}")
+        for line in lines[1:]:
+            _say(console, f"  {line}")
+    _say(console, f"Report: {out / 'report' / 'index.html'}")
+
+
+def _say(console: Console, line: str) -> None:
+    console.print(line, soft_wrap=True, markup=False)
+
+
+def _table(beads: Sequence[Mapping[str, Any]]) -> Table:
     table = Table(box=None, pad_edge=False)
     for heading in (
         "bead",
@@ -94,8 +127,7 @@ def summary(run: Run, out: Path) -> None:
         "persistence (nm)",
     ):
         table.add_column(heading)
-    beads = beads_table(run.calibration, run.verdicts, run.curves, run.recording.tracked)
-    for row in beads.to_dict("records"):
+    for row in beads:
         table.add_row(
             str(row["bead"]),
             str(row["verdict"]),
@@ -104,28 +136,7 @@ def summary(run: Run, out: Path) -> None:
             _with_error(row["contour_length_nm"], row["contour_length_stderr_nm"]),
             _with_error(row["persistence_length_nm"], row["persistence_length_stderr_nm"]),
         )
-    console.print(table)
-    grouped: dict[str, list[str]] = {}
-    for verdict in run.verdicts:
-        for reason in verdict.reasons:
-            grouped.setdefault(reason, []).append(verdict.bead)
-    # what concerns no tethered bead: the recording as a whole, or a reference bead
-    own = {verdict.bead for verdict in run.verdicts}
-    general = [
-        n.message
-        for n in run.notices
-        if n.bead not in own and n.severity != "info" and n.message not in grouped
-    ]
-    for line in [f"{_names(beads)}: {reason}" for reason, beads in grouped.items()] + general:
-        console.print(line, soft_wrap=True, markup=False)
-    console.print(f"Report: {out / 'report' / 'index.html'}", soft_wrap=True, markup=False)
-
-
-def _names(beads: list[str]) -> str:
-    """A few names in full, many by their number."""
-    if len(beads) <= NAMES_SHOWN:
-        return ", ".join(beads)
-    return f"{', '.join(beads[:NAMES_SHOWN])} and {len(beads) - NAMES_SHOWN} more"
+    return table
 
 
 def _range(low: float, high: float) -> str:

@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
 
 import numpy as np
 from scipy import stats
@@ -11,6 +12,7 @@ from scipy import stats
 from mtpipe.bead_results import AxisResult, BeadResult, PlateauResult
 from mtpipe.calibration import Calibration, calibrate
 from mtpipe.conditions import Conditions
+from mtpipe.estimate import Estimate
 from mtpipe.extension_curve import ForceExtension, fit_curves
 from mtpipe.fit.tether import Assay, ExtensionPoints
 from mtpipe.recording import AXES, Recording
@@ -19,12 +21,21 @@ from mtpipe.series_choice import CONTRADICTION_P
 _Force = tuple[float, float]
 
 
-def tether_curves(calibration: Calibration) -> dict[str, ForceExtension]:
-    """The curve of each bead that has a force in at least one plateau."""
+def tether_curves(
+    calibration: Calibration, instead: Mapping[str, Mapping[int, Estimate]] | None = None
+) -> dict[str, ForceExtension]:
+    """The curve of each bead that has a force in at least one plateau.
+
+    Parameters
+    ----------
+    instead : by bead and plateau number, forces to take in place of those of the spectra.
+    """
     conditions = calibration.conditions
     beads = {}
     for bead in calibration.beads:
         points = extension_points(bead, conditions)
+        if instead is not None and bead.bead in instead:
+            points = _with_forces(points, instead[bead.bead])
         assay = Assay(
             conditions.temperature_K,
             bead_turns=conditions.rotation,
@@ -33,6 +44,17 @@ def tether_curves(calibration: Calibration) -> dict[str, ForceExtension]:
         if points.usable().any():
             beads[bead.bead] = (points, assay)
     return fit_curves(beads)
+
+
+def _with_forces(points: ExtensionPoints, forces: Mapping[int, Estimate]) -> ExtensionPoints:
+    """Points with other forces, which no lever moves; those of other plateaus are left out."""
+    there = [forces.get(int(number)) for number in points.plateau]
+    return replace(
+        points,
+        force_pN=np.array([math.nan if one is None else one.value for one in there]),
+        force_stderr_pN=np.array([math.nan if one is None else one.stderr for one in there]),
+        lever_nm=None,
+    )
 
 
 def force_extension(recording: Recording, *, seed: int = 0) -> dict[str, ForceExtension]:
@@ -58,8 +80,8 @@ def extension_points(bead: BeadResult, conditions: Conditions) -> ExtensionPoint
 
     The force is the one that x and y share. Where they have forces of their own, it is that along
     the field, averaged with the one across (which needs the bead's radius and the modes of its
-    rotation) if both agree in all plateaus of the bead. Its error is without that of z = 0, which
-    is common to all plateaus.
+    rotation) if both agree in all plateaus of the bead. Its error is without that of z = 0 and
+    of the stage's motion, which plateaus have in common.
     """
     pairs = [_along_and_across(plateau, conditions) for plateau in bead.plateaus]
     agree = _agree([pair for pair in pairs if pair[0] is not None and pair[1] is not None])
@@ -74,6 +96,7 @@ def extension_points(bead: BeadResult, conditions: Conditions) -> ExtensionPoint
         extension_nm=np.array([p.extension_nm for p in bead.plateaus]),
         extension_stderr_nm=np.array([p.extension_stderr_nm for p in bead.plateaus]),
         lever_nm=np.array([p.extension_nm for p in bead.plateaus]),
+        stage_nm2=bead.stage_nm2,
     )
 
 
@@ -119,12 +142,12 @@ def _force(
 def _own(
     one: AxisResult, plateau: PlateauResult, conditions: Conditions
 ) -> tuple[float, float] | None:
-    """Force and its standard error from this plateau alone; None where there is no force."""
-    if one.force is None or one.force.status != "ok" or one.posterior is None:
+    """Force and its standard error from this plateau alone; None where there is none to use."""
+    if one.force is None or plateau.status(one) != "ok" or one.posterior is None:
         return None
     lever = conditions.lever_nm(AXES.index(one.axis), plateau.extension_nm)
     stiffness = one.posterior.stiffness
     if lever is None:
         return None
-    relative = math.hypot(stiffness.stderr / stiffness.value, plateau.extension_stderr_nm / lever)
+    relative = math.hypot(stiffness.stderr / stiffness.value, plateau.own_stderr_nm / lever)
     return one.force.value, one.force.value * relative

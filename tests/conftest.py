@@ -7,6 +7,12 @@ loaded in any test run, of whatever tests.
 import pytest
 
 
+def pytest_addoption(parser):
+    parser.addoption(
+        "--update-golden", action="store_true", help="write golden files instead of comparing"
+    )
+
+
 @pytest.fixture(scope="session")
 def scan(tmp_path_factory):
     from tests.tracked_film import make_scan

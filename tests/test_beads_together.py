@@ -11,6 +11,7 @@ import numpy as np
 import pytest
 
 import mtpipe
+from mtpipe.bead_results import BeadResult
 from mtpipe.crosschecking.beads import bead_generator, check_of
 from mtpipe.crosschecking.case import FORMULAS
 from mtpipe.diagnosis.beads_together import beads_together
@@ -32,6 +33,7 @@ from mtpipe.diagnosis.pooled import (
 from mtpipe.diagnosis.sentence import sentence
 from mtpipe.effects.catalogue import OWN
 from mtpipe.experiment.from_setup import experiment_of
+from mtpipe.recommended.choice import bead_forces
 from mtpipe.setup import parse_setup
 from mtpipe.simulation.recording import simulate_experiment
 from tests.simulated import RADIUS_NM, VISCOSITY_MPA_S, setup_content
@@ -222,7 +224,9 @@ def test_beads_that_cannot_tell_buffer_from_bead_can_do_so_together():
 
 
 def strength(bead, effect, name):
-    row = Mismatch("r", {bead: thick_buffer()[bead]}, {}).as_dict()["beads"][bead]
+    found = {bead: thick_buffer()[bead]}
+    forces = {bead: bead_forces(BeadResult(bead, (), 0.0, None, False), found[bead])}
+    row = Mismatch("r", found, forces, 0.03, {}).as_dict()["beads"][bead]
     (found,) = (one["parameters"][name] for one in row["effects"] if one["effect"] == effect)
     return found["value"], found["stderr"]
 
@@ -300,7 +304,7 @@ def test_what_the_other_beads_exclude_is_unexplained_without_an_alternative():
     assert found.after is found.before
     assert found.nearest.tried.effect.name == "viscosity"
     assert "but all beads would share it: of 1 other bead 1 excludes it" in found.nearest.reason
-    assert "Nearest: viscosity, which gains" in found.unexplained.sentence
+    assert "Nearest, but not named, is viscosity: it gains" in found.unexplained.sentence
 
 
 def test_a_bead_that_is_unexplained_has_no_say_and_stays():

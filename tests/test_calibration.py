@@ -8,11 +8,13 @@ import pytest
 from scipy import stats
 
 import mtpipe
+from mtpipe import refusal
 from mtpipe.calibration import calibrate
 from mtpipe.physics.tether import Chain, mean_extension_nm
-from mtpipe.quality import bead_verdict, bead_verdicts, trace_flags
+from mtpipe.quality import trace_flags
 from mtpipe.setup import parse_setup
 from mtpipe.tether_curves import extension_points, tether_curves
+from mtpipe.verdict import bead_verdict, bead_verdicts
 from tests import simulated
 from tests.simulated import CHAIN, RATE_HZ, bead_nm, recording, setup_content
 
@@ -28,7 +30,7 @@ def verdict_of(calibration, setup):
         for plateau in bead.plateaus
         for notice in trace_flags(calibration, bead, plateau, setup)
     )
-    return bead_verdict(bead, flags, None, setup), {notice.code for notice in flags}
+    return bead_verdict(bead, flags, setup), {notice.code for notice in flags}
 
 
 def test_forces_lie_within_their_errors():
@@ -271,8 +273,26 @@ def test_a_bead_that_circles_for_a_part_of_the_trace_is_refused():
     still[3000:9000, 0] += 300 * np.cos(angle)
     still[3000:9000, 1] += 300 * np.sin(angle)
     calibration = calibrate(nothing_but(still))
-    for one in calibration.beads[0].plateaus[0].axes[:2]:
-        assert "circles at 0.5" in one.refusal  # to one ordinate of a window, 0.06 Hz
+    # it moves far more while it circles: that part is a plateau of its own
+    plateaus = calibration.beads[0].plateaus
+    there = [p for p in plateaus if p.plateau.start < 6000 < p.plateau.stop]
+    assert len(there) == 1
+    for one in there[0].axes[:2]:
+        assert "circles at 0." in one.refusal
+
+
+@pytest.mark.parametrize("phase_degree", [94.0, 0.0])
+def test_a_driven_bead_is_refused_in_a_short_and_coarse_trace(phase_degree):
+    """240 frames at 20 Hz, driven at 3.3 Hz, between two ordinates of the spectrum."""
+    random = np.random.default_rng(11)
+    angle = 2 * np.pi * 3.3 * np.arange(240) / 20.0
+    thermal = 40.0 * random.normal(size=(240, 2))
+    drive = np.column_stack([np.cos(angle), np.cos(angle + np.radians(phase_degree))])
+    assert refusal.driven(thermal, 1 / 20, 0.05) is None
+    words = refusal.driven(thermal + 150.0 * drive, 1 / 20, 0.05)
+    assert words is not None
+    assert ("circles" if phase_degree else "swings") in words
+    assert "at 3.3" in words or "at 3.29" in words
 
 
 def test_forces_of_both_axes_are_averaged_by_their_relative_errors():

@@ -38,6 +38,7 @@ from mtpipe.drift.lowpass import low_pass
 from mtpipe.effects.catalogue import OWN
 from mtpipe.effects.effect import Evidence
 from mtpipe.experiment.from_setup import experiment_of
+from mtpipe.recommended.choice import diagnosed_forces
 from mtpipe.setup import parse_setup
 from mtpipe.simulation.recording import simulate_experiment
 from tests.simulated import VISCOSITY_MPA_S, setup_content
@@ -239,11 +240,12 @@ def test_where_no_effect_helps_the_mismatch_is_unexplained_and_still_located():
     check = check_bead(prepare(recording("viscosity", 2), "b1"), random)
     found = explain(check, random, effects=())
     assert (found.verdict, found.named, found.nearest) == ("unexplained", (), None)
-    row = Mismatch("r", {"b1": found}, {}).as_dict()["beads"]["b1"]
+    forces = diagnosed_forces(recording("viscosity", 2), {"b1": found}, seed=0)
+    mismatch = Mismatch("r", {"b1": found}, forces, 0.03, {})
+    row = mismatch.as_dict()["beads"]["b1"]
     assert row["located"]
     assert row["effects"] == []
-    assert all(force["force_pN"] == force["force_before_pN"] for force in row["forces"])
-    assert set(Mismatch("r", {"b1": found}, {}).unexplained) == {"b1"}
+    assert set(mismatch.unexplained) == {"b1"}
     assert "No effect of the catalogue could be tried." in found.unexplained.sentence
 
 

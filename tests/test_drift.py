@@ -303,7 +303,8 @@ def test_an_axis_without_reference_keeps_its_drift_and_says_so():
     positions["ref1"][:, 2] = np.nan
     result = subtract_drift(recording_of(positions, references))
     np.testing.assert_array_equal(result.positions_nm["b1"][:, 2], positions["b1"][:, 2])
-    assert [(n.code, n.axis) for n in result.notices] == [("no_reference", "z")]
+    said = [(n.code, n.axis) for n in result.notices]
+    assert said == [("no_reference", "z"), ("drift_left", "z")]
 
 
 def test_without_reference_nothing_is_removed_and_the_choice_is_named():
@@ -312,11 +313,12 @@ def test_without_reference_nothing_is_removed_and_the_choice_is_named():
     recording = recording_of(positions, [])
     result = subtract_drift(recording)
     np.testing.assert_array_equal(result.positions_nm["b1"], positions["b1"])
-    (notice,) = result.notices
+    notice, size = result.notices
     assert (notice.code, notice.severity) == ("no_reference", "caution")
     assert 'method = "highpass"' in notice.message
+    assert (size.code, size.severity) == ("drift_left", "caution")
     kept = subtract_drift(recording, choice=DriftChoice(method="none"))
-    assert [(n.code, n.severity) for n in kept.notices] == [("drift_kept", "info")]
+    assert [n.code for n in kept.notices] == ["drift_kept", "drift_left"]
     assert kept.drift.method == "none"
 
 

@@ -139,6 +139,16 @@ def test_no_plateau_says_what_to_change(tmp_path):
     assert "tolerance_mm" in caught.value.mend
     recording = read(tmp_path, motion(400), setup_of(tolerance_mm=0.01), magnet=magnet)
     assert len(recording.plateaus) == 1
+    # every second cell empty: no motor moves by nought
+    half = ["2.0" if i % 2 else "" for i in range(400)]
+    missing = "missing in 200 of 400 frames, and without a break it is there for at most 0.01 s"
+    with pytest.raises(RecordingError, match=missing) as caught:
+        read(tmp_path, motion(400), magnet=half)
+    assert "0 mm" not in str(caught.value)
+    assert "empty cells" in caught.value.mend
+    steps = np.repeat([2.0, 3.0, 4.0, 5.0, 6.0], [50, 100, 100, 100, 50])
+    with pytest.raises(RecordingError, match=r"the longest lasts 1 s, of which 0\.2 s are left"):
+        read(tmp_path, motion(400), setup_of(settle_s=0.2, minimum_s=1.0), magnet=steps)
 
 
 def test_blocks_that_were_written_twice_are_told(tmp_path):

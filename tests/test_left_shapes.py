@@ -136,7 +136,8 @@ def test_tails_are_drawn_and_the_force_without_them_is_higher():
     shape = next(one for one in left.shapes if one.kind == "distribution")
     assert f"In plateau {left.number(shape.plateau)}, along x, positions " in left.sentence
     assert (
-        "times as frequent as of a normal distribution, and by their middle half" in left.sentence
+        "times as frequent as in a normal distribution; taken from the width of the middle half"
+        in left.sentence
     )
     told = json.loads(json.dumps(content_of(left), allow_nan=False))["shapes"]
     (one,) = [one for one in told if one["kind"] == "distribution"]

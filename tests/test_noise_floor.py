@@ -7,10 +7,10 @@ import pytest
 
 import mtpipe
 from mtpipe.noise_floor import noise_floor_nm, noise_notices
-from mtpipe.quality import BeadVerdict
 from mtpipe.recording import Tracked
 from mtpipe.setup import parse_setup
 from mtpipe.tables import beads_table
+from mtpipe.verdict import BeadVerdict
 from tests.simulated import setup_content
 
 NOISE_NM = (20.0, 20.0, 20.0)
@@ -99,10 +99,11 @@ def test_reference_noise_subtracted_frame_by_frame_is_expected(calibration, reco
 def test_the_table_of_beads_has_both(calibration, recording):
     verdict = BeadVerdict("b1", "good", ())
     one = tracked(recording, 1.0, 2.0, math.nan)
-    (row,) = beads_table(calibration, [verdict], {}, one.tracked).to_dict("records")
+    forces = calibration.forces
+    (row,) = beads_table(calibration, forces, [verdict], {}, one.tracked).to_dict("records")
     assert row["noise_floor_x_nm"] == noise_floor_nm(calibration.beads[0], "x").value
     assert row["image_precision_y_nm"] == 2.0
     assert math.isnan(row["image_precision_z_nm"])
-    (row,) = beads_table(calibration, [verdict], {}, None).to_dict("records")
+    (row,) = beads_table(calibration, forces, [verdict], {}, None).to_dict("records")
     assert math.isnan(row["image_precision_x_nm"])
     assert row["noise_floor_z_stderr_nm"] > 0

@@ -16,9 +16,10 @@ from mtpipe.conditions import conditions_of
 from mtpipe.drift import subtract_drift
 from mtpipe.ingest import load
 from mtpipe.ingest.surface import put_surface_at_zero
-from mtpipe.quality import bead_verdict, trace_flags
+from mtpipe.quality import trace_flags
 from mtpipe.recording import Plateau
 from mtpipe.setup import Measured, read_setup
+from mtpipe.verdict import bead_verdict
 
 ROOT = Path(__file__).parents[1]
 RECORDINGS = ROOT.parent / "shared" / "recordings"
@@ -206,7 +207,7 @@ def test_vbtpm_stiffness_with_caution_or_refusal(name):
             expected = conditions.thermal_energy_pN_nm / variance
             assert one.estimates.stiffness.value == pytest.approx(expected, rel=0.35)
     flags = trace_flags(result, bead, bead.plateaus[0], recording.setup)
-    assert bead_verdict(bead, flags, None, recording.setup).verdict != "good"
+    assert bead_verdict(bead, flags, recording.setup).verdict != "good"
 
 
 def test_picotwist_heights_alone_give_no_force():
@@ -218,7 +219,7 @@ def test_picotwist_heights_alone_give_no_force():
     result = calibrate(put_surface_at_zero(subtract_drift(raw)))
     assert [bead.bead for bead in result.beads] == ["bead010"]
     for bead in result.beads:
-        verdict = bead_verdict(bead, (), None, setup)
+        verdict = bead_verdict(bead, (), setup)
         assert verdict.verdict == "refused"
         assert "x and y were not recorded" in verdict.reasons[0]
 
@@ -226,7 +227,7 @@ def test_picotwist_heights_alone_give_no_force():
 def test_picotwist_plot_file_gives_no_force():
     recording = read("picotwist/grfile.gr", "picotwist-gr")
     (bead,) = calibrate(recording).beads
-    verdict = bead_verdict(bead, (), None, recording.setup)
+    verdict = bead_verdict(bead, (), recording.setup)
     assert verdict.verdict == "refused"
     assert "x and y were not recorded" in verdict.reasons[0]
 

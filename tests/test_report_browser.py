@@ -7,6 +7,7 @@ from collections.abc import Callable, Iterator
 from functools import cache
 from pathlib import Path
 from typing import Any
+from urllib.parse import unquote, urlparse
 
 import pytest
 
@@ -22,6 +23,10 @@ QUIET = (
     *("--no-sandbox", "--disable-gpu", "--disable-quic", "--no-first-run", "--disable-sync"),
     *("--disable-background-networking", "--disable-component-update"),
 )
+# Charts are drawn as they come into sight; printing draws all of them.
+DRAW_ALL = """() => {
+    for (const place of document.querySelectorAll("[data-figure]")) drawFirst(place);
+}"""
 DRAWN = """() => [...document.querySelectorAll("[data-figure]")]
     .every(place => place.querySelector(".main-svg"))"""
 GOOD = "bead-b-id-x-b-1-2.html"
@@ -53,12 +58,9 @@ def opened(browser: Any, report: Path, complaints: list[str]) -> Open:
 
     @cache
     def opened(name: str) -> Any:
-        page = browser.new_page(viewport={"width": 1280, "height": 800})
-        page.on("console", lambda m: complaints.append(m.text) if m.type == "error" else None)
-        page.on("pageerror", lambda error: complaints.append(str(error)))
-        page.on("requestfailed", lambda request: complaints.append(f"failed: {request.url}"))
-        page.on("request", lambda request: complaints.extend(_outside(request.url)))
+        page = new_page(browser, complaints, width=1280)
         page.goto((report / name).as_uri())
+        page.evaluate(DRAW_ALL)
         page.wait_for_function(DRAWN)
         return page
 
@@ -69,6 +71,15 @@ def opened(browser: Any, report: Path, complaints: list[str]) -> Open:
 def _nothing_goes_wrong(complaints: list[str]) -> Iterator[None]:
     yield
     assert complaints == []
+
+
+def new_page(browser: Any, complaints: list[str], *, width: int, **options: Any) -> Any:
+    page = browser.new_page(viewport={"width": width, "height": 800}, **options)
+    page.on("console", lambda m: complaints.append(m.text) if m.type == "error" else None)
+    page.on("pageerror", lambda error: complaints.append(str(error)))
+    page.on("requestfailed", lambda request: complaints.append(f"failed: {request.url}"))
+    page.on("request", lambda request: complaints.extend(_outside(request.url)))
+    return page
 
 
 def _outside(url: str) -> list[str]:
@@ -94,6 +105,56 @@ def test_beads_sort_by_click_and_by_key(opened: Open) -> None:
     for _ in range(2):  # a bead without the value stays last in both directions
         heads.nth(6).get_by_role("button").click()
         assert names(page)[2] == "b10"
+
+
+def shown(page: Any) -> list[str]:
+    """Names of the beads whose findings are to be seen; the table shows the same."""
+    seen = [article.get_attribute("data-bead") for article in
+            page.locator("article[data-bead]:visible").all()]  # fmt: skip
+    assert page.locator("table.beads tbody tr:visible").count() == len(seen)
+    return seen
+
+
+def test_beads_are_searched_and_filtered(opened: Open) -> None:
+    page = opened("index.html")
+    search, said = page.get_by_role("searchbox"), page.locator("#shown")
+    assert len(shown(page)) == 3
+    assert said.inner_text() == ""
+    search.fill("stuck SURFACE")  # words of a finding, in any order and case
+    assert shown(page) == ["b10"]
+    assert said.inner_text() == "1 of 3 beads shown"
+    search.fill("nothing like it")
+    assert shown(page) == []
+    search.fill("")
+    page.get_by_role("checkbox", name="refused").uncheck()
+    assert "b10" not in shown(page)
+    assert len(shown(page)) == 2
+    search.fill("b1")  # the nasty name has a "b 1" but no "b1"
+    assert shown(page) == []
+    search.fill("")
+    page.get_by_role("checkbox", name="refused").check()
+    assert len(shown(page)) == 3
+
+
+def test_tables_are_there_to_be_read_by_other_programs(opened: Open, report: Path) -> None:
+    links = opened("index.html").locator(".files a").evaluate_all("links => links.map(a => a.href)")
+    assert {link.rsplit("/", 1)[1] for link in links} >= {"forces.csv", "beads.csv"}
+    assert all(Path(unquote(urlparse(link).path)).exists() for link in links)
+
+
+def test_the_finding_comes_before_all_else(opened: Open) -> None:
+    """At the top of index and bead page: verdict, sentence, forces and the picture."""
+    for name in ("index.html", GOOD):
+        page = opened(name)
+        page.set_viewport_size({"width": 1280, "height": 800})
+        for part in (".verdict", ".headline", ".force", ".picture .main-svg"):
+            box = page.locator(part).first.bounding_box()
+            assert box["y"] + box["height"] < 800, (name, part)
+    page = opened(GOOD)
+    order = ["#simulation", "[data-figure=before_after]", "[data-figure=crosscheck]", "table"]
+    tops = [page.locator(part).first.evaluate("e => e.getBoundingClientRect().top")
+            for part in order]  # fmt: skip
+    assert tops == sorted(tops)
 
 
 def test_hover_shows_the_values(opened: Open) -> None:
@@ -137,25 +198,27 @@ def test_printing_gives_charts_the_width_of_the_paper(opened: Open) -> None:
     before = page.evaluate(sizes)
     page.evaluate("window.dispatchEvent(new Event('beforeprint'))")
     printed = page.evaluate(sizes)
-    assert all(width == 680 for width, _ in printed)
-    assert [h for _, h in printed] == [round(0.8 * height) for _, height in before]
+    # the picture of the finding stands beside its words, the others fill the paper
+    assert [width for width, _ in printed] == [320, *[680] * (len(printed) - 1)]
+    assert [h for _, h in printed[1:]] == [round(0.8 * height) for _, height in before[1:]]
+    assert printed[0][1] == before[0][1]
     assert page.locator("details:not([open])").count() == 0
     page.evaluate("window.dispatchEvent(new Event('afterprint'))")
     assert page.evaluate(sizes) == before
     assert page.locator("details[open]").count() == 0
 
 
-def test_the_table_of_forces_fits_the_window(opened: Open) -> None:
+def test_the_table_of_fits_fits_the_window(opened: Open) -> None:
     page = opened(GOOD)
     page.set_viewport_size({"width": 1280, "height": 800})
     table = page.locator(".scroll.wide")
     assert table.evaluate("place => place.scrollWidth - place.clientWidth") == 0
-    # the columns stay in line where x and y have one cell between them
+    # the columns stay in line although a cell spans the rows of a plateau
     lefts = (
         "cells => [...new Set(cells.map(cell => Math.round(cell.getBoundingClientRect().left)))]"
     )
-    assert len(page.locator("table.forces tbody th[scope=row]").evaluate_all(lefts)) == 1
-    assert len(page.locator("table.forces tbody td.status").evaluate_all(lefts)) == 1
+    assert len(page.locator("table.fits tbody th[scope=row]").evaluate_all(lefts)) == 1
+    assert len(page.locator("table.fits tbody td.status").evaluate_all(lefts)) == 1
 
 
 def test_a_refused_trace_is_said_to_be(opened: Open) -> None:
@@ -177,6 +240,115 @@ def test_what_no_effect_explains_is_drawn(opened: Open) -> None:
     assert page.locator("[data-figure=unexplained] .main-svg").count() > 0
     assert page.locator("[data-figure=unexplained] .point").count() == 90
     assert page.locator("[data-figure=shapes] .point").count() == 32
+
+
+def luminance(page: Any, element: str, which: str) -> float:
+    """Mean of red, green and blue of a colour that an element has, from 0 to 1."""
+    script = f"e => getComputedStyle(e)['{which}'].match(/[0-9.]+/g).slice(0, 3).map(Number)"
+    return sum(page.locator(element).first.evaluate(script)) / (3 * 255)
+
+
+def test_a_dark_screen_has_dark_pages_and_figures(
+    browser: Any, report: Path, complaints: list[str]
+) -> None:
+    page = new_page(browser, complaints, width=1280, color_scheme="dark")
+    page.goto((report / GOOD).as_uri())
+    page.evaluate(DRAW_ALL)
+    page.wait_for_function(DRAWN)
+    ground, title = "[data-figure=traces] .main-svg", "[data-figure=traces] .x3title"
+    for element, which, dark in (
+        ("body", "backgroundColor", True),
+        ("body", "color", False),
+        (ground, "backgroundColor", True),
+        (title, "fill", False),
+    ):
+        assert (luminance(page, element, which) < 0.3) == dark, (element, which)
+    # on paper everything is dark on white again, and dark afterwards
+    page.emulate_media(media="print")
+    page.evaluate("window.dispatchEvent(new Event('beforeprint'))")
+    assert luminance(page, ground, "backgroundColor") == 1
+    assert luminance(page, "body", "backgroundColor") == 1
+    assert luminance(page, title, "fill") < 0.3
+    page.emulate_media(media="screen")
+    page.evaluate("window.dispatchEvent(new Event('afterprint'))")
+    assert luminance(page, ground, "backgroundColor") < 0.3
+    # a screen that changes while the page is open
+    page.emulate_media(color_scheme="light")
+    page.wait_for_function(
+        f"getComputedStyle(document.querySelector('{ground}')).backgroundColor"
+        " === 'rgb(255, 255, 255)'"
+    )
+    page.close()
+
+
+def test_reasons_are_in_view_on_a_telephone(
+    browser: Any, report: Path, complaints: list[str]
+) -> None:
+    page = new_page(browser, complaints, width=390)
+    page.goto((report / "index.html").as_uri())
+    assert page.evaluate("document.documentElement.scrollWidth") <= 390
+    said = page.locator("article p, article .reasons li")
+    assert said.count() >= 6
+    for box in [one.bounding_box() for one in said.all()]:
+        assert box["x"] >= 0
+        assert box["x"] + box["width"] <= 390
+    page.close()
+
+
+def test_the_keyboard_stops_at_what_can_be_used(opened: Open) -> None:
+    stops = """() => [...document.querySelectorAll("a[href], button, input, select, summary")]
+        .concat(...document.querySelectorAll("[tabindex]"))
+        .filter(e => e.tabIndex >= 0 && e.checkVisibility()).map(e => e.className || e.tagName)"""
+    page = opened(GOOD)
+    page.set_viewport_size({"width": 1280, "height": 800})
+    assert page.locator(".modebar-btn").count() > 20  # of charts: they are there for the mouse
+    reached = page.evaluate(stops)
+    assert not [name for name in reached if "modebar" in name]
+    assert len(reached) < 20
+    page.set_viewport_size({"width": 500, "height": 800})  # now the tables have to be scrolled
+    page.wait_for_function("document.querySelectorAll('.scroll[tabindex]').length > 0")
+
+
+def test_plotly_is_there_once_for_all_pages(report: Path) -> None:
+    large = [path for path in report.iterdir() if path.stat().st_size > 1e6]
+    assert [path.name for path in large] == ["plotly.min.js"]
+    for page in report.glob("*.html"):
+        assert '<script src="plotly.min.js" defer></script>' in page.read_text(encoding="utf-8")
+
+
+def test_charts_are_drawn_as_they_come_into_sight(
+    browser: Any, report: Path, complaints: list[str]
+) -> None:
+    page = new_page(browser, complaints, width=1280)
+    page.goto((report / GOOD).as_uri())
+    page.wait_for_function("document.querySelector('[data-figure=picture] .main-svg')")
+    traces = page.locator("[data-figure=traces] .main-svg")
+    assert traces.count() == 0
+    page.locator("#traces").scroll_into_view_if_needed()
+    traces.first.wait_for(timeout=5000)
+    page.close()
+
+
+@pytest.mark.parametrize("name", ["index.html", GOOD])
+def test_nothing_that_is_printed_is_torn_or_lost(
+    browser: Any, report: Path, complaints: list[str], name: str
+) -> None:
+    page = new_page(browser, complaints, width=1280)
+    page.goto((report / name).as_uri())
+    page.emulate_media(media="print")
+    whole = page.locator("figure, article, .opening, tr")
+    breaks = whole.evaluate_all("all => all.map(e => getComputedStyle(e).breakInside)")
+    assert set(breaks) == {"avoid"}
+    lines = page.locator("p, li").evaluate_all(
+        "all => all.map(e => Math.min(getComputedStyle(e).orphans, getComputedStyle(e).widows))"
+    )
+    assert set(lines) == {3}
+    left_out = page.locator("nav, .filter, .chooser, footer")
+    assert left_out.count() > 0
+    assert not any(one.is_visible() for one in left_out.all())
+    assert page.pdf(prefer_css_page_size=True)[:4] == b"%PDF"
+    assert page.locator("[data-figure] .main-svg").count() > 0
+    page.close()
 
 
 @pytest.mark.parametrize("name", ["index.html", GOOD, "bead-b2.html"])

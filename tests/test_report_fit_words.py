@@ -7,7 +7,7 @@ from typing import Any, cast
 
 import pytest
 
-from mtpipe.report.fit_words import JointFit, force_source, joint_fit
+from mtpipe.report.fit_words import JointFit, fit_source, joint_fit
 from mtpipe.series_choice import SeriesChoice
 
 SHARED = "series of spectra: x and y share the force, friction expected from the setup"
@@ -36,56 +36,56 @@ def rows(method: str, axes: str = "xy", plateaus: int = 3, **changed: Any) -> li
 
 
 def test_the_most_informed_fit_needs_no_excuse() -> None:
-    source = force_source(bead(), rows(SHARED), radius_known=True)
+    source = fit_source(bead(), rows(SHARED), radius_known=True)
     assert source is not None
     assert source.label == "joint"
     assert "6 spectra" in source.sentence
-    assert [reason[:26] for reason in source.reasons] == ["The friction is the one ex"]
+    assert [reason[:26] for reason in source.reasons] == ["The friction agrees with t"]
 
 
 def test_a_less_informed_fit_says_why() -> None:
-    source = force_source(bead(MEASURED), rows(MEASURED), radius_known=True)
+    source = fit_source(bead(MEASURED), rows(MEASURED), radius_known=True)
     assert source is not None
     assert source.label == "joint, x and y apart, friction measured"
-    assert "x and y have a force each" in source.sentence
+    assert "x and y each have their own force" in source.sentence
     apart, friction = source.reasons
-    assert "no joint fit in which they do describes the spectra" in apart
+    assert "no fit with one force for both describes the spectra" in apart
     assert "contradict the one expected" in friction
     assert "1.310 ± 0.012 times as much" in friction
 
 
 def test_one_axis_cannot_share() -> None:
     method = "series of spectra: x and y apart, friction expected from the setup"
-    source = force_source(bead(method), rows(method, axes="x"), radius_known=True)
+    source = fit_source(bead(method), rows(method, axes="x"), radius_known=True)
     assert source is not None
     assert source.label == "joint"
-    assert source.sentence.endswith("only x is part of it.")
+    assert source.sentence.endswith("only x could be used.")
     assert len(source.reasons) == 1
 
 
 def test_an_unknown_radius_is_said() -> None:
-    source = force_source(bead(), rows(SHARED), radius_known=False)
+    source = fit_source(bead(), rows(SHARED), radius_known=False)
     assert source is not None
-    assert "does not know the bead's radius" in source.reasons[0]
+    assert "radius is unknown in the setup" in source.reasons[0]
 
 
 def test_traces_that_were_left_out_are_named() -> None:
     odd = rows("spectrum, friction expected from the setup", flags="drift;unlike_the_series")[:2]
-    source = force_source(bead(), [*odd, *rows(SHARED)[2:]], radius_known=True)
+    source = fit_source(bead(), [*odd, *rows(SHARED)[2:]], radius_known=True)
     assert source is not None
     assert "4 spectra" in source.sentence
     assert source.reasons[-1].startswith("Plateau 0, x; plateau 0, y contradict the others")
 
 
-@pytest.mark.parametrize(("extension", "why"), [(900.0, "No joint fit was"), (None, "A joint fit")])
+@pytest.mark.parametrize(("extension", "why"), [(900.0, "No joint"), (None, "A joint fit")])
 def test_spectra_by_themselves_say_why(extension: float | None, why: str) -> None:
     mine = rows("spectrum, friction free", extension_nm=extension)
-    source = force_source(bead(""), mine, radius_known=True)
+    source = fit_source(bead(""), mine, radius_known=True)
     assert source is not None
-    assert source.label == "each by itself"
-    assert source.sentence == "Each spectrum was fitted by itself (friction free)."
+    assert source.label == "each separately"
+    assert source.sentence == "Each spectrum was fitted separately (friction free)."
     assert source.reasons[0].startswith(why)
 
 
 def test_a_refused_bead_has_no_source() -> None:
-    assert force_source(bead(""), rows("none", status="refused"), radius_known=True) is None
+    assert fit_source(bead(""), rows("none", status="refused"), radius_known=True) is None

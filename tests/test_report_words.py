@@ -91,25 +91,27 @@ def test_flags_of_an_empty_cell() -> None:
     assert words.flags("a; b") == ["a", "b"]
 
 
-def look_row(**changes: object) -> dict[str, object]:
+def compared_row(**changes: object) -> dict[str, object]:
     row: dict[str, object] = {"statistic": "psd_band", "axis": "x", "plateau": 3}
     row |= {"band_low_hz": 0.3, "band_high_hz": 4.0, "time_low_s": None, "time_high_s": None}
     row |= {"value": 5.1, "simulated_median": 0.1, "simulated_low": -1.9, "simulated_high": 2.1}
     return row | {"p_value": 2e-5, "extrapolated": True} | changes
 
 
-def test_looks_of_the_cross_check_are_sentences() -> None:
-    assert crosscheck_words.look(look_row()) == (
-        "x, plateau 3, 0.3 – 4 Hz: power is above what is simulated, 5.1 instead of −1.9 to 2.1 "
-        "(p = 2.0 × 10⁻⁵, by the tail fitted to the simulations)."
+def test_comparisons_of_the_cross_check_are_sentences() -> None:
+    assert crosscheck_words.comparison(compared_row()) == (
+        "x, plateau 3, 0.3 – 4 Hz: power is above the simulated one, 5.1 instead of −1.9 to 2.1 "
+        "(p = 2.0 × 10⁻⁵, extrapolated)."
     )
-    line = look_row(statistic="line", plateau=None, band_low_hz=29.7, band_high_hz=29.9)
-    assert crosscheck_words.look(line).startswith(
+    line = compared_row(statistic="line", plateau=None, band_low_hz=29.7, band_high_hz=29.9)
+    assert crosscheck_words.comparison(line).startswith(
         "x, all plateaus together, 29.8 Hz: the strongest"
     )
-    step = look_row(statistic="mean_step", band_low_hz=None, band_high_hz=None, time_low_s=20.0,
+    step = compared_row(statistic="mean_step", band_low_hz=None, band_high_hz=None, time_low_s=20.0,
                     time_high_s=60.0, value=-3.0, extrapolated=False)  # fmt: skip
-    assert "plateau 3, 20 – 60 s: largest step of the mean is below" in crosscheck_words.look(step)
+    assert "plateau 3, 20 – 60 s: largest step of the mean is below" in crosscheck_words.comparison(
+        step
+    )
 
 
 def test_every_statistic_of_the_battery_has_its_words() -> None:
@@ -122,11 +124,32 @@ def test_every_statistic_of_the_battery_has_its_words() -> None:
     assert said <= named
 
 
-def test_the_p_value_of_all_looks_is_a_sentence() -> None:
+def test_the_p_value_of_all_comparisons_is_a_sentence() -> None:
     assert crosscheck_words.verdict(0.43, 700, 48) == (
-        "Consistent with the configured experiment: p = 0.43 "
-        "(700 looks together, beside 48 simulations)."
+        "Recording and simulations agree: p = 0.43 "
+        "(700 comparisons with 48 simulations, counted together)."
     )
     assert "of 42 recordings" in crosscheck_words.verdict(0.024, 700, 120)
-    assert "does not behave" in crosscheck_words.verdict(0.0095, 700, 120)
-    assert "none of the simulations" in crosscheck_words.verdict(1e-9, 700, 48)
+    assert "simulations differ" in crosscheck_words.verdict(0.0095, 700, 120)
+    assert "no simulation differs as much" in crosscheck_words.verdict(1e-9, 700, 48)
+    assert "p < 10⁻¹²" in crosscheck_words.verdict(1e-90, 700, 48)
+
+
+def test_changes_of_a_force_are_said_in_percent_or_as_a_factor() -> None:
+    shown = [words.change(ratio) for ratio in (1.02, 0.87, 1.0, 21.2, 0.3)]
+    assert shown == ["+2.0 %", "−13 %", "+0.0 %", "21 times as large", "0.3 times as large"]
+
+
+def test_plateaus_are_listed_shortly() -> None:
+    assert words.plateaus([3]) == "plateau 3"
+    assert words.plateaus([2, 3, 4, 5]) == "plateaus 2 to 5"
+    assert words.plateaus([4, 0, 1]) == "plateaus 0, 1 and 4"
+
+
+def test_sentences_begin_with_a_capital_unless_with_a_symbol() -> None:
+    assert words.sentence("its length is 3 nm") == "Its length is 3 nm."
+    assert words.sentence("z was not recorded.") == "z was not recorded."
+
+
+def test_a_number_stays_with_its_unit_and_error() -> None:
+    assert words.unbroken("by 3 % to 1.2 ± 0.1 pN") == "by 3\u00a0% to 1.2\u00a0±\u00a00.1\u00a0pN"

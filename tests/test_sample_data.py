@@ -9,13 +9,14 @@ import subprocess
 import sys
 from functools import cache
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
 import pandas as pd
 import pytest
 
-from mtpipe.demo import recording_in, run_demo, sample_data
+from mtpipe.demo import SAMPLES, Sample, findings, recording_in, run_demo, sample_data, truth_of
 from mtpipe.drift import subtract_drift
 from mtpipe.extension import mean_with_stderr
 from mtpipe.ingest import load
@@ -134,15 +135,57 @@ def test_the_demo_compares_with_the_truth(tmp_path, monkeypatch):
     forces[1] *= 2
     (case / "truth.json").write_text(json.dumps({"b1": bead | {"force_pN": forces}}))
     monkeypatch.setattr("mtpipe.demo.sample_data", lambda: tmp_path / "data")
+    monkeypatch.setattr("mtpipe.demo.SAMPLES", (Sample("short", cross_check=False),))
     text = run_demo(tmp_path / "out", workers=1)
     assert (tmp_path / "out" / "short" / "report" / "index.html").is_file()
     row = next(line for line in text.splitlines() if line.startswith("short"))
     assert "one tether" in row
+    assert "unchecked" in row
+    assert "concealed" not in text
     counted = int(text.split(" true forces lie")[0].split()[-3])
     possible = int(text.split(" true forces lie")[0].split()[-1])
     # x and y share each force
     assert possible == plateaus
     assert counted <= possible - 1
+
+
+def test_the_demo_cross_checks_one_that_conceals_nothing_and_one_that_does():
+    answers = {
+        sample.folder: truth_of(CHECKOUT / "sample_data" / sample.folder)
+        for sample in SAMPLES
+        if sample.cross_check
+    }
+    concealed = sorted((truth["b1"]["concealed"] for truth in answers.values()), key=len)
+    assert concealed[0] == []
+    assert len(concealed[-1]) == 1
+    for folder, truth in answers.items():
+        assert len(truth["b1"]["force_pN"]) == len(
+            _loaded(CHECKOUT / "sample_data" / folder).plateaus
+        )
+    assert not all(sample.cross_check for sample in SAMPLES)
+
+
+def test_what_was_found_stands_beside_what_was_concealed():
+    truth = {bead: {"force_pN": [1.0, 2.0], "concealed": [name]} for bead, name in
+             (("b1", "exposure"), ("b2", "drift"))} | {"b3": {"concealed": []}}  # fmt: skip
+    forces = [
+        {"force_before_pN": 0.9, "force_pN": 1.01},
+        {"force_before_pN": 1.8, "force_pN": 1.98},
+    ]
+    effect = {"effect": "exposure", "sentence": "the camera exposes for 2 ms."}
+    beads = {
+        "b1": {"verdict": "explained", "effects": [effect], "forces": forces},
+        "b2": {"verdict": "unexplained", "effects": [], "forces": forces},
+        "b3": {"verdict": "consistent", "effects": [], "forces": forces},
+    }
+    said = list(findings(SimpleNamespace(mismatch={"beads": beads}), truth))
+    assert said == [
+        "exposure was concealed; found: exposure. the camera exposes for 2 ms.",
+        "forces of the configured experiment are off by 10.0% (median), by 1.0% with what was "
+        "found.",
+        "drift was concealed; found: no cause.",
+        "nothing was concealed; recording and simulation agree.",
+    ]
 
 
 def _digest(path: Path) -> str:

@@ -136,24 +136,24 @@ def test_forces_that_the_mismatch_biases_are_mended_and_bounds_contain_the_truth
     assert np.mean(np.square(after)) < 0.2 * np.mean(np.square(before))
 
 
-def nearest_miss():
-    tried = SimpleNamespace(effect=SimpleNamespace(name="viscosity"), gain=4.0, penalty=4.9)
+def nearest_miss(check):
+    """An effect that explains nothing of what a check shows."""
+    effect = SimpleNamespace(name="viscosity")
+    tried = SimpleNamespace(effect=effect, fit=check.case.fit, gain=4.0, penalty=4.9)
     return Rejected(tried, "gains 4.0 nats, too little for its parameter (7.9 are needed)")
 
 
 def test_a_spectrum_is_told_with_band_axis_size_and_what_it_does_to_the_forces():
     check = check_bead(prepare(with_bump(subtract_drift(raw(1))), "b1"), generator(3), rounds=(24,))
-    left = unexplained(check, nearest_miss(), beside=False)
-    assert left.sentence.startswith("Nothing in the catalogue explains it. ")
+    left = unexplained(check, nearest_miss(check), beside=False)
+    assert left.sentence.startswith("No effect in the catalogue explains the difference")
     assert " Hz along y the recorded power is " in left.sentence
     assert " % above what is simulated, at all forces." in left.sentence
-    assert "Forces fitted with that left open are" in left.sentence
-    assert left.sentence.endswith(
-        "Nearest: viscosity, which gains 4.0 nats, too little for its parameter (7.9 are needed)."
-    )
+    assert "In a fit that is free there, forces are" in left.sentence
+    assert "viscosity" not in left.sentence
     content = json.loads(json.dumps(content_of(left), allow_nan=False))
     assert set(content) == {"sentence", "looks", "shapes", "nearest", "bend", "correction"}
-    assert content["nearest"]["effect"] == "viscosity"
+    assert (content["nearest"]["effect"], content["nearest"]["share"]) == ("viscosity", 0.0)
     panels = {panel["axis"]: panel for panel in content["correction"]["panels"]}
     assert list(panels) == ["x", "y", "z"]
     assert max(panels["y"]["correction"]["factor"]) == pytest.approx(math.exp(SIZE), rel=0.3)
@@ -174,7 +174,7 @@ def kinked(recording, more=0.15):
 def test_a_bend_of_the_heights_is_told_with_its_place_and_what_it_does_to_the_forces():
     recording, height = kinked(subtract_drift(raw(4)))
     check = check_bead(prepare(recording, "b1"), generator(5), rounds=(24,))
-    left = unexplained(check, nearest_miss(), beside=False)
+    left = unexplained(check, nearest_miss(check), beside=False)
     found = json.loads(json.dumps(content_of(left), allow_nan=False))["bend"]
     assert found["relative"] == pytest.approx(0.15, abs=4 * found["relative_stderr"])
     means = [recording.positions_nm["b1"][p.start : p.stop, 2].mean() for p in recording.plateaus]
@@ -205,11 +205,12 @@ def test_a_distribution_is_told_in_words_and_not_as_a_spectrum():
     left = unexplained(check, None, beside=True)
     # which of the looks at it is the oddest is a matter of the simulations
     assert re.match(
-        r"What is named does not explain it all\. Skewness of the positions along x "
+        r"What is named does not explain all of the difference from the simulation\. Skewness of "
+        r"the positions along x "
         r"(over all plateaus|in plateau \d) is 0\.",
         left.sentence,
     )
-    assert "simulated" in left.sentence
+    assert "simulations give" in left.sentence
     assert "recorded power" not in left.sentence
     content = content_of(left)
     assert content["correction"] is None
@@ -223,14 +224,20 @@ def test_a_distribution_is_told_in_words_and_not_as_a_spectrum():
     ("name", "reason"),
     [
         ("dropped_frames", r"gains .+, too little for its parameter \(\d+\.\d are needed\)"),
-        ("lateral_scale", r"explains \d+% of the misfit, and beside an unexplained rest no cause"),
+        ("lateral_scale", r"explains \d+% of the misfit; where something else remains unexplained"),
     ],
 )
-def test_the_nearest_effect_says_why_it_was_rejected(name, reason):
+def test_the_nearest_effect_says_why_it_was_rejected(name, reason, monkeypatch):
     check = check_bead(prepare(with_bump(subtract_drift(raw(1))), "b1"), generator(5), rounds=(24,))
     (effect,) = [effect for effect in OWN if effect.name == name]
     found = explain(check, generator(6), effects=[effect])
     assert (found.verdict, found.named) == ("unexplained", ())
     assert found.nearest.tried.effect.name == name
-    assert found.unexplained.sentence.endswith(f"Nearest: {name}, which {found.nearest.reason}.")
     assert re.match(reason, found.nearest.reason)
+    # a part of the misfit is kept for the record, and not told as if it were a finding
+    left = found.unexplained
+    assert content_of(left)["nearest"]["share"] < 0.9
+    assert name not in left.sentence
+    monkeypatch.setattr("mtpipe.diagnosis.unexplained.share_gone", lambda before, after: 0.95)
+    told = f"Nearest, but not named, is {name}: it {found.nearest.reason}."
+    assert replace(left).sentence.endswith(told)

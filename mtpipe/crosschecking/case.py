@@ -30,7 +30,7 @@ from mtpipe.experiment.known_force import known_force
 from mtpipe.experiment.parameter import noise_parameters
 from mtpipe.physics.camera import FloatArray
 from mtpipe.physics.tether import Formula, without_stretching
-from mtpipe.recording import Plateau, Recording
+from mtpipe.recording import Plateau, Recording, States
 from mtpipe.traces import traces_of
 
 # No reference bead tells where the surface is better than this: its bottom is not the tether's
@@ -88,7 +88,7 @@ def prepare(recording: Recording, bead: str) -> Case:
 
     Parameters
     ----------
-    recording : with the drift subtracted.
+    recording : with the drift subtracted. Plateaus that are not one state do not enter.
 
     Raises
     ------
@@ -112,8 +112,11 @@ def prepare(recording: Recording, bead: str) -> Case:
     if math.isinf(recording.z_zero_stderr_nm.get(bead, 0.0)):
         raise RecordingError(f"bead {bead} has no heights above the surface", where=recording.name)
     rate = recording.setup.camera.frame_rate_hz.value
+    states = recording.states if recording.states is not None else States()
     kept, positions, starts = [], [], []
     for trace in traces_of(recording, bead):
+        if (bead, trace.plateau.number) in states.refused:
+            continue
         there = np.asarray(np.isfinite(trace.position_nm).all(axis=1))
         successive = int((there[1:] & there[:-1]).sum())
         moves = bool(there.any()) and bool(np.all(np.ptp(trace.position_nm[there], axis=0) > 0))
@@ -153,7 +156,12 @@ def prepare(recording: Recording, bead: str) -> Case:
     reference = _reference_mean(recording)
     begins_s = tuple((start - int(recording.frame[0])) * frame_s for start in starts)
     experiment = replace(base, rests=rests)
-    known = tuple(known_force(recording.setup, plateau.magnet_mm) for plateau in kept)
+    known = tuple(
+        None
+        if plateau.number in states.unbelieved
+        else known_force(recording.setup, plateau.magnet_mm)
+        for plateau in kept
+    )
     model = ConfiguredModel(
         data,
         experiment,

@@ -11,6 +11,7 @@ import pandas as pd
 from mtpipe.crosschecking.beads import check_of, per_bead
 from mtpipe.crosschecking.check import BeadCheck
 from mtpipe.recording import Recording
+from mtpipe.states import with_states
 
 Progress = Callable[[int, int], None]
 INTERVAL_95 = (0.025, 0.975)
@@ -70,6 +71,7 @@ def crosscheck(
     ------
     Nothing for what is wrong with one bead's data: why it could not be simulated is in `refused`.
     """
+    recording = with_states(recording)
     checks, refused = per_bead(recording, _check, seed=seed, workers=workers, progress=progress)
     return CrossCheck(recording.name, checks, refused)
 

@@ -49,7 +49,7 @@ from mtpipe.diagnosis.explanation import (
     agrees,
 )
 from mtpipe.diagnosis.heights import gained_by_scatter, wanders
-from mtpipe.diagnosis.misfit import explained_share, heldout_gain
+from mtpipe.diagnosis.misfit import MOST_OF_IT, explained_share, heldout_gain
 from mtpipe.diagnosis.refit import begun_again, best_formula, with_forces_found
 from mtpipe.diagnosis.unexplained import Rejected
 from mtpipe.effects.catalogue import catalogue
@@ -74,10 +74,6 @@ THIRD_NATS = 100.0
 # So many effects are checked at most before the search ends, and one is rejected if with it ln p is
 # larger than this many times what it was.
 MOST_CANDIDATES, MORE_ODD = 3, 1.25
-# An effect is named beside an unexplained rest only if it explains so much of the misfit, in ln
-# likelihood and in ln p: what no name describes looks like something that one does, but for a fifth
-# or more of it.
-MOST_OF_IT = 0.9
 # Few simulations say that recording and simulation will not agree where p is that far below.
 RULED_OUT = 1e-4 * AGREES_P
 # The search has enough simulations for each of the effects it checks: what comes out of it is made
@@ -186,7 +182,7 @@ def concluded(
         if off and _frees_heights(left_out):
             reason = _heights_off(left_out, scatter)
         elif rival is not None:
-            reason = f"gains {left_out.found.gain:.0f} nats, but is no likelier than {rival.words}"
+            reason = f"{_gains(left_out.found)}, but is no likelier than {rival.words}"
         else:
             reason = _not_enough(left_out)
         nearest = Rejected(left_out.found, reason, instead=rival)
@@ -410,31 +406,35 @@ def _named(
     """
     without = check.case.fit
     if gained_by_motion(one) < ALIKE_NATS:
-        reason = f"gains {one.gain:.0f} nats, and as many without being seen to move"
+        reason = f"{_gains(one)}, and as much without its motion being seen"
         return Rejected(one, reason, unseen=True)
     heldout = heldout_gain(case, without, one.fit)
     if heldout <= 0:
-        return Rejected(one, f"gains {one.gain:.0f} nats, but none on time that was not fitted")
+        return Rejected(one, f"{_gains(one)}, but nothing on time that was not fitted")
     try:
         after = check_bead(replace(case, fit=one.fit), random, rounds=SEARCHING, far_off=far_off)
     except (FitError, ValueError) as error:
-        return Rejected(one, f"gains {one.gain:.0f} nats, but cannot be simulated ({error})")
+        return Rejected(one, f"{_gains(one)}, but cannot be simulated ({error})")
     p_before, p_after = comparable_p_values(check, after)
     if p_after < min(ALARM_P, p_before**MORE_ODD):
         return Rejected(one, _more_odd(one, check, after))
     return Named(one, (), check, after, heldout)
 
 
+def _gains(one: Tried) -> str:
+    return f"gains {one.gain:.0f} in ln likelihood"
+
+
 def _too_little(one: Tried, needed: float) -> str:
     numbers = one.hypothesis.numbers
-    gains = f"gains {one.gain:.1f} nats" if one.gain >= 0.05 else "gains nothing"
+    gains = f"gains {one.gain:.1f} in ln likelihood" if one.gain >= 0.05 else "gains nothing"
     what = "parameter" if numbers == 1 else f"{numbers} parameters"
     return f"{gains}, too little for its {what} ({one.penalty + needed:.1f} are needed)"
 
 
 def _more_odd(one: Tried, before: BeadCheck, after: BeadCheck) -> str:
     return (
-        f"gains {one.gain:.0f} nats, but with it recording and simulation differ even more "
+        f"{_gains(one)}, but with it recording and simulation differ even more "
         f"(p {before.p_value:.1g} → {after.p_value:.1g})"
     )
 
@@ -443,11 +443,11 @@ def _not_enough(one: Named) -> str:
     share = max(explained_share(one.before, one.after), 0.0)
     if share < MOST_OF_IT:
         return (
-            f"explains {share:.0%} of the misfit, and beside an unexplained rest no cause is named "
-            f"that explains less than {MOST_OF_IT:.0%}"
+            f"explains {share:.0%} of the misfit; where something else remains unexplained, a "
+            f"cause is named only if it explains {MOST_OF_IT:.0%}"
         )
     return (
-        f"explains {share:.0%} of the misfit, but leaves what is about as odd "
+        f"explains {share:.0%} of the misfit, but what remains differs about as significantly "
         f"(p {one.before.p_value:.1g} → {one.after.p_value:.1g})"
     )
 
@@ -455,8 +455,8 @@ def _not_enough(one: Named) -> str:
 def _heights_off(one: Named, scatter: float) -> str:
     return (
         f"explains {max(explained_share(one.before, one.after), 0.0):.0%} of the misfit, but mean "
-        "heights are off by more than positions wander within plateaus "
-        f"({scatter:.0f} nats more if each is off by something of its own)"
+        "heights scatter by more than positions wander within plateaus (ln likelihood is higher by "
+        f"{scatter:.0f} if each height has an error of its own)"
     )
 
 
@@ -521,8 +521,9 @@ def without_unclear_third(
         return named, check, nearest
     third = fitted[-1]
     reason = (
-        f"gains {third.gain:.1f} nats, too little for a third effect, as what no name describes "
-        f"looks like several ({third.penalty + THIRD_NATS:.1f} are needed)"
+        f"gains {third.gain:.1f} in ln likelihood, too little for a third effect "
+        f"({third.penalty + THIRD_NATS:.1f} are needed), as one cause that is not in the catalogue "
+        "can look like several"
     )
     return named[:-1], named[-1].before, Rejected(third, reason)
 

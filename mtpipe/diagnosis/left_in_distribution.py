@@ -61,13 +61,16 @@ class LeftInDistribution:
         error = factor * float(self.curve.stderr[worst])
         told = (
             f"positions {self.curve.at[worst]:+.1f} standard deviations from the mean are "
-            f"{factor:.2g} ± {error:.1g} times as frequent as of a normal distribution"
+            f"{factor:.2g} ± {error:.1g} times as frequent as in a normal distribution"
         )
         if AXES[self.axis] == "z" or math.isnan(self.ln_force_shift):
             return told
         shift = 100 * float(np.expm1(self.ln_force_shift))
         error = 100 * float(np.exp(self.ln_force_shift)) * self.ln_force_stderr
-        return f"{told}, and by their middle half the force would be {shift:+.1f} ± {error:.1f} %"
+        return (
+            f"{told}; taken from the width of the middle half of the positions, the force would "
+            f"change by {shift:+.1f} ± {error:.1f} %"
+        )
 
 
 def left_in_distribution(check: BeadCheck, look: Look) -> LeftInDistribution | None:

@@ -66,14 +66,12 @@ class LeftInTime:
             else:
                 factor = np.exp(size)
                 told.append(f"{factor:.2f} ± {factor * error:.2f} at {self.curve.at[k]:.3g} s")
-        of = "the mean" if self.kind == "mean" else "the variance, over that of all of it,"
+        of = "the mean" if self.kind == "mean" else "the variance, over that of the plateau,"
         words = f"{of} runs from {told[0]} to {told[1]}"
         if self.halves is None:
             return words
         first, second = (f"{force:.3g} ± {error:.1g}" for force, error in self.halves)
-        return (
-            f"{words}, and the force is {first} pN by the first half and {second} pN by the second"
-        )
+        return f"{words}; alone, its first half gives a force of {first} pN, the second {second} pN"
 
 
 def left_in_time(check: BeadCheck, look: Look) -> LeftInTime | None:

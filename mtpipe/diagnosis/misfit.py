@@ -12,6 +12,11 @@ from mtpipe.crosschecking.case import Case
 from mtpipe.crosschecking.check import BeadCheck
 from mtpipe.errors import FitError
 
+# Beside an unexplained rest an effect is named, and one that is not named is told as the nearest,
+# only if it explains this share of the misfit: what no name describes looks like something that one
+# does, but for a fifth or more of it.
+MOST_OF_IT = 0.9
+
 
 def explained_share(before: BeadCheck, after: BeadCheck) -> float:
     """Share of the misfit that is gone."""

@@ -20,9 +20,11 @@ from mtpipe.diagnosis.explanation import Explanation, Named
 from mtpipe.diagnosis.place import MOST_PLACES, bent_heights, located
 from mtpipe.diagnosis.sentence import sentence
 from mtpipe.diagnosis.unexplained import Unexplained
-from mtpipe.physics.camera import FloatArray
 from mtpipe.processes import in_one_thread
+from mtpipe.recommended.choice import diagnosed_forces
+from mtpipe.recommended.force import BeadForces
 from mtpipe.recording import Recording
+from mtpipe.states import with_states
 
 SCHEMA = "mtpipe.mismatch/1"
 Progress = Callable[[str, int, int], None]
@@ -36,18 +38,20 @@ class Mismatch:
     ----------
     recording : its name.
     beads : what was found about each tethered bead that could be simulated.
+    forces : to quote, of these beads.
+    tolerance : share of a force that matters, of the setup's `[report]`.
     refused : why the others could not.
     """
 
     recording: str
     beads: Mapping[str, Explanation]
+    forces: Mapping[str, BeadForces]
+    tolerance: float
     refused: Mapping[str, str]
 
     def as_dict(self) -> dict[str, Any]:
         """The content of `mismatch.json`."""
-        return content(
-            self.recording, {bead: bead_content(found) for bead, found in self.beads.items()}
-        )
+        return content(self.recording, self.beads, self.forces, self.tolerance)
 
     @property
     def unexplained(self) -> dict[str, Unexplained]:
@@ -62,13 +66,13 @@ class Examined:
 
     Attributes
     ----------
-    checked : the cross-check. mismatch : content of `mismatch.json`.
+    checked : the cross-check. found : about each bead that could be simulated.
     before_after, unexplained : content of `details/before_after.json` and
         `details/unexplained.json`, by bead.
     """
 
     checked: CrossCheck
-    mismatch: dict[str, Any]
+    found: Mapping[str, Explanation]
     before_after: dict[str, dict[str, Any]]
     unexplained: dict[str, dict[str, Any]]
 
@@ -86,6 +90,7 @@ def diagnose(recording: Recording, *, seed: int = 0, progress: Progress | None =
     ------
     Nothing for what is wrong with one bead's data: why it could not be simulated is in `refused`.
     """
+    recording = with_states(recording)
     found: dict[str, Explanation] = {}
     refused: dict[str, str] = {}
     total = len(recording.tethered)
@@ -108,7 +113,8 @@ def diagnose(recording: Recording, *, seed: int = 0, progress: Progress | None =
             progress(f"what beads share: {done} of {of}", total, total)
 
     again = beads_together(found, seed=seed, progress=say_together)
-    return Mismatch(recording.name, again, refused)
+    forces = diagnosed_forces(recording, again, seed=seed)
+    return Mismatch(recording.name, again, forces, recording.setup.report.tolerance, refused)
 
 
 def examine(
@@ -122,13 +128,14 @@ def examine(
 
     Parameters, raises: as `mtpipe.crosscheck`.
     """
+    recording = with_states(recording)
     found, refused = per_bead(recording, _explained, seed=seed, workers=workers, progress=progress)
     found = beads_together(found, seed=seed, workers=workers, progress=progress)
     named = {bead: before_after.content_of(one) for bead, one in found.items()}
     left = {bead: one.unexplained for bead, one in found.items()}
     return Examined(
         CrossCheck(recording.name, {bead: one.before for bead, one in found.items()}, refused),
-        content(recording.name, {bead: bead_content(one) for bead, one in found.items()}),
+        found,
         {bead: drawn for bead, drawn in named.items() if drawn is not None},
         {
             bead: unexplained_content.content_of(rest)
@@ -145,18 +152,27 @@ def _explained(recording: Recording, bead: str, random: np.random.Generator) -> 
     return found
 
 
-def content(recording: str, beads: Mapping[str, dict[str, Any]]) -> dict[str, Any]:
-    """`mismatch.json` from what was found about each bead."""
-    return {"schema": SCHEMA, "recording": recording, "beads": dict(beads)}
+def content(
+    recording: str,
+    found: Mapping[str, Explanation],
+    forces: Mapping[str, BeadForces],
+    tolerance: float,
+) -> dict[str, Any]:
+    """`mismatch.json` from what was found about each bead, and the forces to quote."""
+    beads = {bead: bead_content(one, forces[bead], tolerance) for bead, one in found.items()}
+    return {"schema": SCHEMA, "recording": recording, "beads": beads}
 
 
-def bead_content(found: Explanation) -> dict[str, Any]:
+def bead_content(found: Explanation, forces: BeadForces, tolerance: float) -> dict[str, Any]:
     """What `mismatch.json` says of one bead."""
     return {
         "verdict": found.verdict,
         "located": _located(found),
         "effects": [_effect(found, one) for one in sorted(found.named, key=_oddity_left)],
-        "forces": _forces(found),
+        "terms": [],
+        "force_bound_percent": forces.bound_percent,
+        "material": forces.exceeds(tolerance),
+        "forces": _forces(found, forces),
     }
 
 
@@ -215,25 +231,24 @@ def _strengths(found: Explanation, one: Named) -> list[Strength]:
     ]
 
 
-def _forces(found: Explanation) -> list[dict[str, Any]]:
-    before, after = found.before.case.fit, found.fit
-    stderr_pN = found.force_stderr_pN
-    before_pN = before.force_stderr_pN if found.named else stderr_pN
+def _forces(found: Explanation, forces: BeadForces) -> list[dict[str, Any]]:
+    """The force to quote of each plateau, and the one of the setup as it was configured."""
     rows = []
-    for i, plateau in enumerate(found.before.case.plateaus):
+    for plateau in found.before.case.plateaus:
+        quoted = forces.recommended[plateau.number].force
+        configured = forces.configured[plateau.number]
         rows.append(
             {
                 "plateau": plateau.number,
                 "magnet_mm": plateau.magnet_mm,
-                "force_pN": _number(after.force_pN, i),
-                "stderr_pN": _number(stderr_pN, i),
-                "force_before_pN": _number(before.force_pN, i),
-                "stderr_before_pN": _number(before_pN, i),
+                "force_pN": _number(quoted.value),
+                "stderr_pN": _number(quoted.stderr),
+                "force_before_pN": _number(configured.value),
+                "stderr_before_pN": _number(configured.stderr),
             }
         )
     return rows
 
 
-def _number(values: FloatArray, i: int) -> float | None:
-    value = float(values[i])
+def _number(value: float) -> float | None:
     return value if math.isfinite(value) else None

@@ -189,6 +189,6 @@ def _excluded(one: Explanation, change: Change) -> Explanation:
     tried = change.known(one)
     assert tried is not None
     kept = certain(list(one.named[: change.place]))
-    reason = f"gains {tried.gain:.0f} nats, but all beads would share it: {change.told}"
+    reason = f"gains {tried.gain:.0f} in ln likelihood, but all beads would share it: {change.told}"
     after = kept[-1].after if kept else one.before
     return Explanation(one.before, after, tuple(kept), "unexplained", Rejected(tried, reason))

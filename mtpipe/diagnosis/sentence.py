@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 
 import numpy as np
+from numpy.typing import NDArray
 
 from mtpipe.battery.look import Look
 from mtpipe.configured.hypotheses import Tried
@@ -15,8 +16,9 @@ from mtpipe.diagnosis.words import capital, factor, is_large, percent
 from mtpipe.physics.camera import FloatArray
 from mtpipe.recording import AXES
 
-# Forces that change by less are said not to change.
-LEAST_TOLD = 0.005
+# Forces that change by less are said not to change: less than any calibration of magnetic tweezers
+# knows a force to, as radius and viscosity are seldom known to better than a percent.
+LEAST_TOLD = 0.01
 
 
 def sentence(found: Explanation, one: Named) -> str:
@@ -47,22 +49,47 @@ def sentence(found: Explanation, one: Named) -> str:
 
 
 def _consequence(found: Explanation) -> str:
-    """What leaving out all that is named does to the forces.
-
-    The error is that of the force found. That of the change is no larger: what is fitted without
-    the effect uses the same data (Hausman 1978).
-    """
+    """What leaving out all that is named does to the forces."""
     after = found.fit.force_pN
-    change = np.log(found.before.case.fit.force_pN / after)
-    worst = int(np.argmax(np.abs(change)))
-    ln, stderr = float(change[worst]), float(found.fit.force_stderr_pN[worst] / after[worst])
-    if abs(ln) < LEAST_TOLD:
-        return f"changed no force by more than {LEAST_TOLD:.1%}"
-    if is_large(ln):
-        return f"made forces {'up' if ln > 0 else 'down'} to {factor(ln, stderr)} times as high"
-    middle = math.expm1(float(np.median(change)))
-    kind = "raised" if ln > 0 else "lowered"
-    return f"{kind} forces by up to {percent(ln, stderr)} (median {middle:+.1%})"
+    ln = np.log(found.before.case.fit.force_pN / after)
+    return consequence(ln, found.fit.force_stderr_pN / after)
+
+
+def consequence(ln: FloatArray, stderr: FloatArray) -> str:
+    """What changes of forces come to, in words that continue "leaving it out …".
+
+    A change below 1 %, or within its error, is none.
+
+    Parameters
+    ----------
+    ln : (plateaus,) ln of the force without over that with the effect.
+    stderr : (plateaus,) relative errors of the forces found, which are those of the changes at
+        most: what is fitted without the effect uses the same data (Hausman 1978).
+    """
+    moved = (np.abs(ln) >= LEAST_TOLD) & (np.abs(ln) > stderr)
+    if not moved.any():
+        size = f"{100 * LEAST_TOLD:g} %" if np.all(np.abs(ln) < LEAST_TOLD) else "its error"
+        return f"changed no force by more than {size}"
+    parts = [_to_one_side(ln, stderr, moved & side) for side in (ln > 0, ln < 0)]
+    return " and ".join(part for part in parts if part)
+
+
+def _to_one_side(ln: FloatArray, stderr: FloatArray, moved: NDArray[np.bool_]) -> str:
+    """The forces that moved up, or those that moved down; empty where none did."""
+    if not moved.any():
+        return ""
+    worst = int(np.argmax(np.where(moved, np.abs(ln), -1.0)))
+    number, of = int(moved.sum()), len(ln)
+    up = ln[worst] > 0
+    forces = "forces" if number == of else f"{number} of {of} forces"
+    if is_large(float(ln[worst])):
+        size = factor(float(ln[worst]), float(stderr[worst]))
+        return f"made {forces} {'up' if up else 'down'} to {size} times as high"
+    size = percent(float(ln[worst]), float(stderr[worst]))
+    by = f"by up to {size}" if number > 1 else f"by {size}"
+    median = f"{100 * math.expm1(float(np.median(ln))):+.1f} %".replace("-", "−")
+    middle = f" (median {median})" if number == of > 1 else ""
+    return f"{'raised' if up else 'lowered'} {forces} {by}{middle}"
 
 
 def _mended(one: Named) -> Look | None:

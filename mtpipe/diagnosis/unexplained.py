@@ -7,7 +7,8 @@ frequency (a distribution, a course of time, a narrow line), the looks of the ba
 with the recorded value beside the simulated ones, and of courses and distributions a smooth curve
 and what it leaves open about the force (`left_in_time`, `left_in_distribution`). Of heights,
 whether they are as if z's scale changed at one (`bent_scale`). Of the catalogue, the effect that
-came nearest, and why it was rejected.
+came nearest, and why it was rejected; in words only where it would be most of the answer, since
+what explains a part is seldom what is there.
 """
 
 from __future__ import annotations
@@ -23,6 +24,7 @@ from mtpipe.crosschecking.check import BeadCheck
 from mtpipe.diagnosis.bent_scale import Bend, Beside, bend_beside
 from mtpipe.diagnosis.left_in_distribution import LeftInDistribution, left_in_distribution
 from mtpipe.diagnosis.left_in_time import LeftInTime, left_in_time
+from mtpipe.diagnosis.misfit import MOST_OF_IT, share_gone
 from mtpipe.diagnosis.smooth_correction import (
     AxisCorrection,
     Place,
@@ -83,7 +85,9 @@ class Unexplained:
 
     @functools.cached_property
     def looks(self) -> tuple[int, ...]:
-        """The oddest looks that the correction is not about, best first; of each kind one."""
+        """Indices of the looks that differ most and that the correction is not about, the most
+        significant first; of each kind one.
+        """
         kinds: dict[tuple[str, str], int] = {}
         for i in np.argsort(self.check.p_values, kind="stable").tolist():
             look = self.check.looks[i]
@@ -108,9 +112,9 @@ class Unexplained:
     def sentence(self) -> str:
         """All of it in words."""
         opening = (
-            "What is named does not explain it all."
+            "What is named does not explain all of the difference from the simulation."
             if self.beside
-            else "Nothing in the catalogue explains it."
+            else "No effect in the catalogue explains the difference from the simulation."
         )
         spectral = [] if self.correction is None else self._of_spectra(self.correction)
         looks = [capital(self._of_look(i)) + "." for i in self.looks]
@@ -122,11 +126,18 @@ class Unexplained:
         inner = looks + spectral if first in self.looks else spectral + looks
         if self.bend is not None:
             inner.insert(0, self._of_heights(self.bend))
-        if self.nearest is not None:
-            closing = [f"Nearest: {self.nearest.tried.effect.name}, which {self.nearest.reason}."]
-        else:
-            closing = [] if self.beside else ["No effect of the catalogue could be tried."]
+        closing = [] if self.nearest or self.beside else ["No effect could be tried."]
+        if self.nearest is not None and self.nearest_share >= MOST_OF_IT:
+            name = self.nearest.tried.effect.name
+            closing = [f"Nearest, but not named, is {name}: it {self.nearest.reason}."]
         return " ".join([opening, *inner, *closing])
+
+    @functools.cached_property
+    def nearest_share(self) -> float:
+        """Share of the misfit that the nearest effect would explain; 0 without any."""
+        if self.nearest is None:
+            return 0.0
+        return max(share_gone(self.check.case.fit, self.nearest.tried.fit), 0.0)
 
     def _of_heights(self, beside: Beside) -> str:
         fit = beside.bend.fit
@@ -135,8 +146,8 @@ class Unexplained:
         worst = int(np.argmax(np.abs(shift)))
         changed = compared(float(shift[worst]), float(stderr[worst]), "higher", "lower")
         return (
-            f"Heights are as if there were {beside.bend.words}, which gains "
-            f"{beside.gain:.0f} nats; forces would then be up to {changed} "
+            f"Heights are as if there were {beside.bend.words}, which raises ln likelihood by "
+            f"{beside.gain:.0f}; forces would then be up to {changed} "
             f"(plateau {self.number(worst)})."
         )
 
@@ -157,10 +168,10 @@ class Unexplained:
         shift, stderr = correction.ln_force_shift, correction.ln_force_stderr
         worst = int(np.argmax(np.abs(shift) + stderr))
         if abs(shift[worst]) + stderr[worst] < 0.005:
-            sentences.append("With that left open, forces are the same within 0.5 %.")
+            sentences.append("A fit that is free there gives the same forces within 0.5 %.")
         else:
             sentences.append(
-                f"Forces fitted with that left open are up to "
+                f"In a fit that is free there, forces are up to "
                 f"{compared(float(shift[worst]), float(stderr[worst]), 'higher', 'lower')} "
                 f"(plateau {self.number(worst)})."
             )
@@ -190,8 +201,8 @@ class Unexplained:
             parts.append(f"from {look.time_s[0]:.3g} to {look.time_s[1]:.3g} s")
         median, low, high = self.simulated(i)
         return (
-            f"{what} {' '.join(parts)} is {value:.3g}, simulated {median:.3g} "
-            f"({low:.3g} to {high:.3g})"
+            f"{what} {' '.join(parts)} is {value:.3g}; simulations give {median:.3g} "
+            f"(95 % of them {low:.3g} to {high:.3g})"
         )
 
 

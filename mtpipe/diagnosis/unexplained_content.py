@@ -36,6 +36,7 @@ def content_of(left: Unexplained) -> dict[str, Any]:
             "effect": left.nearest.tried.effect.name,
             "gain_nats": float(left.nearest.tried.gain),
             "penalty_nats": float(left.nearest.tried.penalty),
+            "share": left.nearest_share,
             "reason": left.nearest.reason,
         },
         "bend": None if left.bend is None else _bend_dict(left, left.bend),

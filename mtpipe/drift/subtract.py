@@ -12,6 +12,7 @@ from mtpipe.drift.combine import combined
 from mtpipe.drift.fast_z import FastShare, beyond_shared_nm, fast_share
 from mtpipe.drift.grid import Grid, grid_of, piece_coefficients
 from mtpipe.drift.highpass import slow_motion_nm
+from mtpipe.drift.left import course_left, left_notice
 from mtpipe.drift.lowpass import (
     Cutoff,
     PowerBins,
@@ -107,7 +108,10 @@ def _referenced(recording: Recording, choice: DriftChoice) -> Recording:
     lost = int(np.sum(np.isnan(subtracted).any(axis=1)))
     if lost:
         notices.append(_lost_notice(lost, len(grid.row)))
-    return _with_drift(recording, found, choice, cutoffs, subtracted, added, start, beyond, notices)
+    result = _with_drift(
+        recording, found, choice, cutoffs, subtracted, added, start, beyond, notices
+    )
+    return result if any(use.weight[2] > 0 for use in found.uses) else _with_left(result, recording)
 
 
 def _cutoff(
@@ -200,9 +204,10 @@ def _high_passed(recording: Recording, cutoff_hz: float) -> Recording:
         "frequencies below are no part of a fit, and z keeps its drift from plateau to plateau"
     )
     notice = Notice("highpass", "info", text)
-    return replace(
+    result = replace(
         recording, positions_nm=positions, notices=(*recording.notices, notice), drift=drift
     )
+    return _with_left(result, recording)
 
 
 def _untouched(
@@ -211,7 +216,17 @@ def _untouched(
     nothing = np.zeros((len(recording.time_s), 3))
     zero = (0.0, 0.0, 0.0)
     drift = Drift(method, (None, None, None), (), nothing, zero, zero, zero)
-    return replace(recording, notices=(*recording.notices, notice), drift=drift)
+    result = replace(recording, notices=(*recording.notices, notice), drift=drift)
+    return _with_left(result, recording)
+
+
+def _with_left(result: Recording, raw: Recording) -> Recording:
+    """A recording whose z kept the stage's motion from plateau to plateau, with how large it is."""
+    left = course_left(raw)
+    said = left_notice(raw, left)
+    notices = result.notices if said is None else (*result.notices, said)
+    assert result.drift is not None
+    return replace(result, notices=notices, drift=replace(result.drift, left_along_z=left))
 
 
 def _lost_notice(lost: int, frames: int) -> Notice:

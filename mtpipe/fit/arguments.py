@@ -15,6 +15,12 @@ from numpy.typing import ArrayLike
 from mtpipe.physics.buffer import thermal_energy_pN_nm
 from mtpipe.physics.camera import Camera, FloatArray
 
+# The motion is taken to be overdamped: a bead of 1 µm forgets its velocity within 0.1 µs, one of
+# 2.8 µm within 1 µs, and a million frames a second is what the fastest cameras reach. At the other
+# end, beads of any use return within seconds, and 64 frames at 0.1 Hz take more than ten minutes,
+# in which microscopes drift by more than a bead moves.
+FRAME_RATES_HZ = (0.1, 1e6)
+
 
 @dataclass(frozen=True)
 class TraceArguments:
@@ -54,8 +60,12 @@ def check_arguments(
     x = np.asarray(x_nm, dtype=float)
     if x.ndim != 1:
         raise ValueError(f"x_nm must be one trace, (n_frames,), got the shape {x.shape}")
-    if not (math.isfinite(frame_rate_hz) and frame_rate_hz > 0):
-        raise ValueError(f"frame_rate_hz must be positive, got {frame_rate_hz}")
+    low, high = FRAME_RATES_HZ
+    if not low <= frame_rate_hz <= high:
+        raise ValueError(
+            f"frame_rate_hz = {frame_rate_hz:g} is no camera's that follows a tethered bead "
+            f"({low:g} to {high:g} frames/s)"
+        )
     if not 250 < temperature_K < 400:
         raise ValueError(f"temperature_K = {temperature_K} is no temperature of a buffer in K")
     frame_s = 1 / frame_rate_hz

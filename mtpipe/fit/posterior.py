@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -18,6 +18,7 @@ from mtpipe.fit.ridge import (
 from mtpipe.fit.sampling import sample
 from mtpipe.fit.trace import TraceFit
 from mtpipe.physics.camera import FloatArray
+from mtpipe.status import status_of
 
 METHOD = "spectrum, posterior"
 DERIVATIVE_STEP = 1e-4
@@ -57,7 +58,7 @@ class Posterior:
     @property
     def stiffness(self) -> Estimate:
         """Stiffness in pN/nm."""
-        return self.summary(self.stiffness_pN_per_nm, "pN/nm")
+        return self.restoring(self.stiffness_pN_per_nm, "pN/nm")
 
     @property
     def friction(self) -> Estimate:
@@ -75,7 +76,12 @@ class Posterior:
     def corner_frequency(self) -> Estimate:
         """Corner frequency k/(2πγ) in Hz."""
         corner = np.exp(self.theta[:, 0] - self.theta[:, 1]) / (2 * math.pi)
-        return self.summary(corner, "Hz")
+        return self.restoring(corner, "Hz")
+
+    def restoring(self, sample: FloatArray, unit: str) -> Estimate:
+        """What a sample of a stiffness, force or corner frequency says, which may be nought."""
+        told = self.summary(sample, unit)
+        return replace(told, status=status_of(told, relaxations=self.fit.relaxations))
 
     def summary(self, sample: FloatArray, unit: str, *, positive: bool = True) -> Estimate:
         """What a sample of this chain says (`Estimate.of_sample`).
@@ -84,10 +90,11 @@ class Posterior:
         """
         told = Estimate.of_sample(sample, unit, METHOD, converged=self.converged)
         low, high = told.interval
-        if positive and 0.5 * math.log(high / low) > NOT_IDENTIFIED_LN:
+        if positive and low > 0 and 0.5 * math.log(high / low) > NOT_IDENTIFIED_LN:
             together = tied(np.cov(self.theta.T), self.fit.model.free)
             return Estimate.missing(unit, METHOD, interval=told.interval, tied_to=together)
-        return told
+        unlike = status_of(told, p_value=self.fit.p_value) if positive else told.status
+        return replace(told, status=unlike)
 
 
 def sample_posterior(fit: TraceFit, *, seed: int | np.random.Generator = 0) -> Posterior:

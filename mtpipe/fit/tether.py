@@ -1,7 +1,8 @@
 """Fit of one worm-like chain to one bead's forces and mean extensions, both with errors.
 
 The true force of every point is profiled out (`mtpipe.fit.errors_in_both`), which leaves lmfit's
-least squares one residual per point. Errors of forces are taken as relative: a force comes from a
+least squares one residual per point, and one per shape of the stage's motion where that is in the
+extensions. Errors of forces are taken as relative: a force comes from a
 stiffness whose logarithm is what is Gaussian. Parameters are fitted as logarithms and the stretch
 modulus as its inverse, which is what the data determine linearly; intervals are symmetric there and
 not in the value.
@@ -45,6 +46,9 @@ Relation = Literal["potential", "long-chain"]
 
 _LARGEST_RELATIVE_ERROR = 0.5
 _LEAST_COMPLIANCE_PER_PN = 1e-9
+# Shapes of the stage's motion with less of its variance than this are rounding.
+_LEAST_SHARE = 1e-10
+_STAGE = "stage_"
 
 
 @dataclass(frozen=True)
@@ -52,8 +56,10 @@ class ExtensionPoints:
     """Forces and mean extensions of one bead, one per plateau; all arrays of the same length.
 
     `lever_nm` is the length the lateral stiffness was multiplied by to give the force (extension
-    along the field, extension + radius across). It matters only where the zero of z is unknown:
-    the force then moves with it. None: the force was measured otherwise.
+    along the field, extension + radius across). It matters only where heights may be off together,
+    by the zero of z or the stage's motion: the force then moves with them. None: the force was
+    measured otherwise. `stage_nm2` is the (points, points) covariance of the extensions by the
+    stage's motion, which `extension_stderr_nm` holds and `force_stderr_pN` does not; None for none.
     """
 
     plateau: NDArray[np.int64]
@@ -62,6 +68,7 @@ class ExtensionPoints:
     extension_nm: FloatArray
     extension_stderr_nm: FloatArray
     lever_nm: FloatArray | None = None
+    stage_nm2: FloatArray | None = None
 
     def __len__(self) -> int:
         return len(self.force_pN)
@@ -75,12 +82,30 @@ class ExtensionPoints:
             self.extension_nm[keep],
             self.extension_stderr_nm[keep],
             None if self.lever_nm is None else self.lever_nm[keep],
+            None if self.stage_nm2 is None else self.stage_nm2[keep][:, keep],
         )
+
+    @property
+    def own_stderr_nm(self) -> FloatArray:
+        """(points,) standard errors of the extensions without the stage's motion."""
+        if self.stage_nm2 is None:
+            return self.extension_stderr_nm
+        return np.asarray(np.sqrt(self.extension_stderr_nm**2 - np.diag(self.stage_nm2)))
+
+    @property
+    def stage_shapes_nm(self) -> FloatArray:
+        """(points, n) independent shapes of the stage's motion, each of the size it has: any such
+        motion is their sum with factors of variance 1."""
+        if self.stage_nm2 is None:
+            return np.zeros((len(self), 0))
+        variance, shapes = np.linalg.eigh(self.stage_nm2)
+        kept = variance > _LEAST_SHARE * variance.max()
+        return np.asarray(shapes[:, kept] * np.sqrt(variance[kept]))
 
     def usable(self) -> NDArray[np.bool_]:
         """Which points have a positive force and extension and positive errors of both."""
         columns = (
-            self.force_pN, self.force_stderr_pN, self.extension_nm, self.extension_stderr_nm
+            self.force_pN, self.force_stderr_pN, self.extension_nm, self.own_stderr_nm
         )  # fmt: skip
         return np.asarray(np.all([np.isfinite(c) & (c > 0) for c in columns], axis=0))
 
@@ -191,8 +216,15 @@ def fit_tether(points: ExtensionPoints, formula: Formula, assay: Assay) -> Tethe
         start.add("compliance", 1e-3)
     if assay.zero_stderr_nm > 0:
         start.add("offset", 0.0)
+    shapes_nm = points.stage_shapes_nm
+    for i in range(shapes_nm.shape[1]):
+        start.add(f"{_STAGE}{i}", 0.0)
     result: Any = lmfit.minimize(
-        _residuals, start, args=(points, formula, assay), scale_covar=False, max_nfev=500
+        _residuals,
+        start,
+        args=(points, formula, assay, shapes_nm),
+        scale_covar=False,
+        max_nfev=500 * (1 + shapes_nm.shape[1]),
     )
     return _collect(result, points, formula, assay)
 
@@ -237,11 +269,22 @@ def _heights(
 
 
 def _residuals(
-    parameters: Any, points: ExtensionPoints, formula: Formula, assay: Assay
+    parameters: Any,
+    points: ExtensionPoints,
+    formula: Formula,
+    assay: Assay,
+    shapes_nm: FloatArray,
 ) -> FloatArray:
-    """Signed distances of the points from the curve, in standard errors; the offset's own last."""
+    """Signed distances of the points from the curve, in standard errors; those of the stage's
+    motion and of the offset last.
+
+    Heights that may be off together are fitted as what they are off by, in shapes of unit variance:
+    the least squares then are those of the whole covariance, and forces move with their levers.
+    """
     values = parameters.valuesdict()
-    offset = values.get("offset", 0.0)
+    zero = values.get("offset", 0.0)
+    stage = np.array([values[f"{_STAGE}{i}"] for i in range(shapes_nm.shape[1])])
+    offset = zero + shapes_nm @ stage
     extension = points.extension_nm + offset
     log_force = np.log(points.force_pN)
     if points.lever_nm is not None:
@@ -254,12 +297,11 @@ def _residuals(
         log_force,
         relative_error,
         extension,
-        points.extension_stderr_nm,
+        points.own_stderr_nm,
         curve=CubicSpline(grid, _heights(values, np.exp(grid), formula, assay)),
     )
-    if not 0 < assay.zero_stderr_nm < math.inf:
-        return distances
-    return np.append(distances, offset / assay.zero_stderr_nm)
+    known = 0 < assay.zero_stderr_nm < math.inf
+    return np.concatenate([distances, stage, [zero / assay.zero_stderr_nm] if known else []])
 
 
 def _collect(result: Any, points: ExtensionPoints, formula: Formula, assay: Assay) -> TetherFit:
@@ -329,10 +371,12 @@ def _linear(mean: float, error: float, unit: str, method: str, status: Status) -
 
 
 def _strongest(result: Any) -> tuple[str, str, float] | None:
-    """The pair of parameters with the largest correlation in magnitude."""
+    """The pair of the tether's parameters with the largest correlation in magnitude."""
     names, covariance = result.var_names, getattr(result, "covar", None)
-    if covariance is None or len(names) < 2:
+    if covariance is None:
         return None
+    tether = [i for i, name in enumerate(names) if not name.startswith(_STAGE)]
+    names, covariance = [names[i] for i in tether], covariance[np.ix_(tether, tether)]
     scale = np.sqrt(np.diag(covariance))
     correlation = np.triu(covariance / np.outer(scale, scale), 1)
     i, j = np.unravel_index(np.argmax(np.abs(correlation)), correlation.shape)

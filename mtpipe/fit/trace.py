@@ -31,6 +31,7 @@ from mtpipe.fit.profile import is_parabola, profile_reach
 from mtpipe.physics.camera import FloatArray
 from mtpipe.physics.modes import SINGLE_MODE, Modes
 from mtpipe.spectrum import Spectrum, periodogram, prewhitening
+from mtpipe.status import status_of
 
 # Standard error of a ln stiffness that the data do not tell.
 NOT_TOLD_LN = 2.0
@@ -40,6 +41,7 @@ AT_ZERO = 1e-7
 SENSIBLE_COVARIANCE = 1e6
 # What ln stiffness, ln friction and ln corner frequency are of the first two.
 SHARES = np.array([[1.0, 0.0], [0.0, 1.0], [1.0, -1.0]])
+FRICTION = 1
 METHOD = "spectrum, maximum likelihood"
 # A valley of the deviance is followed in so many steps.
 VALLEY_STEPS = 4
@@ -89,6 +91,11 @@ class TraceFit:
         """Corner frequency over the Nyquist frequency."""
         return float(np.exp(self.theta[0] - self.theta[1])) / math.pi * self.spectrum.window.frame_s
 
+    @property
+    def relaxations(self) -> float:
+        """Length of the trace in relaxation times."""
+        return relaxations_in(self.spectrum, self.theta)
+
     @functools.cached_property
     def shift_per_exposure(self) -> FloatArray:
         """(3,) how far θ moves per second by which the exposure is not what it is taken for."""
@@ -126,12 +133,14 @@ def fit_trace(
 
     Returns
     -------
-    TraceFit. Estimates that the trace does not determine have status "not_identified".
+    TraceFit. Estimates that the trace does not determine have status "not_identified", those of a
+    spectrum unlike the model's "unlike_model"; a stiffness that may be nought has "zero_force".
 
     Raises
     ------
     FitError : fewer than 64 frames, or no motion.
-    ValueError : an exposure longer than a frame, or a number that cannot be.
+    ValueError : an exposure longer than a frame, a frame rate that no camera has, or another number
+        that cannot be.
     """
     given = check_arguments(
         x_nm,
@@ -291,9 +300,11 @@ def describe(
 
     reach = None if parabola else profile_reach(model, theta, SHARES)
 
+    returns = relaxations_in(model.spectrum, theta)
+
     def estimate(number: int, less: float, unit: str) -> Estimate:
         weights = np.array([*SHARES[number], 0.0])
-        return logarithmic(
+        found = logarithmic(
             float(weights @ theta) - less,
             float(weights @ covariance @ weights),
             unit,
@@ -301,10 +312,13 @@ def describe(
             tied_to=together,
             reach=None if reach is None else reach[number],
         )
+        # how fast a bead diffuses is known without its return
+        length = math.inf if number == FRICTION else returns
+        return replace(found, status=status_of(found, p_value=p_value, relaxations=length))
 
     return TraceFit(
         stiffness=estimate(0, 0.0, "pN/nm"),
-        friction=estimate(1, 0.0, "pN s/nm"),
+        friction=estimate(FRICTION, 0.0, "pN s/nm"),
         noise=_noise(model, theta[2], covariance[2, 2]),
         corner_frequency=estimate(2, math.log(2 * math.pi), "Hz"),
         theta=theta,
@@ -314,6 +328,11 @@ def describe(
         dof=dof,
         p_value=p_value,
     )
+
+
+def relaxations_in(spectrum: Spectrum, theta: FloatArray) -> float:
+    """Length of a trace in the relaxation times of θ (3,)."""
+    return spectrum.duration_s * math.exp(theta[0] - theta[1])
 
 
 def _noise(model: TraceModel, coordinate: float, variance_of_it: float) -> Estimate:

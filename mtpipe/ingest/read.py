@@ -9,6 +9,7 @@ from functools import partial
 from pathlib import Path
 
 import numpy as np
+from numpy.typing import NDArray
 from pydantic import ValidationError
 
 from mtpipe.errors import MtpipeError, RecordingError, SetupError
@@ -204,6 +205,7 @@ def _assembled(
         *check_gaps(clock.frame, locate),
         *repeats,
         *magnets.notices,
+        *_settled_away(recording, magnets.resting),
         *sound.notices,
         *surface.notices,
     )
@@ -224,6 +226,24 @@ def _clock(
         check_rate(stated, clock.rate_hz, "the time stamps say")
     time_s = clock.time_s + stated.start_s if data.time_s is None else clock.time_s
     return dataclasses.replace(clock, time_s=time_s, notices=tuple(said))
+
+
+def _settled_away(recording: Recording, resting: NDArray[np.bool_] | None) -> tuple[Notice, ...]:
+    """Say how many dwells the settling time leaves too short to be plateaus."""
+    choice = recording.setup.plateaus
+    if choice.settle_s == 0:
+        return ()
+    unsettled = choice.model_copy(update={"settle_s": 0.0})
+    dwells = find_plateaus(recording.time_s, recording.magnet_mm, unsettled, resting)
+    gone = len(dwells) - len(recording.plateaus)
+    if gone <= 0:
+        return ()
+    said = (
+        f"{gone} of {len(dwells)} dwells of the magnets give no plateau: once [plateaus] settle_s "
+        f"= {choice.settle_s:g} s is left out, less than minimum_s = {choice.minimum_s:g} s is "
+        "left of them."
+    )
+    return (Notice("settled_away", "caution", said),)
 
 
 def _without(data: Collected, source: Source | None) -> dict[str, np.ndarray]:
@@ -263,10 +283,29 @@ def _no_plateau(recording: Recording) -> RecordingError:
     steps = np.abs(np.diff(recording.magnet_mm))
     steps = steps[np.isfinite(steps)]
     jitter = float(np.median(steps)) if len(steps) else 0.0
+    if jitter > 0:
+        return RecordingError(
+            f"no stretch of resting magnets lasts {choice.minimum_s:g} s "
+            f"(the position changes by {jitter:.2g} mm from frame to frame)",
+            mend="Raise [plateaus] tolerance_mm above the motor's noise, or lower minimum_s.",
+        )
+    longest = choice.model_copy(update={"minimum_s": 0.0, "settle_s": 0.0})
+    every = find_plateaus(recording.time_s, recording.magnet_mm, longest)
+    frame_s = float(np.median(np.diff(recording.time_s)))
+    longest_s = frame_s * max((one.stop - one.start for one in every), default=1)
+    empty = int(np.count_nonzero(np.isnan(recording.magnet_mm)))
+    if empty:
+        return RecordingError(
+            f"the magnet position is missing in {empty} of {len(recording.magnet_mm)} frames, and "
+            f"without a break it is there for at most {longest_s:.3g} s; a plateau needs "
+            f"{choice.minimum_s:g} s",
+            mend="Fill the empty cells of the magnet's column, or lower [plateaus] minimum_s.",
+        )
     return RecordingError(
-        f"no stretch of resting magnets lasts {choice.minimum_s:g} s "
-        f"(the position changes by {jitter:.2g} mm from frame to frame)",
-        mend="Raise [plateaus] tolerance_mm above the motor's noise, or lower minimum_s.",
+        f"no stretch of resting magnets is left that lasts {choice.minimum_s:g} s: the longest "
+        f"lasts {longest_s:.3g} s, of which {choice.settle_s:g} s are left out for settling, and "
+        "any time in which the magnets rotate",
+        mend="Lower [plateaus] minimum_s or settle_s.",
     )
 
 

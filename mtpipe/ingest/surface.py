@@ -108,11 +108,20 @@ def find_surface(recording: Recording) -> Surface:
         beads = f"bead {unknown[0]}" if len(unknown) == 1 else f"{len(unknown)} beads"
         said = (
             f"Where z = 0 is for {beads} is unknown ([source.z_zero]): z is left as it stands in "
-            "the file, so the extension, and with it the force, has an unknown offset."
+            "the file, and there is neither an extension nor a force."
         )
         only = unknown[0] if len(unknown) == 1 else None
         notices.append(Notice("z_zero_unknown", "warning", said, bead=only))
     return Surface(heights, errors, tuple(notices))
+
+
+def z_zero_time_s(recording: Recording, bead: str) -> float:
+    """When z = 0 is at the surface: while a bead touches it, else at the recording's beginning."""
+    source = recording.setup.source or Source()
+    choice = source.z_zero_of.get(bead, source.z_zero)
+    if choice is None or choice.unknown or choice.value_nm is not None:
+        return float(recording.time_s[0])
+    return float(np.mean(recording.time_s[_stretch(recording, source, choice)]))
 
 
 def _stage_nm(recording: Recording) -> FloatArray:

@@ -123,6 +123,7 @@ def fit_arctangent(method: str, arguments: TraceArguments, correction: Correctio
         ln_values,
         to_stiffness @ result.covariance @ to_stiffness.T,
         known_noise(noise_nm2, method),
+        duration_s=len(x) * frame_s,
         converged=result.converged,
         notes=tuple(notes),
     )

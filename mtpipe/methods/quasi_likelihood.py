@@ -158,6 +158,7 @@ def fit_statistics(
         theta[:2],
         covariance[:2, :2],
         noise,
+        duration_s=len(arguments.x_nm) * arguments.camera.frame_s,
         converged=converged,
         friction_is_given=friction_is_given,
         notes=notes,

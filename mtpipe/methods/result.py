@@ -10,6 +10,7 @@ import numpy as np
 from mtpipe.estimate import Estimate, Status
 from mtpipe.fit.estimates import logarithmic
 from mtpipe.physics.camera import FloatArray
+from mtpipe.status import status_of
 
 
 @dataclass(frozen=True)
@@ -39,6 +40,7 @@ def describe(
     covariance: FloatArray,
     noise: Estimate,
     *,
+    duration_s: float,
     converged: bool = True,
     friction_is_given: bool = False,
     notes: tuple[str, ...] = (),
@@ -46,7 +48,12 @@ def describe(
     """Estimates from (ln k, ln γ) and their (2, 2) covariance.
 
     What is not known to better than a factor e has status "not_identified" and no value, and
-    nothing has a value where the method did not converge.
+    nothing has a value where the method did not converge. A stiffness that a random walk as long
+    as the trace would show as well has status "zero_force".
+
+    Parameters
+    ----------
+    duration_s : of the trace.
     """
     coordinates = {
         "stiffness": (np.array([1.0, 0.0]), "pN/nm"),
@@ -61,7 +68,9 @@ def describe(
         if name == "corner_frequency":
             ln_value -= math.log(2 * math.pi)
         variance = float(direction @ covariance @ direction)
-        estimates[name] = logarithmic(ln_value, variance, unit, method, bias_removed=False)
+        found = logarithmic(ln_value, variance, unit, method, bias_removed=False)
+        returns = math.inf if name == "friction" else duration_s * math.exp(ln_values @ (1, -1))
+        estimates[name] = replace(found, status=status_of(found, relaxations=returns))
     if friction_is_given and estimates["friction"].status == "ok":
         estimates["friction"] = replace(estimates["friction"], status="fixed")
     return MethodFit(method, **estimates, noise=noise, converged=True, notes=notes)

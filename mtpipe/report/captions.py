@@ -17,64 +17,59 @@ def agreement_caption(compared: Sequence[Comparison]) -> str:
         return ""
     rms, plateaus = overall
     return (
-        f"x and y differ by {words.number(rms, 2)} combined standard errors (rms over "
-        f"{words.count(plateaus, 'plateau')}; about 1 is chance)."
+        f"x and y differ by {words.number(rms, 2)} combined standard errors (root mean square over "
+        f"{words.count(plateaus, 'plateau')}; by chance it is about 1)."
     )
 
 
-def trace_captions(force: Mapping[str, Any], *, sampled: bool, shared: bool) -> dict[str, str]:
+def trace_captions(fit: Mapping[str, Any], *, sampled: bool) -> dict[str, str]:
     """What stands below spectrum and posterior of a trace, given as a row of `forces`.
 
     Parameters
     ----------
     sampled : there is a posterior of it.
-    shared : x and y have one force in this plateau.
     """
-    status = words.text(force["status"])
+    status = words.text(fit["status"])
     if status == "refused":
-        refused = f"Refused: {words.text(force['refusal'])}"
+        refused = f"Refused: {words.text(fit['refusal'])}"
         return {"spectrum": refused, "posterior": "No posterior: the trace was refused."}
     parts = []
-    if words.is_number(force["force_pN"]):
-        shown = words.with_error(force["force_pN"], force["force_stderr_pN"])
-        parts.append(f"force {shown} pN{', common to x and y' if shared else ''}")
-    if words.is_number(force["force_alone_pN"]) and joint_fit(force["method"]):
-        shown = words.with_error(force["force_alone_pN"], force["force_alone_stderr_pN"])
-        parts.append(f"{force['axis']} by itself tells {shown} pN")
-    parts.append(f"fitted: {words.text(force['method'])}")
-    if words.is_number(force["fit_deviance"]):
+    if words.is_number(fit["force_axis_pN"]):
+        shown = words.with_error(fit["force_axis_pN"], fit["force_axis_stderr_pN"])
+        parts.append(f"from {fit['axis']} alone {shown} pN")
+    parts.append(f"fitted: {words.text(fit['method'])}")
+    if words.is_number(fit["fit_deviance"]):
         parts.append(
-            f"deviance {words.number(force['fit_deviance'], 4)} for "
-            f"{words.number(force['fit_dof'], 4)} degrees of freedom, "
-            f"p = {words.number(force['fit_p_value'], 2)}"
+            f"deviance {words.number(fit['fit_deviance'], 4)} for "
+            f"{words.number(fit['fit_dof'], 4)} degrees of freedom, "
+            f"p = {words.number(fit['fit_p_value'], 2)}"
         )
     if status != "ok":
         meaning = words.STATUS_MEANING.get(status, "")
         parts.append(f"{words.STATUS.get(status, status)}: {meaning}")
-    ratio = words.number(force["nyquist_ratio"], 2)
-    parts.append(f"corner frequency {ratio} of the Nyquist frequency")
-    text = "; ".join(parts) + "."
+    ratio = words.number(fit["nyquist_ratio"], 2)
+    parts.append(f"the corner frequency is {ratio} times the Nyquist frequency")
     return {
-        "spectrum": text[0].upper() + text[1:],
-        "posterior": _posterior_caption(force, sampled=sampled, shared=shared),
+        "spectrum": words.sentence("; ".join(parts)),
+        "posterior": _posterior_caption(fit, sampled=sampled),
     }
 
 
-def _posterior_caption(force: Mapping[str, Any], *, sampled: bool, shared: bool) -> str:
-    if not sampled or not words.is_number(force["posterior_rhat"]):
+def _posterior_caption(fit: Mapping[str, Any], *, sampled: bool) -> str:
+    if not sampled or not words.is_number(fit["posterior_rhat"]):
         return "No posterior was sampled for this trace."
-    if joint_fit(force["method"]):
-        common = ", and the force that x and y share" if shared else ""
+    joint = joint_fit(fit["method"])
+    of = "Posterior of this trace alone"
+    if joint is not None:
+        common = ", and the force that x and y share" if joint.force_shared else ", and its force"
         of = (
-            "Joint posterior of the bead's series, seen from this trace: its stiffness and "
-            f"friction{common}"
+            "From the posterior of the joint fit of all the bead's spectra: stiffness and friction "
+            f"of this trace{common}"
         )
-    else:
-        of = "Posterior of this trace by itself"
     numbers = (
-        f"R-hat {words.number(force['posterior_rhat'], 4)}, "
-        f"{words.number(force['posterior_ess'], 3)} effective samples"
+        f"R-hat {words.number(fit['posterior_rhat'], 4)}, "
+        f"{words.number(fit['posterior_ess'], 3)} effective samples"
     )
-    if not force["posterior_converged"]:
-        return f"{of}. Not converged ({numbers}): this sample is not yet a posterior."
+    if not fit["posterior_converged"]:
+        return f"{of}. Not converged ({numbers}): do not rely on this sample."
     return f"{of}. Converged: {numbers}."

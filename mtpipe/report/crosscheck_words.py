@@ -1,4 +1,4 @@
-"""The cross-check in words: what a statistic looks at, where, and what a p-value means."""
+"""The cross-check in words: what is compared, where, and what a p-value means."""
 
 from __future__ import annotations
 
@@ -9,6 +9,7 @@ from mtpipe.battery.words import STATISTICS
 from mtpipe.report import words
 
 CONSISTENT, MISMATCH = 0.05, 0.01
+LINES = ("line", "second_line")
 
 
 def line_of(row: Mapping[str, Any]) -> str:
@@ -22,31 +23,31 @@ def band(row: Mapping[str, Any]) -> str:
     return f"{words.number(row['band_low_hz'], 2)} – {words.number(row['band_high_hz'], 2)}"
 
 
-def verdict(p_value: float, looks: int, simulations: int) -> str:
-    """The p-value of all looks together, in a sentence."""
-    p = words.number(p_value, 2)
-    basis = f"{looks} looks together, beside {simulations} simulations"
+def verdict(p_value: float, comparisons: int, simulations: int) -> str:
+    """The p-value of all comparisons together, in a sentence."""
+    p = words.probability(p_value)
+    basis = f"{comparisons} comparisons with {simulations} simulations, counted together"
     if p_value >= CONSISTENT:
-        return f"Consistent with the configured experiment: p = {p} ({basis})."
+        return f"Recording and simulations agree: {p} ({basis})."
     once = words.number(1 / max(p_value, 1e-300), 2)
-    often = f"of {once} recordings that behave as configured, one looks as odd"
+    often = f"of {once} recordings of the configured experiment one differs as much by chance"
     if p_value >= MISMATCH:
-        return f"No clear mismatch: p = {p}; {often} ({basis})."
+        return f"No clear mismatch: {p}; {often} ({basis})."
     if p_value < 1 / (simulations + 1):
         often = (
-            "none of the simulations looks as odd, and how far out it is follows from their tail"
+            "no simulation differs as much, so this p-value is extrapolated from the spread of "
+            "the simulations"
         )
-    said = "This bead does not behave as the configured experiment should"
-    return f"{said}: p = {p}; {often} ({basis})."
+    return f"Recording and simulations differ: {p}; {often} ({basis})."
 
 
-def look(row: Mapping[str, Any]) -> str:
+def comparison(row: Mapping[str, Any]) -> str:
     """One row of the table in a sentence."""
     statistic = str(row["statistic"])
     what = STATISTICS.get(statistic, ("", words.label(statistic)))[1]
     parts = [str(row["axis"])] if row["axis"] else []
     parts.append("all plateaus together" if row["plateau"] is None else f"plateau {row['plateau']}")
-    if statistic in ("line", "second_line"):
+    if statistic in LINES:
         parts.append(f"{words.number((row['band_low_hz'] + row['band_high_hz']) / 2, 4)} Hz")
     elif words.is_number(row["band_low_hz"]):
         parts.append(f"{band(row)} Hz")
@@ -57,10 +58,27 @@ def look(row: Mapping[str, Any]) -> str:
     side = "above" if row["value"] > row["simulated_median"] else "below"
     spread = f"{_short(row['simulated_low'])} to {_short(row['simulated_high'])}"
     sentence = (
-        f"{', '.join(parts)}: {what} is {side} what is simulated, {_short(row['value'])} "
-        f"instead of {spread} (p = {words.number(row['p_value'], 2)}"
+        f"{', '.join(parts)}: {what} is {side} the simulated one, {_short(row['value'])} "
+        f"instead of {spread} ({words.probability(row['p_value'])}"
     )
-    return sentence + (", by the tail fitted to the simulations)." if row["extrapolated"] else ").")
+    return sentence + (", extrapolated)." if row["extrapolated"] else ").")
+
+
+def place_in_words(located: Mapping[str, Any]) -> str:
+    """An entry of `located` of `mismatch.json`: what differs and where."""
+    statistic = str(located["statistic"])
+    parts = [STATISTICS.get(statistic, ("", words.label(statistic)))[1]]
+    if located["axis"]:
+        parts.append(f"along {words.listed(list(located['axis']))}")
+    if located["band_hz"] is not None:
+        low, high = located["band_hz"]
+        if statistic in LINES:
+            parts.append(f"at {words.number((low + high) / 2, 4)} Hz")
+        else:
+            parts.append(f"between {words.number(low, 2)} and {words.number(high, 2)} Hz")
+    if located["plateaus"]:
+        parts.append(f"in {words.plateaus(located['plateaus'])}")
+    return f"{' '.join(parts)} ({words.probability(located['p_value'])})"
 
 
 def _short(value: Any) -> str:

@@ -1,4 +1,4 @@
-"""The chart that tells whether x and y agree: the force each tells by itself over the one given."""
+"""The chart of whether x and y agree: the force from each alone over the force to quote."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ REACH = 2.0
 
 
 def agreement_figure(arrays: Arrays, compared: Sequence[Comparison]) -> Figure:
-    """Force from x and from y alone, over the force of the plateau; grey: its standard error."""
+    """Force from x and from y alone over the one to quote; grey: the standard error of that one."""
     if not any(one.alone for one in compared):
         return {"data": [], "layout": layout(380)}
     given = np.array([one.given for one in compared])
@@ -48,7 +48,7 @@ def agreement_figure(arrays: Arrays, compared: Sequence[Comparison]) -> Figure:
             {
                 "type": "scatter",
                 "mode": "markers",
-                "name": f"{name} by itself",
+                "name": f"{name} alone",
                 "x": arrays.add(whole * np.exp(step)),
                 "y": arrays.add(value),
                 "error_y": bars(arrays, high - value, AXIS_COLOUR[name], below=value - low),
@@ -64,8 +64,8 @@ def agreement_figure(arrays: Arrays, compared: Sequence[Comparison]) -> Figure:
         "data": data,
         "layout": layout(
             380,
-            xaxis=log_axis("force given / pN", given),
-            yaxis=axis("force by itself / force given", range=[1 - reach, 1 + reach]),
+            xaxis=log_axis("force to quote / pN", given),
+            yaxis=axis("force alone / force to quote", range=[1 - reach, 1 + reach]),
             shapes=[*shapes, line | {"line": {"color": GREY, "width": 1, "dash": "dash"}}],
         ),
     }
@@ -89,6 +89,6 @@ def _given(one: Comparison, side: float) -> dict[str, Any]:
 def _hover(one: Comparison, name: str) -> str:
     value, stderr = one.alone[name][:2]
     return (
-        f"plateau {one.plateau}<br>{name} by itself {value:.4g} ± {stderr:.2g} pN<br>"
-        f"given {one.given:.4g} ± {one.given_stderr:.2g} pN"
+        f"plateau {one.plateau}<br>{name} alone {value:.4g} ± {stderr:.2g} pN<br>"
+        f"to quote {one.given:.4g} ± {one.given_stderr:.2g} pN"
     )

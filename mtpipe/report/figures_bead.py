@@ -11,13 +11,12 @@ from mtpipe.fit.tether import Assay, expected_extension_nm
 from mtpipe.physics.tether import VALIDITY, Chain
 from mtpipe.report import words
 from mtpipe.report.folder import RunFolder, records
-from mtpipe.report.plateau_forces import drawn_forces
+from mtpipe.report.plateau_forces import quoted
 from mtpipe.report.plotly_json import (
     AXIS_COLOUR,
-    AXIS_SYMBOL,
     INK,
-    SHARED_COLOUR,
-    SHARED_SYMBOL,
+    PLATEAU,
+    QUOTED_COLOUR,
     Arrays,
     Figure,
     axis,
@@ -39,28 +38,23 @@ LEAST_LABELLED = 0.03
 
 
 def force_extension_figure(arrays: Arrays, folder: RunFolder, bead: str) -> Figure:
-    """Force against extension with every model: solid where fitted, thin elsewhere.
-
-    One point for a plateau whose force x and y share, else one from x and one from y.
-    """
-    forces = drawn_forces(folder.forces[folder.forces["bead"] == bead])
+    """Force to quote against extension with every model: thick where fitted, thin elsewhere."""
+    forces = quoted(folder.forces[folder.forces["bead"] == bead])
+    forces = forces[forces["extension_nm"].notna()]
     data: list[dict[str, Any]] = []
-    for source, table in forces.groupby("source", sort=False):
-        colour = AXIS_COLOUR.get(str(source), SHARED_COLOUR)
+    if len(forces):
         data.append(
             {
                 "type": "scatter",
                 "mode": "markers",
-                "name": f"force from {source}",
-                "x": arrays.add(table["extension_nm"]),
-                "y": arrays.add(table["force_pN"]),
-                "error_x": bars(arrays, table["extension_stderr_nm"], colour),
-                "error_y": bars(arrays, table["force_stderr_pN"], colour),
-                "customdata": arrays.add(table["plateau"]),
-                "marker": {"color": colour, "size": 8}
-                | {"symbol": AXIS_SYMBOL.get(str(source), SHARED_SYMBOL)},
-                "hovertemplate": f"plateau %{{customdata}}, {source}<br>%{{x:.1f}} nm, "
-                "%{y:.3g} pN<extra></extra>",
+                "name": "force to quote",
+                "x": arrays.add(forces["extension_nm"]),
+                "y": arrays.add(forces["force_pN"]),
+                "error_x": bars(arrays, forces["extension_stderr_nm"], QUOTED_COLOUR),
+                "error_y": bars(arrays, forces["force_stderr_pN"], QUOTED_COLOUR),
+                "customdata": arrays.add(forces["plateau"]),
+                "marker": {"color": QUOTED_COLOUR, "size": 8},
+                "hovertemplate": "plateau %{customdata}<br>%{x:.1f} nm, %{y:.3g} pN<extra></extra>",
             }
         )
     fits = folder.force_extension[folder.force_extension["bead"] == bead]
@@ -145,7 +139,7 @@ def traces_figure(arrays: Arrays, folder: RunFolder, bead: str) -> Figure:
         )
     narrow_s = LEAST_LABELLED * (table["time_s"].max() - table["time_s"].min())
     made["shapes"] = [
-        {"type": "rect", "layer": "below", "line": {"width": 0}, "fillcolor": "#f4f5f7"}
+        {"type": "rect", "layer": "below", "line": {"width": 0}, "fillcolor": PLATEAU}
         | {"xref": f"x{4 if column else ''}", "yref": "paper", "y0": 0, "y1": 1}
         | {"x0": row["start_s"], "x1": row["start_s"] + row["duration_s"]}
         | {

@@ -11,6 +11,7 @@ import numpy as np
 from mtpipe.report.plotly_json import (
     AXIS_COLOUR,
     AXIS_SYMBOL,
+    CALM,
     GREY,
     INK,
     Arrays,
@@ -22,13 +23,13 @@ from mtpipe.report.plotly_json import (
 )
 from mtpipe.report.words import number
 
-STAGES = {"before": "as configured", "after": "with what is named"}
+STAGES = {"before": "as configured", "after": "with what was named"}
 # Domains of the upper and the lower row of spectra.
 UPPER, LOWER = (0.44, 1.0), (0.0, 0.36)
 # Colours end so many standard errors from none; blue is too little, orange too much.
 DEEPEST = 6.0
 SHADES = [
-    [0.0, "#003f66"], [0.25, "#4a9ac4"], [0.5, "#f6f7f9"], [0.75, "#e68a4a"], [1.0, "#5c1a00"],
+    [0.0, "#003f66"], [0.25, "#4a9ac4"], [0.5, CALM], [0.75, "#e68a4a"], [1.0, "#5c1a00"],
 ]  # fmt: skip
 LINE_PX = 15
 

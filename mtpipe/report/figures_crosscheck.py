@@ -13,6 +13,7 @@ from mtpipe.report import words
 from mtpipe.report.plotly_json import (
     AXIS_COLOUR,
     AXIS_SYMBOL,
+    CALM,
     INK,
     PALE,
     Arrays,
@@ -26,7 +27,7 @@ from mtpipe.report.rows_crosscheck import CrossCheckRows
 
 # Colours end at this −log10 p.
 DEEPEST = 6.0
-SHADES = [[0.0, "#f6f7f9"], [1 / 3, "#fde3b8"], [2 / 3, "#d55e00"], [1.0, "#5c1a00"]]
+SHADES = [[0.0, CALM], [1 / 3, "#fde3b8"], [2 / 3, "#d55e00"], [1.0, "#5c1a00"]]
 LINE_PX, HOVER_WIDTH = 17, 70
 
 

@@ -2,37 +2,42 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
 
+from mtpipe.report import words
 from mtpipe.report.folder import RunFolder
-from mtpipe.report.plateau_forces import drawn_forces
+from mtpipe.report.plateau_forces import quoted
 from mtpipe.report.plotly_json import (
     AXIS_COLOUR,
     AXIS_SYMBOL,
     GREY,
     PALETTE,
+    SYMBOLS,
     Arrays,
     Figure,
     axis,
     bars,
+    escaped,
     layout,
     log_axis,
     positive,
     with_gaps,
 )
 
-SYMBOLS = ("circle", "square", "diamond", "triangle-up", "triangle-down", "cross", "x", "star")
+# Sources of forces of a bead that differs from its simulation for no known reason.
+UNSURE = ("spectra_alone", "heights_alone")
 
 
 def forces_figure(arrays: Arrays, folder: RunFolder, beads: list[str]) -> Figure:
-    """Force against magnet position (or plateau) of every bead.
+    """Force to quote against magnet position (or plateau) of every bead.
 
-    A point where x and y share the force; else a full one from x and an open one from y. Up to
-    eight beads have a colour and a sign each; more are drawn alike, named under the pointer.
+    Open where something is not explained.
+    Up to eight beads have a colour and a sign each; more are drawn alike, named under the pointer.
     """
-    forces = drawn_forces(folder.forces)
+    forces = quoted(folder.forces)
     by_magnet = bool(len(forces)) and bool(forces["magnet_mm"].notna().all())
     across, unit = ("magnet_mm", " mm") if by_magnet else ("plateau", "")
     data: list[dict[str, Any]] = []
@@ -41,41 +46,44 @@ def forces_figure(arrays: Arrays, folder: RunFolder, beads: list[str]) -> Figure
     for number, bead in enumerate(named):
         colour = PALETTE[number] if distinct else GREY
         mine = forces[forces["bead"] == bead].sort_values(across)
-        for first, (mark, table) in enumerate(
-            (("", mine[mine["source"] != "y"]), ("-open", mine[mine["source"] == "y"]))
-        ):
-            if not len(table):
-                continue
-            data.append(
-                {
-                    "type": "scatter",
-                    "mode": "markers" if mark else "lines+markers",
-                    "name": escaped(bead),
-                    "legendgroup": str(number),
-                    "showlegend": distinct and not first,
-                    "x": arrays.add(table[across]),
-                    "y": arrays.add(table["force_pN"]),
-                    "error_y": bars(arrays, table["force_stderr_pN"], colour),
-                    "line": {"color": colour, "width": 1},
-                    "marker": {
-                        "symbol": SYMBOLS[number % len(SYMBOLS)] + mark,
-                        "size": 7,
-                        "color": colour,
-                    },
-                    "text": list(table["source"]),
-                    "hovertemplate": f"{escaped(bead)}, from %{{text}}<br>%{{x:.4g}}{unit}: "
-                    "%{y:.3g} pN<extra></extra>",
-                }
-            )
+        sign = SYMBOLS[number % len(SYMBOLS)]
+        data.append(
+            {
+                "type": "scatter",
+                "mode": "lines+markers",
+                "name": escaped(bead),
+                "x": arrays.add(mine[across]),
+                "y": arrays.add(mine["force_pN"]),
+                "error_y": bars(arrays, mine["force_stderr_pN"], colour),
+                "line": {"color": colour, "width": 1},
+                "marker": {
+                    "symbol": [
+                        f"{sign}-open" if source in UNSURE else sign
+                        for source in mine["force_source"]
+                    ],
+                    "size": 7,
+                    "color": colour,
+                },
+                "text": [words.SOURCE.get(source, source) for source in mine["force_source"]],
+                "hovertemplate": f"{escaped(bead)}<br>%{{x:.4g}}{unit}: %{{y:.3g}} pN"
+                "<br>%{text}<extra></extra>",
+            }
+        )
     title = "magnet position / mm" if by_magnet else "plateau"
     return {
         "data": data,
         "layout": layout(
             380,
+            showlegend=has_legend(named),
             xaxis=axis(title, **({} if by_magnet else {"dtick": 1})),
-            yaxis=log_axis("force / pN", positive(forces["force_pN"])),
+            yaxis=log_axis("force to quote / pN", positive(forces["force_pN"])),
         ),
     }
+
+
+def has_legend(beads: Sequence[str]) -> bool:
+    """Whether a chart of these beads names them in a legend: more than one, and told apart."""
+    return 1 < len(beads) <= len(PALETTE)
 
 
 def drift_figure(arrays: Arrays, folder: RunFolder) -> Figure:
@@ -102,9 +110,3 @@ def drift_figure(arrays: Arrays, folder: RunFolder) -> Figure:
         "data": data,
         "layout": layout(320, xaxis=axis("time / s"), yaxis=axis("drift subtracted / nm")),
     }
-
-
-def escaped(name: str) -> str:
-    """A name for plotly, which reads some HTML in its texts and `%{...}` in its templates."""
-    safe = name.replace("&", "&amp;").replace("<", "&lt;").replace(">", "&gt;")
-    return safe.replace("%{", "% {")

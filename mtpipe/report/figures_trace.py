@@ -6,9 +6,9 @@ from typing import Any
 
 import numpy as np
 import pandas as pd
+from numpy.typing import NDArray
 from scipy.stats import gamma
 
-from mtpipe.report import words
 from mtpipe.report.plotly_json import (
     AXIS_COLOUR,
     AXIS_SYMBOL,
@@ -95,10 +95,10 @@ def spectrum_figure(arrays: Arrays, table: pd.DataFrame, axis_name: str) -> Figu
     }
 
 
-def posterior_figure(arrays: Arrays, table: pd.DataFrame, row: dict[str, Any]) -> Figure:
+def posterior_figure(arrays: Arrays, table: pd.DataFrame, axis_name: str) -> Figure:
     """Posterior of one trace: stiffness against friction with marginals, and the force."""
     table = table.iloc[:: max(1, -(-len(table) // POSTERIOR_DRAWN))]
-    colour = AXIS_COLOUR[row["axis"]]
+    colour = AXIS_COLOUR[axis_name]
     columns = {
         "stiffness": (table["stiffness_pN_per_nm"].to_numpy(np.float64) * 1e3, "10⁻³ pN/nm"),
         "friction": (table["friction_pN_s_per_nm"].to_numpy(np.float64) * 1e6, "10⁻⁶ pN·s/nm"),
@@ -148,24 +148,15 @@ def posterior_figure(arrays: Arrays, table: pd.DataFrame, row: dict[str, Any]) -
         )
         made["xaxis3"] = axis("force / pN", domain=[0.66, 1], anchor="y3", nticks=5)
         made["yaxis3"] = axis(domain=[0, 1], anchor="x3", **counts)
-        made["shapes"] = _force_lines(row)
+        made["shapes"] = _force_lines(columns["force"][0])
     return {"data": data, "layout": made}
 
 
-def _force_lines(row: dict[str, Any]) -> list[dict[str, Any]]:
-    lines: list[dict[str, Any]] = []
+def _force_lines(force_pN: NDArray[np.float64]) -> list[dict[str, Any]]:
+    """The sample's median, and a box from its 16 % to its 84 %."""
+    low, middle, high = np.nanquantile(force_pN, [0.16, 0.5, 0.84]).tolist()
     base = {"xref": "x3", "yref": "y3 domain", "y0": 0, "y1": 1}
-    low, high = row["force_low_pN"], row["force_high_pN"]
-    if words.is_number(low) and words.is_number(high):
-        lines.append(
-            base
-            | {"type": "rect", "x0": low, "x1": high, "fillcolor": PALE, "layer": "below"}
-            | {"line": {"width": 0}}
-        )
-    if words.is_number(row["force_pN"]):
-        lines.append(
-            base
-            | {"type": "line", "x0": row["force_pN"], "x1": row["force_pN"]}
-            | {"line": {"color": INK, "width": 1.5, "dash": "dash"}}
-        )
-    return lines
+    box = {"type": "rect", "x0": low, "x1": high, "fillcolor": PALE, "layer": "below"}
+    line = {"type": "line", "x0": middle, "x1": middle}
+    dash = {"color": INK, "width": 1.5, "dash": "dash"}
+    return [base | box | {"line": {"width": 0}}, base | line | {"line": dash}]

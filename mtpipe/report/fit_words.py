@@ -1,4 +1,4 @@
-"""Which fit the forces of a bead come from, in words, and why not from a more informed one.
+"""Which fit describes the spectra of a bead, in words, and why not a more informed one.
 
 Read from `series` and `method` of the run folder, in the words of `mtpipe.series_choice`, and from
 what the setup knows. The most informed fit: one of all spectra of the bead, in which x and y of a
@@ -30,8 +30,8 @@ class JointFit:
 
 
 @dataclass(frozen=True)
-class ForceSource:
-    """Which fit the forces come from: in a few words, in one sentence, and why this one."""
+class FitSource:
+    """Which fit describes the spectra: in a few words, in one sentence, and why this one."""
 
     label: str
     sentence: str
@@ -46,10 +46,10 @@ def joint_fit(method: Any) -> JointFit | None:
     return JointFit(found[1].endswith("share the force"), found[2].startswith("expected"))
 
 
-def force_source(
+def fit_source(
     bead: Mapping[str, Any], forces: Sequence[Mapping[str, Any]], *, radius_known: bool
-) -> ForceSource | None:
-    """Where a bead's forces come from; None where every trace was refused.
+) -> FitSource | None:
+    """Which fit describes a bead's spectra; None where every trace was refused.
 
     Parameters
     ----------
@@ -69,12 +69,12 @@ def force_source(
         return _by_themselves(lateral)
     members = [row for row in lateral if joint_fit(row["method"])]
     axes = sorted({row["axis"] for row in members})
-    return ForceSource(
+    return FitSource(
         label="joint"
         + (", x and y apart" if len(axes) > 1 and not joint.force_shared else "")
         + ("" if joint.friction_expected else ", friction measured"),
-        sentence=f"One joint fit of {words.count(len(members), 'spectrum', 'spectra')} gives the "
-        f"forces: {_shared(joint, axes)}.",
+        sentence="One joint fit describes "
+        f"{words.count(len(members), 'spectrum', 'spectra')} of x and y: {_shared(joint, axes)}.",
         reasons=(
             *_why_apart(joint, axes),
             _friction(joint, bead, radius_known=radius_known),
@@ -84,35 +84,35 @@ def force_source(
 
 
 def _shared(joint: JointFit, axes: Sequence[str]) -> str:
-    bead = "all plateaus share the bead's radius and friction, and each axis's tracking noise"
+    bead = "radius, friction and the tracking noise of each axis are the same in all plateaus"
     if len(axes) == 1:
-        return f"{bead}; only {axes[0]} is part of it"
+        return f"{bead}; only {axes[0]} could be used"
     if joint.force_shared:
-        return f"x and y of a plateau share one force; {bead}"
-    return f"x and y have a force each; {bead}"
+        return f"x and y of a plateau have the same force; {bead}"
+    return f"x and y each have their own force; {bead}"
 
 
 def _why_apart(joint: JointFit, axes: Sequence[str]) -> list[str]:
     if joint.force_shared or len(axes) == 1:
         return []
     return [
-        "x and y do not share a force, because no joint fit in which they do describes the spectra "
-        "(chance below 1 in 1000 if they did): extension, radius or the direction of the field may "
-        "be wrong, or the tether is no single molecule"
+        "x and y have their own forces because no fit with one force for both describes the "
+        "spectra (p below 0.001): extension, radius or the direction of the field may be wrong, or "
+        "the tether is not a single molecule"
     ]
 
 
 def _friction(joint: JointFit, bead: Mapping[str, Any], *, radius_known: bool) -> str:
     if not radius_known:
-        return "The setup does not know the bead's radius, so it was fitted along with the friction"
-    if joint.friction_expected:
         return (
-            "The friction is the one expected from radius, viscosity and height, within its error"
+            "The bead's radius is unknown in the setup, so it was fitted together with the friction"
         )
+    if joint.friction_expected:
+        return "The friction agrees with the one expected from radius, viscosity and height"
     ratio = words.with_error(bead["friction_ratio"], bead["friction_ratio_stderr"])
-    seen = f"; by themselves they show {ratio} times as much" if ratio != words.EMPTY else ""
+    seen = f"; spectra fitted one by one have {ratio} times as much" if ratio != words.EMPTY else ""
     return (
-        "The friction is measured on this bead, because the spectra contradict the one expected "
+        "The friction was measured on this bead, because its spectra contradict the one expected "
         f"from radius, viscosity and height{seen}"
     )
 
@@ -126,24 +126,24 @@ def _left_out(lateral: Sequence[Mapping[str, Any]]) -> list[str]:
     if not left:
         return []
     what = (
-        "contradicts the others and was fitted by itself"
+        "contradicts the others and was fitted separately"
         if len(left) == 1
-        else "contradict the others and were fitted by themselves"
+        else "contradict the others and were fitted separately"
     )
     return [f"{'; '.join(left).capitalize()} {what}"]
 
 
-def _by_themselves(lateral: Sequence[Mapping[str, Any]]) -> ForceSource:
+def _by_themselves(lateral: Sequence[Mapping[str, Any]]) -> FitSource:
     known = any(words.is_number(row["extension_nm"]) and row["extension_nm"] > 0 for row in lateral)
     why = (
-        "No joint fit was found that describes the spectra, even without the quarter of them that "
-        "contradict the others most: bead or tether may have changed during the recording"
+        "No joint fit describes the spectra, even without the quarter of them that differ most "
+        "from the others: bead or tether may have changed during the recording"
         if known
         else "A joint fit needs the extension, which is not known"
     )
     frictions = sorted({words.text(row["method"]).partition(", ")[2] for row in lateral} - {""})
-    return ForceSource(
-        label="each by itself",
-        sentence=f"Each spectrum was fitted by itself ({' or '.join(frictions)}).",
+    return FitSource(
+        label="each separately",
+        sentence=f"Each spectrum was fitted separately ({' or '.join(frictions)}).",
         reasons=(why,),
     )

@@ -32,5 +32,5 @@ def _floor(bead: Mapping[str, Any], axis: str) -> str:
         bead[f"noise_floor_{axis}{part}_nm"] for part in ("", "_stderr", "_low", "_high")
     )
     if not words.is_number(value):
-        return "not told by its spectra"
+        return "not determined by its spectra"
     return f"{words.with_arms(value, stderr, low, high)} nm by its spectra"

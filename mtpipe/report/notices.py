@@ -8,6 +8,9 @@ from dataclasses import dataclass
 from mtpipe.notice import Notice
 from mtpipe.report import words
 
+# Findings about the recording, which come before all others whatever their severity.
+FIRST_CODES = ("magnet_log_lag", "hidden_step")
+
 
 @dataclass(frozen=True)
 class NoticeGroup:
@@ -16,7 +19,8 @@ class NoticeGroup:
     Attributes
     ----------
     severity : that of the worst of them.
-    general : on the recording as a whole, or on a reference bead, which concerns every bead.
+    general : a finding about the recording, or on a reference bead, which concerns every bead.
+    foremost : to be read before anything else, as one of them is no mere remark.
     items : (bead, place, message) of each.
     beads : the beads concerned.
     """
@@ -24,6 +28,7 @@ class NoticeGroup:
     code: str
     severity: str
     general: bool
+    foremost: bool
     items: tuple[tuple[str, str, str], ...]
     beads: tuple[str, ...]
 
@@ -33,19 +38,33 @@ class NoticeGroup:
         return words.label(self.code)
 
 
+def is_foremost(notice: Notice) -> bool:
+    """Whether a notice is to be read before anything else: no mere remark."""
+    return notice.code in FIRST_CODES or notice.severity != "info"
+
+
 def notice_groups(notices: Iterable[Notice], tethered: Collection[str]) -> list[NoticeGroup]:
-    """Notices by code, the most severe first."""
+    """Notices by code: findings about the recording, then the most severe first."""
     groups: dict[tuple[str, bool], list[Notice]] = {}
     for notice in notices:
-        groups.setdefault((notice.code, notice.bead not in tethered), []).append(notice)
+        general = notice.bead not in tethered or notice.code in FIRST_CODES
+        groups.setdefault((notice.code, general), []).append(notice)
     made = [
         NoticeGroup(
             code=code,
             severity=min((n.severity for n in group), key=words.SEVERITY_ORDER.__getitem__),
             general=general,
+            foremost=any(map(is_foremost, group)),
             items=tuple((n.bead or "", words.place(n.plateau, n.axis), n.message) for n in group),
             beads=tuple(sorted({n.bead for n in group if n.bead}, key=words.natural)),
         )
         for (code, general), group in groups.items()
     ]
-    return sorted(made, key=lambda group: (words.SEVERITY_ORDER[group.severity], group.code))
+    return sorted(
+        made,
+        key=lambda group: (
+            group.code not in FIRST_CODES,
+            words.SEVERITY_ORDER[group.severity],
+            group.code,
+        ),
+    )

@@ -12,10 +12,11 @@ from importlib.resources import files as resources
 from pathlib import Path
 from typing import Any
 
+import pandas as pd
 from jinja2 import Environment, PackageLoader, StrictUndefined
 
 from mtpipe.files import folder_written_whole
-from mtpipe.report import rows, rows_crosscheck, rows_diagnosis, rows_drift, rows_methods, words
+from mtpipe.report import rows, rows_crosscheck, rows_drift, rows_methods, rows_plateaus, words
 from mtpipe.report.captions import agreement_caption, trace_captions
 from mtpipe.report.figures_agreement import agreement_figure
 from mtpipe.report.figures_bead import (
@@ -25,7 +26,9 @@ from mtpipe.report.figures_bead import (
 )
 from mtpipe.report.figures_before_after import residuals_figure, spectra_figure
 from mtpipe.report.figures_crosscheck import curves_figure, map_figure
-from mtpipe.report.figures_run import drift_figure, forces_figure
+from mtpipe.report.figures_finding import picture
+from mtpipe.report.figures_geometry import Means, geometry_figure, plateau_means
+from mtpipe.report.figures_run import UNSURE, drift_figure, forces_figure, has_legend
 from mtpipe.report.figures_trace import posterior_figure, spectrum_figure
 from mtpipe.report.figures_unexplained import (
     left_panels,
@@ -33,13 +36,15 @@ from mtpipe.report.figures_unexplained import (
     shapes_figure,
     unexplained_figure,
 )
+from mtpipe.report.findings import VERDICT_BEADS, mixed_plateaus, overall_forces, overview
 from mtpipe.report.folder import RunFolder, read_run_folder, records
 from mtpipe.report.notices import notice_groups
-from mtpipe.report.plateau_forces import comparisons
-from mtpipe.report.plotly_json import Arrays
+from mtpipe.report.plateau_forces import comparisons, quoted
+from mtpipe.report.plotly_json import DARK, Arrays
 
 Progress = Callable[[int, int], None]
-STATIC = ("report.css", "report.js")
+PlateauMeans = Mapping[tuple[str, str], Means]
+STATIC = ("report.css", "charts.js", "lists.js")
 DRIFT_METHOD = {
     "reference": "The motion of the reference beads was subtracted from every trace.",
     "highpass": "All motion slower than the cutoff was removed from every trace (high-pass).",
@@ -67,6 +72,7 @@ def write_report(folder: Path, *, progress: Progress | None = None) -> Path:
 
     run = read_run_folder(folder)
     beads = rows.bead_rows(run)
+    means = plateau_means(run)
     pages = page_names([row.bead for row in beads])
     shared = {"run": run.run, "pages": pages, "beads": beads, "words": words}
     environment = _environment()
@@ -77,13 +83,13 @@ def write_report(folder: Path, *, progress: Progress | None = None) -> Path:
             (target / name).write_text(text, encoding="utf-8")
         for number, row in enumerate(beads):
             page = environment.get_template("bead.html.j2").render(
-                **shared, **_bead_page(run, row), position=number
+                **shared, **_bead_page(run, row, means), position=number
             )
             (target / pages[row.bead]).write_text(page, encoding="utf-8")
             if progress is not None:
                 progress(number + 1, len(beads) + 1)
         index = environment.get_template("index.html.j2").render(
-            **shared, **_index_page(run, beads)
+            **shared, **_index_page(run, beads, means)
         )
         (target / "index.html").write_text(index, encoding="utf-8")
     if progress is not None:
@@ -122,86 +128,80 @@ def _environment() -> Environment:
     return environment
 
 
-def _index_page(run: RunFolder, beads: list[rows.BeadRow]) -> dict[str, Any]:
+def _index_page(run: RunFolder, beads: list[rows.BeadRow], means: PlateauMeans) -> dict[str, Any]:
     arrays = Arrays()
-    figures: dict[str, Any] = {"forces": forces_figure(arrays, run, [row.bead for row in beads])}
-    if not figures["forces"]["data"]:
-        figures = {}
-    if len(run.drift):
-        figures["drift"] = drift_figure(arrays, run)
+    names = [row.bead for row in beads]
+    usable = [row.bead for row in beads if row.verdict != "refused"]
+    figures = {
+        "forces": forces_figure(arrays, run, names),
+        "geometry": geometry_figure(arrays, means, usable),
+        "drift": drift_figure(arrays, run),
+    }
+    pictures = {name: picture(arrays, run, name) for name in names}
+    figures |= {f"picture-{i}": one.figure for i, one in enumerate(pictures.values()) if one}
+    figures = {name: figure for name, figure in figures.items() if figure["data"]}
     drift: Mapping[str, Any] = run.run["drift"] or {"method": "none"}
     method = str(drift["method"])
-    best = next((v for v in rows.VERDICTS if any(row.verdict == v for row in beads)), "")
-    chosen = [row.bead for row in beads if row.verdict == best]
-    forces = run.forces.loc[run.forces["bead"].isin(chosen), "force_pN"].dropna()
+    groups = notice_groups(run.notices, set(run.beads["bead"]))
+    general = [group for group in groups if group.general]
     return {
-        "counts": {v: sum(row.verdict == v for row in beads) for v in rows.VERDICTS},
-        "best": best,
-        "best_forces": words.span(forces.min(), forces.max()) if len(forces) else "",
-        "groups": notice_groups(run.notices, set(run.beads["bead"])),
+        "overview": overview(run.beads["verdict"]),
+        "overall_forces": overall_forces(run),
+        "counts": {v: sum(row.verdict == v for row in beads) for v in VERDICT_BEADS},
+        "mixed": mixed_plateaus(run),
+        "worries": [group for group in general if group.foremost],
+        "remarks": [group for group in general if not group.foremost],
+        "single": [group for group in groups if not group.general],
+        "captions": {name: one.caption if one else "" for name, one in pictures.items()},
+        "legend": has_legend(list(quoted(run.forces)["bead"].unique())),
+        "open_points": quoted(run.forces)["force_source"].isin(UNSURE).any(),
         "setup": words.setup_in_words(run.setup),
         "source": run.run["setup"].get("source"),
         "drift_words": DRIFT_METHOD.get(method, method),
         "drift_rows": rows_drift.drift_rows(drift),
         "references": rows_drift.reference_rows(run),
         "started": _date(run.run.get("started")),
-        "charts": {"arrays": arrays.packed(), "figures": figures},
+        "charts": {"arrays": arrays.packed(), "figures": figures, "dark": DARK},
         "drawn": figures,
     }
 
 
-def _bead_page(run: RunFolder, row: rows.BeadRow) -> dict[str, Any]:
+def _bead_page(run: RunFolder, row: rows.BeadRow, means: PlateauMeans) -> dict[str, Any]:
     arrays, bead = Arrays(), row.bead
-    plateaus = rows.plateau_rows(run, bead)
-    methods, by_method = rows_methods.method_rows(run, bead, plateaus)
-    forces = {
-        f"{int(force['plateau'])}/{force['axis']}": force
-        for force in records(run.forces[run.forces["bead"] == bead])
-    }
-    compared = comparisons(run.forces[run.forces["bead"] == bead])
-    figures = {
-        "force_extension": force_extension_figure(arrays, run, bead),
-        "agreement": agreement_figure(arrays, compared),
-        "traces": traces_figure(arrays, run, bead),
-    }
-    spectra = {
-        f"{plateau}/{axis}": spectrum_figure(arrays, table, str(axis))
-        for (plateau, axis), table in run.spectra[run.spectra["bead"] == bead].groupby(
-            ["plateau", "axis"]
-        )
-    }
-    posteriors = {
-        key: posterior_figure(arrays, table, forces[key])
-        for (plateau, axis), table in run.posteriors[run.posteriors["bead"] == bead].groupby(
-            ["plateau", "axis"]
-        )
-        if (key := f"{plateau}/{axis}") in forces
-    }
+    fits = rows_plateaus.axis_fits(run, bead)
+    methods, by_method = rows_methods.method_rows(run, bead, fits)
+    forces = run.forces[run.forces["bead"] == bead]
+    traces = {f"{int(one['plateau'])}/{one['axis']}": one for one in records(forces)}
+    compared = comparisons(forces)
     checked = rows_crosscheck.crosscheck_rows(run, bead)
+    shown = picture(arrays, run, bead)
+    figures = _bead_figures(arrays, run, bead, means)
+    if shown is not None:
+        figures["picture"] = shown.figure
     if checked.done:
         figures["crosscheck"] = map_figure(checked)
-    if named := run.before_after.get(bead):
-        figures["before_after"] = spectra_figure(arrays, named)
-        figures["residuals"] = residuals_figure(named)
-    if panels := left_panels(run, bead):
-        figures["unexplained"] = unexplained_figure(arrays, panels)
-    if shapes := left_shapes(run, bead):
-        figures["shapes"] = shapes_figure(arrays, shapes)
-    curves = _crosscheck_curves(arrays, run, bead)
-    usable = [key for key, force in forces.items() if force["status"] != "refused"]
-    figures = {name: figure for name, figure in figures.items() if figure["data"]}
+    choices = _choices(arrays, run, bead)
+    usable = [key for key, one in traces.items() if one["status"] != "refused"]
+    sources = forces["force_source"].unique()
     return {
         "row": row,
+        "caption": shown.caption if shown else "",
         "checked": checked,
-        "diagnosis": rows_diagnosis.diagnosis_rows(run, bead),
-        "plateaus": plateaus,
+        "left": run.unexplained.get(bead, {"sentence": ""})["sentence"],
+        "forces": rows_plateaus.force_table(run, bead),
+        "fits": fits,
         "methods": methods,
         "by_method": by_method,
         "agreement": agreement_caption(compared),
+        "sources": [
+            f"“{words.SOURCE[source].capitalize()}”: {meaning}."
+            for source, meaning in words.SOURCE_MEANING.items()
+            if source in sources
+        ],
         "statuses": [
             f"“{words.STATUS[status]}”: {meaning}."
             for status, meaning in words.STATUS_MEANING.items()
-            if any(force["status"] == status for force in forces.values())
+            if (forces["status"] == status).any()
         ],
         "models": rows.model_rows(run, bead),
         "valid": {words.MODEL[name]: valid_range(name) for name in words.MODEL},
@@ -209,34 +209,64 @@ def _bead_page(run: RunFolder, row: rows.BeadRow) -> dict[str, Any]:
         "charts": {
             "arrays": arrays.packed(),
             "figures": figures,
-            "choices": {
-                "spectrum": spectra,
-                "posterior": posteriors,
-                "crosscheck": curves,
-            },
+            "choices": choices,
             "captions": {
-                f"{p.plateau}/{a.axis}": trace_captions(
-                    forces[f"{p.plateau}/{a.axis}"],
-                    sampled=f"{p.plateau}/{a.axis}" in posteriors,
-                    shared=p.force_shared and a.axis != "z",
-                )
-                for p in plateaus
-                for a in p.axes
+                key: trace_captions(one, sampled=key in choices["posterior"])
+                for key, one in traces.items()
             },
-            "first": (usable or list(forces) or [""])[0],
+            "first": (usable or list(traces) or [""])[0],
+            "dark": DARK,
         },
         "drawn": figures,
-        "axes": [axis for axis in "xyz" if any(key.endswith(axis) for key in forces)],
+        "axes": [axis for axis in "xyz" if any(key.endswith(axis) for key in traces)],
+    }
+
+
+def _bead_figures(arrays: Arrays, run: RunFolder, bead: str, means: PlateauMeans) -> dict[str, Any]:
+    """The bead's charts that show all of it at once; those without anything to draw left out."""
+    figures = {
+        "force_extension": force_extension_figure(arrays, run, bead),
+        "agreement": agreement_figure(arrays, comparisons(run.forces[run.forces["bead"] == bead])),
+        "geometry": geometry_figure(arrays, means, [bead]),
+        "traces": traces_figure(arrays, run, bead),
+    }
+    if named := run.before_after.get(bead):
+        figures["before_after"] = spectra_figure(arrays, named)
+        figures["residuals"] = residuals_figure(named)
+    if panels := left_panels(run, bead):
+        figures["unexplained"] = unexplained_figure(arrays, panels)
+    if shapes := left_shapes(run, bead):
+        figures["shapes"] = shapes_figure(arrays, shapes)
+    return {name: figure for name, figure in figures.items() if figure["data"]}
+
+
+def _choices(arrays: Arrays, run: RunFolder, bead: str) -> dict[str, dict[str, Any]]:
+    """The charts of single traces, by kind and by plateau and axis."""
+    return {
+        "spectrum": {
+            key: spectrum_figure(arrays, table, key[-1])
+            for key, table in _by_trace(run.spectra, bead).items()
+        },
+        "posterior": {
+            key: posterior_figure(arrays, table, key[-1])
+            for key, table in _by_trace(run.posteriors, bead).items()
+        },
+        "crosscheck": _crosscheck_curves(arrays, run, bead),
+    }
+
+
+def _by_trace(table: pd.DataFrame, bead: str) -> dict[str, pd.DataFrame]:
+    """Rows of a bead by plateau and axis, as in `3/x`."""
+    mine = table[table["bead"] == bead]
+    return {
+        f"{plateau}/{axis}": part for (plateau, axis), part in mine.groupby(["plateau", "axis"])
     }
 
 
 def _crosscheck_curves(arrays: Arrays, run: RunFolder, bead: str) -> dict[str, Any]:
     """Recorded and simulated curves, by plateau and axis."""
     parts = [
-        {
-            f"{plateau}/{axis}": table
-            for (plateau, axis), table in whole[whole["bead"] == bead].groupby(["plateau", "axis"])
-        }
+        _by_trace(whole, bead)
         for whole in (run.crosscheck_spectrum, run.crosscheck_histogram, run.crosscheck_allan)
     ]
     return {

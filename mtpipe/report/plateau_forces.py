@@ -1,8 +1,7 @@
-"""Forces as the report shows them: once per plateau where x and y share one, and x beside y.
+"""The force to quote of every plateau, what x and y give alone, and how far it is from as set up.
 
-In `forces` a force that x and y share stands in both rows. Drawn or counted twice it would look
-like two measurements that agree; what agrees or does not is the force that each axis tells by
-itself, in the columns `force_alone`.
+In `forces` the force to quote stands in every row of a bead and plateau: one number, and not one
+measurement per axis. What agrees or does not are the forces of single axes (`force_axis`).
 """
 
 from __future__ import annotations
@@ -12,22 +11,21 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
-import numpy as np
 import pandas as pd
 
 from mtpipe.report import words
-from mtpipe.report.fit_words import joint_fit
 from mtpipe.report.folder import records
+
+LATERAL = ("x", "y")
+PARTS = ("", "_stderr", "_low", "_high")
 
 
 @dataclass(frozen=True)
 class Comparison:
-    """Force of one plateau, and what x and y tell of it by themselves, in pN.
+    """The force to quote of one plateau, and those of x and y alone, in pN.
 
     Attributes
     ----------
-    given, given_stderr : the force that x and y share; where they share none, that of the axis
-        which is part of the joint fit, or the mean of both, weighted by their errors.
     alone : by axis, (value, standard error, low, high); axes without one are left out.
     """
 
@@ -46,54 +44,69 @@ class Comparison:
         return (x - y, stderr) if stderr > 0 and math.isfinite(stderr) else None
 
 
-def share_a_force(rows: Sequence[Mapping[str, Any]]) -> bool:
-    """Whether x and y of one plateau, given as its rows of `forces`, have one force between them.
+@dataclass(frozen=True)
+class Change:
+    """A plateau's force by the setup as it was configured, and the one to quote, in pN."""
 
-    An axis that was left out of the joint fit has its own.
+    plateau: int
+    magnet_mm: float
+    before: float
+    before_stderr: float
+    after: float
+    after_stderr: float
+
+    @property
+    def ratio(self) -> float:
+        """Force to quote over the one as configured."""
+        return self.after / self.before
+
+
+def quoted(forces: pd.DataFrame) -> pd.DataFrame:
+    """Rows of `forces`, one for each bead and plateau that has a force to quote."""
+    lateral = forces[forces["axis"].isin(LATERAL)].sort_values(["plateau", "axis"])
+    return lateral[lateral["force_pN"].notna()].drop_duplicates(["bead", "plateau"])
+
+
+def largest_change(forces: pd.DataFrame) -> Change | None:
+    """The plateau of one bead whose force differs most from the one as configured, as a ratio.
+
+    None where no plateau has both.
     """
-    lateral = [
-        row for row in rows if row["axis"] in ("x", "y") and words.is_number(row["force_pN"])
+    changes = [
+        Change(
+            int(row["plateau"]),
+            row["magnet_mm"],
+            row["force_configured_pN"],
+            row["force_configured_stderr_pN"],
+            row["force_pN"],
+            row["force_stderr_pN"],
+        )
+        for row in records(quoted(forces))
+        if words.is_number(row["force_configured_pN"])
+        and row["force_configured_pN"] > 0
+        and row["force_pN"] > 0
     ]
-    fits = [joint_fit(row["method"]) for row in lateral]
-    return len(lateral) == 2 and all(fit is not None and fit.force_shared for fit in fits)
-
-
-def drawn_forces(forces: pd.DataFrame) -> pd.DataFrame:
-    """Rows of `forces` to be drawn, with a column `source`: "x and y" for a shared force, once."""
-    drawn = []
-    usable = forces[forces["force_pN"].notna() & forces["axis"].isin(["x", "y"])]
-    for _, rows in usable.sort_values(["plateau", "axis"]).groupby(["bead", "plateau"], sort=False):
-        if share_a_force(records(rows)):
-            drawn.append(rows.head(1).assign(source="x and y"))
-        else:
-            drawn.append(rows.assign(source=rows["axis"]))
-    return pd.concat(drawn) if drawn else usable.assign(source="")
+    return max(changes, key=lambda one: abs(math.log(one.ratio)), default=None)
 
 
 def comparisons(forces: pd.DataFrame) -> list[Comparison]:
-    """Each plateau of one bead that has a force, in their order."""
-    made = []
-    for plateau, table in drawn_forces(forces).groupby("plateau"):
-        known = records(table)
-        joint = [row for row in known if joint_fit(row["method"])] or known
-        value = np.array([row["force_pN"] for row in joint])
-        weight = np.array([row["force_stderr_pN"] for row in joint]) ** -2.0
-        if not (np.isfinite(weight).all() and value.min() > 0):
-            continue
-        here = records(forces[(forces["plateau"] == plateau) & forces["axis"].isin(["x", "y"])])
-        made.append(
-            Comparison(
-                plateau=int(str(plateau)),
-                given=float(weight @ value / weight.sum()),
-                given_stderr=float(weight.sum() ** -0.5),
-                alone={
-                    row["axis"]: four
-                    for row in here
-                    if all(map(words.is_number, four := _alone(row)))
-                },
-            )
+    """Each plateau of one bead that has a force to quote and its error, in their order."""
+    lateral = records(forces[forces["axis"].isin(LATERAL)])
+    return [
+        Comparison(
+            plateau=int(row["plateau"]),
+            given=row["force_pN"],
+            given_stderr=row["force_stderr_pN"],
+            alone={
+                other["axis"]: four
+                for other in lateral
+                if other["plateau"] == row["plateau"]
+                and all(map(words.is_number, four := _alone(other)))
+            },
         )
-    return made
+        for row in records(quoted(forces))
+        if row["force_pN"] > 0 and words.is_number(row["force_stderr_pN"])
+    ]
 
 
 def rms_difference(compared: Sequence[Comparison]) -> tuple[float, int] | None:
@@ -105,8 +118,5 @@ def rms_difference(compared: Sequence[Comparison]) -> tuple[float, int] | None:
 
 
 def _alone(row: Mapping[str, Any]) -> tuple[float, float, float, float]:
-    value, stderr, low, high = (row[f"force_alone{part}_pN"] for part in _PARTS)
+    value, stderr, low, high = (row[f"force_axis{part}_pN"] for part in PARTS)
     return value, stderr, low, high
-
-
-_PARTS = ("", "_stderr", "_low", "_high")

@@ -20,9 +20,36 @@ Figure = dict[str, Any]
 AXIS_COLOUR = {"x": "#0072b2", "y": "#d55e00", "z": "#009e73"}
 AXIS_SYMBOL = {"x": "circle", "y": "square", "z": "diamond"}
 PALETTE = ("#0072b2", "#d55e00", "#009e73", "#cc79a7", "#56b4e9", "#e69f00", "#000000", "#8c6d1f")
-# A force that x and y share.
-SHARED_COLOUR, SHARED_SYMBOL = "#6a3d9a", "circle"
-INK, GREY, PALE, PALER = "#222222", "#767676", "#d5d9de", "#eceef1"
+SYMBOLS = ("circle", "square", "diamond", "triangle-up", "triangle-down", "cross", "x", "star")
+# Forces to quote.
+QUOTED_COLOUR = "#6a3d9a"
+INK, GREY, PALE, PALER, PAPER = "#222222", "#767676", "#d5d9de", "#eceef1", "#ffffff"
+# The ground of plateaus in traces, and of cells of a map in which nothing differs.
+PLATEAU, CALM = "#f4f5f7", "#f6f7f9"
+# What the page puts in their place on a dark screen. Colours of data become lighter, so that they
+# stand out from the ground by 4.5 to 1 and more (WCAG 2.2, contrast).
+DARK = {
+    INK: "#e6e8eb",
+    GREY: "#9aa3ac",
+    PALE: "#454d56",
+    PALER: "#2c333a",
+    PAPER: "#14181c",
+    PLATEAU: "#1e242a",
+    CALM: "#1e242a",
+    QUOTED_COLOUR: "#b79be0",
+    "#0072b2": "#4aa8e0",
+    "#d55e00": "#f08a3c",
+    "#009e73": "#2fc49a",
+    "#cc79a7": "#dd98bf",
+    "#000000": "#e6e8eb",
+    "#8c6d1f": "#c8a44d",
+    # steps of the maps' scales, which end light where the ground is dark
+    "#fde3b8": "#5a3a14",
+    "#e68a4a": "#a4561c",
+    "#5c1a00": "#ffd9a8",
+    "#4a9ac4": "#2c6f96",
+    "#003f66": "#bfe2f7",
+}
 
 
 class Arrays:
@@ -48,9 +75,9 @@ def layout(height: int, **extra: Any) -> dict[str, Any]:
         "autosize": True,
         "margin": {"l": 68, "r": 16, "t": 34, "b": 50},
         "font": {"family": "system-ui, sans-serif", "size": 13, "color": INK},
-        "paper_bgcolor": "#ffffff",
-        "plot_bgcolor": "#ffffff",
-        "hoverlabel": {"bgcolor": "#ffffff", "font": {"color": INK}},
+        "paper_bgcolor": PAPER,
+        "plot_bgcolor": PAPER,
+        "hoverlabel": {"bgcolor": PAPER, "font": {"color": INK}},
         "legend": {"orientation": "h", "x": 0, "y": 1, "yanchor": "bottom", "font": {"size": 12}},
         "dragmode": "zoom",
         **extra,
@@ -168,3 +195,9 @@ def note(text: str, **where: str) -> dict[str, Any]:
     """Grey words in the middle of a figure or, with `xref` and `yref`, of a panel."""
     at = {"xref": "paper", "yref": "paper"} | where
     return at | {"text": text, "x": 0.5, "y": 0.5, "showarrow": False, "font": {"color": GREY}}
+
+
+def escaped(name: str) -> str:
+    """A name for plotly, which reads some HTML in its texts and `%{...}` in its templates."""
+    safe = name.replace("&", "&amp;").replace("<", "&lt;").replace(">", "&gt;")
+    return safe.replace("%{", "% {")

@@ -1,4 +1,4 @@
-"""What the report shows of a cross-check: the sentence, the map's cells, the oddest looks."""
+"""What the report shows of a cross-check: sentence, cells of the map, the clearest differences."""
 
 from __future__ import annotations
 
@@ -13,14 +13,14 @@ from mtpipe.report.folder import RunFolder, records
 
 MOST_LISTED = 8
 LISTED_BELOW = 1e-3
-# Of one statistic along one axis no more are listed than these; its neighbours say the same.
+# Of one statistic along one axis at most this many are listed: neighbours say the same.
 MOST_OF_A_KIND = 2
 AXIS_ORDER = ("x", "y", "z", "xy", "xz", "yz", "")
 
 
 @dataclass(frozen=True)
 class MapCell:
-    """A cell of the map: the smallest p-value of its looks, times their number, at most 1."""
+    """A cell of the map: the smallest of its p-values, times their number, at most 1."""
 
     line: str
     plateau: int | None
@@ -50,15 +50,15 @@ def crosscheck_rows(run: RunFolder, bead: str) -> CrossCheckRows:
     if table.empty:
         reasons = [n.message for n in run.notices_of(bead) if n.code == "not_crosschecked"]
         return CrossCheckRows("", (reasons or ["This run was not cross-checked."])[0], (), (), ())
-    looks = [_plain(row) for row in records(table.sort_values("p_value", kind="stable"))]
-    first = looks[0]
-    cells = _cells(looks)
+    compared = [_plain(row) for row in records(table.sort_values("p_value", kind="stable"))]
+    first = compared[0]
+    cells = _cells(compared)
     return CrossCheckRows(
-        crosscheck_words.verdict(first["bead_p_value"], len(looks), int(first["simulations"])),
+        crosscheck_words.verdict(first["bead_p_value"], len(compared), int(first["simulations"])),
         "",
         cells,
         tuple(dict.fromkeys(cell.line for cell in cells)),
-        tuple(crosscheck_words.look(row) for row in _oddest(looks)),
+        tuple(crosscheck_words.comparison(row) for row in _clearest(compared)),
     )
 
 
@@ -68,10 +68,10 @@ def _plain(row: dict[str, Any]) -> dict[str, Any]:
     return row | {"plateau": None if pd.isna(plateau) else int(plateau)}
 
 
-def _oddest(looks: list[dict[str, Any]]) -> list[dict[str, Any]]:
+def _clearest(compared: list[dict[str, Any]]) -> list[dict[str, Any]]:
     found: list[dict[str, Any]] = []
     kinds: dict[tuple[str, str], int] = {}
-    for row in looks:
+    for row in compared:
         kind = row["statistic"], row["axis"]
         kinds[kind] = kinds.get(kind, 0) + 1
         if row["p_value"] < LISTED_BELOW and kinds[kind] <= MOST_OF_A_KIND:
@@ -79,10 +79,10 @@ def _oddest(looks: list[dict[str, Any]]) -> list[dict[str, Any]]:
     return found[:MOST_LISTED]
 
 
-def _cells(looks: list[dict[str, Any]]) -> tuple[MapCell, ...]:
+def _cells(compared: list[dict[str, Any]]) -> tuple[MapCell, ...]:
     """Cells by line (axis, then bands by frequency, then the others) and plateau."""
     groups: dict[tuple[str, str, int | None], list[dict[str, Any]]] = {}
-    for row in looks:
+    for row in compared:
         key = row["axis"], crosscheck_words.line_of(row), row["plateau"]
         groups.setdefault(key, []).append(row)
     order = {
@@ -99,5 +99,5 @@ def _cells(looks: list[dict[str, Any]]) -> tuple[MapCell, ...]:
         rows = groups[key]
         p_value = min(1.0, len(rows) * float(rows[0]["p_value"]))
         name = f"{axis} {line}".strip()
-        cells.append(MapCell(name, plateau, p_value, crosscheck_words.look(rows[0])))
+        cells.append(MapCell(name, plateau, p_value, crosscheck_words.comparison(rows[0])))
     return tuple(cells)

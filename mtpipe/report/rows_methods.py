@@ -6,23 +6,23 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 from mtpipe.report import words
+from mtpipe.report.cells import Cell, estimate_cell
 from mtpipe.report.folder import RunFolder, records
-from mtpipe.report.rows import Cell, PlateauRows, estimate_cell
+from mtpipe.report.rows_plateaus import AxisFit
 
 
 @dataclass(frozen=True)
 class MethodRow:
-    """One trace: the force given (None: the cell above spans this row), and those beside it."""
+    """One trace: the force of this axis alone, and those by the other methods."""
 
     plateau: int
     axis: str
-    given: Cell | None
     alone: Cell
     others: tuple[Cell, ...]
 
 
 def method_rows(
-    folder: RunFolder, bead: str, plateaus: Sequence[PlateauRows]
+    folder: RunFolder, bead: str, fits: Sequence[AxisFit]
 ) -> tuple[list[str], list[MethodRow]]:
     """Names of the other methods that were asked for, and a row for each trace they were given."""
     others = folder.others[folder.others["bead"] == bead]
@@ -30,17 +30,15 @@ def method_rows(
     by_trace = {(row["plateau"], row["axis"], row["method"]): row for row in records(others)}
     return names, [
         MethodRow(
-            plateau=plateau.plateau,
+            plateau=own.plateau,
             axis=own.axis,
-            given=own.force,
             alone=own.alone,
             others=tuple(
-                estimate_cell(other, "force", "pN", words.text(other["refusal"]) or "no force")
+                estimate_cell(other, "force_axis", "pN", words.text(other["refusal"]) or "no force")
                 for name in names
-                if (other := by_trace.get((plateau.plateau, own.axis, name)))
+                if (other := by_trace.get((own.plateau, own.axis, name)))
             ),
         )
-        for plateau in plateaus
-        for own in plateau.axes
-        if names and (plateau.plateau, own.axis, names[0]) in by_trace
+        for own in fits
+        if names and (own.plateau, own.axis, names[0]) in by_trace
     ]

@@ -21,19 +21,59 @@ STATUS = {
     "at_bound": "at a bound",
     "not_identified": "not identified",
     "not_converged": "fit not converged",
+    "not_one_state": "mixed states",
+    "unlike_model": "unlike the model",
+    "zero_force": "no force",
     "refused": "refused",
 }
 STATUS_MEANING = {
     "at_bound": "the fit ended at a physical limit, so an interval is one-sided",
     "not_identified": "the data do not determine a parameter",
     "not_converged": "the fit found no minimum",
+    "not_one_state": "bead or force change within the plateau, so it has no single force",
+    "unlike_model": "the spectrum differs from the model's, so the number is not to be used",
+    "zero_force": "the force cannot be told from zero",
+}
+# Where the force to quote comes from (docs/forces.md): in a few words, and what that means.
+SOURCE = {
+    "spectra": "spectra of x and y",
+    "heights": "spectra and heights",
+    "named": "with what was named",
+    "spectra_alone": "spectra of x and y only",
+    "heights_alone": "mostly heights",
+    "none": "none",
+}
+SOURCE_MEANING = {
+    "spectra": "all spectra of x and y of the bead, fitted together",
+    "heights": "spectra and mean heights fitted together as the setup states the experiment, which "
+    "the cross-check does not contradict",
+    "named": "spectra and mean heights fitted together, with the causes that were named",
+    "spectra_alone": "spectra of x and y only: something is not explained, and mean heights do not "
+    "agree with the forces",
+    "heights_alone": "spectra and mean heights fitted together as the setup states the experiment: "
+    "something is not explained, but mean heights agree with the forces",
 }
 MODEL = {
     "marko-siggia": "Marko–Siggia",
     "bouchiat": "Bouchiat",
     "extensible": "extensible worm-like chain",
 }
-VERDICT_MARK = {"good": "✓", "caution": "△", "refused": "✕"}
+VERDICT_MARK = {"good": "✓", "unchecked": "?", "caution": "△", "refused": "✕"}
+# Codes of notices that are no words when their underscores are taken out.
+LABELS = {
+    "fx_fy": "forces from x and y differ",
+    "above_nyquist": "corner above the Nyquist frequency",
+    "poor_fit": "spectrum unlike the model",
+    "unlike_the_series": "unlike the bead's other traces",
+    "beyond_dna": "beyond what DNA bears",
+    "zero_force": "force may be zero",
+    "not_one_state": "mixed states",
+    "not_crosschecked": "not cross-checked",
+    "tether_formula": "choice of the chain's formula",
+    "tether_relation": "choice of the chain's relation",
+}
+# Below this the tail of a hundred simulations says no more than "very small".
+SMALLEST_P = 1e-12
 SEVERITY_ORDER = {"warning": 0, "caution": 1, "info": 2}
 
 
@@ -53,8 +93,8 @@ def flags(value: Any) -> list[str]:
 
 
 def label(code: str) -> str:
-    """A code as words: `near_nyquist` becomes "near nyquist"."""
-    return code.replace("_", " ")
+    """A code as words; without words of its own `lost_frames` becomes "lost frames"."""
+    return LABELS.get(code, code.replace("_", " "))
 
 
 def number(value: Any, digits: int = 3) -> str:
@@ -66,13 +106,21 @@ def number(value: Any, digits: int = 3) -> str:
     exponent = math.floor(math.log10(abs(float(f"{value:.{digits - 1}e}"))))
     if exponent < -4 or exponent >= 7:
         mantissa = f"{value / 10.0**exponent:.{digits - 1}f}"
-        return _minus(mantissa) + f" × 10{_superscript(exponent)}"
+        times = "" if mantissa == "1" else f"{_minus(mantissa)} × "
+        return f"{times}10{_superscript(exponent)}"
     shown = f"{value:.{max(digits - 1 - exponent, 0)}f}"
     return _minus(shown.rstrip("0").rstrip(".") if "." in shown else shown)
 
 
+def probability(p_value: float) -> str:
+    """A p-value; where it is below what any tail can be followed to, as a limit."""
+    if p_value < SMALLEST_P:
+        return f"p < {number(SMALLEST_P, 1)}"
+    return f"p = {number(p_value, 2)}"
+
+
 def signed(value: float, decimals: int) -> str:
-    """A number with its sign, also "+", to so many decimals."""
+    """A number with its sign, also "+", rounded to some decimals."""
     return _minus(f"{round(value, decimals) + 0.0:+.{decimals}f}")
 
 
@@ -123,10 +171,37 @@ def span(low: Any, high: Any) -> str:
     return number(low) if number(low) == number(high) else f"{number(low)} – {number(high)}"
 
 
+def change(ratio: float) -> str:
+    """A ratio as a change in percent, or as a factor where it is 2 or more either way."""
+    if 0.5 < ratio < 2:
+        return f"{signed(100 * (ratio - 1), 1 if abs(ratio - 1) < 0.1 else 0)} %"
+    return f"{number(ratio, 2)} times as large"
+
+
+def sentence(phrase: str) -> str:
+    """A phrase with a capital at its beginning, unless that is a symbol, and a full stop."""
+    phrase = phrase.strip().rstrip(".")
+    symbol = re.match(r"[xyzp]\b", phrase)
+    return f"{phrase if symbol else phrase[:1].upper() + phrase[1:]}."
+
+
+def unbroken(phrase: str) -> str:
+    """A phrase whose numbers stay in one line with their unit and their error."""
+    joined = re.sub(r"(?<=[0-9]) (?=(?:%|pN|nm|mm|Hz|s)\b|%)", "\u00a0", phrase)
+    return joined.replace(" ± ", "\u00a0±\u00a0")
+
+
+def few(names: Sequence[str], shown: int = 4) -> str:
+    """A few names in full, of many the first and the number of the others."""
+    if len(names) <= shown:
+        return listed(names)
+    return f"{', '.join(names[:shown])} and {len(names) - shown} more"
+
+
 def measured(value: Measured, unit: str) -> str:
-    """A value of the setup with its unit, or that the laboratory does not know it."""
+    """A value of the setup with its unit, or that it is unknown."""
     if value.value is None:
-        return "not known to the laboratory"
+        return "unknown"
     # the digits the laboratory wrote, not a rounding of them
     shown = with_error(value.value, value.stderr) if value.stderr else f"{value.value:.10g}"
     return f"{shown} {unit}"
@@ -154,7 +229,7 @@ def setup_in_words(setup: Setup) -> list[tuple[str, str]]:
         ("Viscosity", measured(setup.buffer.viscosity_mPa_s, "mPa·s")),
         ("Magnetic field", f"along {setup.field.direction}; the bead rotates freely in {across}"),
         ("Effects in the model", effects or "none beyond the baseline"),
-        *([("Forces known beforehand", known)] if known else []),
+        *([("Forces known from elsewhere", known)] if known else []),
     ]
 
 
@@ -162,6 +237,16 @@ def place(plateau: int | None, axis: str | None) -> str:
     """Where in a bead a notice applies; empty for all of it."""
     parts = ([] if plateau is None else [f"plateau {plateau}"]) + ([] if axis is None else [axis])
     return ", ".join(parts)
+
+
+def plateaus(numbers: Sequence[int]) -> str:
+    """`plateau 3`, `plateaus 2 to 5`, `plateaus 0, 1 and 4`."""
+    inside = sorted(numbers)
+    if len(inside) == 1:
+        return f"plateau {inside[0]}"
+    if len(inside) > 2 and inside[-1] - inside[0] == len(inside) - 1:
+        return f"plateaus {inside[0]} to {inside[-1]}"
+    return f"plateaus {listed([str(one) for one in inside])}"
 
 
 def natural(name: str) -> list[tuple[int, int, str]]:

@@ -96,6 +96,7 @@ def compact(bead: dict[str, Any]) -> dict[str, Any]:
         "verdict": bead["verdict"],
         "located": bead["located"][:3],
         "effects": [{key: one[key] for key in OF_AN_EFFECT} for one in bead["effects"]],
+        "force_bound_percent": bead["force_bound_percent"],
         "forces": bead["forces"],
     }
     rounded: dict[str, Any] = _rounded(kept)

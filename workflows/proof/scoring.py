@@ -44,6 +44,7 @@ class Score:
         all, or something unexplained), "wrong" (any wrong name), "located" or "missed".
     wrong : names that are not right. by_equivalent : some name is right by its equivalents.
     equivalents : how many are listed in all.
+    bound : share of a force by which what is unexplained may move it, as stated.
     place : whether the most significant place is right; None where nothing defines it.
     """
 
@@ -57,6 +58,7 @@ class Score:
     wrong: tuple[str, ...]
     by_equivalent: bool
     equivalents: int
+    bound: float
     place: bool | None
     forces: tuple[Force, ...]
     seconds: float
@@ -76,7 +78,7 @@ def score(answer: dict[str, Any], outcome: dict[str, Any]) -> Score:
     if bead is None:
         return Score(
             answer["kind"], answer["strength"] or "", chain, effects, "", (), FAILED, (), False, 0,
-            None, (), outcome["seconds"],
+            math.nan, None, (), outcome["seconds"],
         )  # fmt: skip
     named = bead["effects"]
     wrong, left, by_equivalent = _matched(named, effects)
@@ -99,6 +101,7 @@ def score(answer: dict[str, Any], outcome: dict[str, Any]) -> Score:
         wrong=tuple(wrong),
         by_equivalent=by_equivalent,
         equivalents=sum(len(one["equivalent"]) for one in named),
+        bound=bead["force_bound_percent"] / 100,
         place=place,
         forces=_forces(answer, bead),
         seconds=outcome["seconds"],

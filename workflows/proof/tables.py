@@ -12,6 +12,9 @@ from scoring import ALARM, EXACT, FAILED, LOCATED, MISSED, PARTIAL, RIGHT, WRONG
 STRENGTHS = ("faint", "moderate", "clear")
 # Plateaus whose force the effect biases by more than this are those that a diagnosis can mend.
 BIASED = 0.02
+VERDICTS = ("consistent", "explained", "described", "unexplained")
+# Share of a force that matters to a user who says nothing (`[report] tolerance`).
+TOLERANCE = 0.03
 Test = Callable[[Score], bool]
 
 
@@ -25,6 +28,7 @@ def everything(scores: Sequence[Score]) -> str:
         "Clean recordings": alarms(scores),
         "Force": forces(scores),
         "Coverage": coverage(scores),
+        "The force to quote, by verdict": by_verdict(scores),
         "Time and failures": times(scores),
     }
     return "\n\n".join(f"### {title}\n\n{text}" for title, text in parts.items())
@@ -162,6 +166,42 @@ def coverage(scores: Sequence[Score]) -> str:
     head = ("", "recordings", "plateaus", "within 1 standard error", "within 2")
     return _table(head, rows) + (
         "\n\nForces of one recording share its faults, so the intervals are too narrow."
+    )
+
+
+def by_verdict(scores: Sequence[Score]) -> str:
+    """How true the recommended forces' intervals are, and the limits that verdicts rest on."""
+    rows = []
+    for verdict in VERDICTS:
+        mine = [s for s in scores if s.verdict == verdict]
+        one, total = covered(mine)
+        off = [abs(f.after) for s in mine for f in s.forces]
+        before = [abs(f.before) for s in mine for f in s.forces]
+        if total:
+            medians = (_percent(float(np.median(before))), _percent(float(np.median(off))))
+            rows.append((verdict, str(len(mine)), str(total), *medians, _portion(one, total)))
+    head = (
+        "verdict", "recordings", "plateaus", "error as configured (%)", "error (%)",
+        "within 1 standard error",
+    )  # fmt: skip
+    left = [s for s in scores if s.verdict == "unexplained"]
+    within = [s for s in left if _limit_holds(s, s.bound)]
+    small = [s for s in left if s.bound <= TOLERANCE]
+    kept = [s for s in small if _limit_holds(s, TOLERANCE)]
+    return _table(head, rows) + (
+        "\n\nErrors are medians over plateaus. The stated limit of what is unexplained "
+        f"(`force_bound_percent`) holds, at every plateau, in {_portion(len(within), len(left))} "
+        f"of the unexplained recordings; of those whose limit is below {TOLERANCE:.0%}, and which "
+        f"are therefore good, {_portion(len(kept), len(small))} have no force that is off by more."
+    )
+
+
+def _limit_holds(one: Score, limit: float) -> bool:
+    """Whether no force is off by more than a limit and twice its statistical error."""
+    return all(
+        abs(f.after) <= limit + 2 * math.sqrt(max((f.after / f.pull) ** 2 - limit**2, 0.0))
+        for f in one.forces
+        if f.pull != 0
     )
 
 

@@ -32,10 +32,11 @@ from mtpipe.physics.langevin import simulate_axis
 from mtpipe.physics.modes import SINGLE_MODE, rotating_bead
 from mtpipe.physics.tether import Chain, mean_extension_nm, stiffness_pN_per_nm
 from mtpipe.plateaus import find_plateaus
-from mtpipe.quality import BeadVerdict, bead_verdicts, trace_flags
+from mtpipe.quality import trace_flags
 from mtpipe.recording import Recording
 from mtpipe.setup import parse_setup
 from mtpipe.tether_curves import tether_curves
+from mtpipe.verdict import BeadVerdict, bead_verdicts
 
 FRAMES = 4096
 FORCES_PN = np.geomspace(0.3, 15.0, 6)

@@ -191,9 +191,12 @@ def verdicts_table(outcomes: Sequence[Outcome]) -> str:
     ):
         lines.append(
             [name, str(len(group))]
-            + [percent([o.verdict == v for o in group]) for v in ("good", "caution", "refused")]
+            + [
+                percent([o.verdict == v for o in group])
+                for v in ("unchecked", "caution", "refused")
+            ]
         )
-    verdicts = table("recordings | number | good (%) | caution (%) | refused (%)", lines)
+    verdicts = table("recordings | number | unchecked (%) | caution (%) | refused (%)", lines)
     reasons = Counter(reason for outcome in outcomes for reason in set(outcome.reasons))
     return (
         verdicts

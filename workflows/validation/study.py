@@ -21,6 +21,7 @@ from pathlib import Path
 from typing import Any
 
 import challenge
+import no_reference
 import pandas as pd
 import recordings
 import report
@@ -113,6 +114,11 @@ def _recordings(study: Study) -> dict[str, str]:
     }
 
 
+def _no_reference(study: Study) -> dict[str, str]:
+    outcomes = study.run(no_reference.measure, ((study.seed, i) for i in range(study.repeats)))
+    return {"no reference": no_reference.coverage_table(outcomes)}
+
+
 def _challenge(study: Study) -> dict[str, str]:
     clean = challenge.clean_cases(study.challenge_set)
     answers = study.run(challenge.measure, ((study.challenge_set, case) for case in clean))
@@ -148,6 +154,7 @@ PARTS: dict[str, Callable[[Study], dict[str, str]]] = {
     "short": _traces("short", report.short_table),
     "series": _series,
     "recordings": _recordings,
+    "no_reference": _no_reference,
     "challenge": _challenge,
 }
 

@@ -1,4 +1,4 @@
-// Draws the charts of the page, lets plateau and axis be chosen, and sorts tables.
+// Draws the charts of the page in the colours of the screen, and lets plateau and axis be chosen.
 "use strict";
 
 const charts = JSON.parse(document.getElementById("charts").textContent);
@@ -10,27 +10,55 @@ const CONFIG = {
   modeBarButtonsToRemove: ["select2d", "lasso2d", "autoScale2d"],
 };
 const PRINT_WIDTH_PX = 680; // A4 less its margins, at 96 px per inch
+const PRINT_PICTURE_PX = 320; // the picture of a finding, beside its words
 const PRINT_SHRINK = 0.8; // in height, so that two charts fit on a page
 
-// A figure says {"array": i} where it means the page's i-th array.
-function withArrays(part) {
-  if (Array.isArray(part)) return part.map(withArrays);
+const PLAIN = { ...CONFIG, displayModeBar: false };
+const night = window.matchMedia("(prefers-color-scheme: dark)");
+let printing = false;
+
+// A figure says {"array": i} where it means the page's i-th array, and has the colours of a light
+// page; on a dark screen those of charts.dark stand in their place.
+function resolved(part) {
+  if (Array.isArray(part)) return part.map(resolved);
+  if (typeof part === "string") return (night.matches && !printing && charts.dark[part]) || part;
   if (part === null || typeof part !== "object") return part;
   const keys = Object.keys(part);
   if (keys.length === 1 && typeof part.array === "number") return arrays[part.array];
-  return Object.fromEntries(keys.map((key) => [key, withArrays(part[key])]));
+  return Object.fromEntries(keys.map((key) => [key, resolved(part[key])]));
 }
+
+// What each place shows, to be drawn again when the colours change.
+const shown = new Map();
 
 function draw(place, figure) {
-  const { data, layout } = withArrays(figure);
+  shown.set(place, figure);
+  const { data, layout } = resolved(figure);
   place.dataset.height = layout.height;
   place.style.height = `${layout.height}px`;
-  return Plotly.react(place, data, layout, CONFIG);
+  Plotly.react(place, data, layout, "plain" in place.dataset ? PLAIN : CONFIG).then(() => {
+    // the mouse reaches these buttons; with the keyboard they would be six stops in every chart
+    for (const button of place.querySelectorAll(".modebar-btn")) button.tabIndex = -1;
+  });
 }
 
-for (const place of document.querySelectorAll("[data-figure]")) {
-  draw(place, charts.figures[place.dataset.figure]);
+const drawAgain = () => shown.forEach((figure, place) => draw(place, figure));
+
+// A chart is drawn when it is about to be seen: a recording may have a hundred beads.
+const coming = new IntersectionObserver((entries) => {
+  for (const { isIntersecting, target } of entries) {
+    if (isIntersecting) drawFirst(target);
+  }
+}, { rootMargin: "400px" });
+
+function drawFirst(place) {
+  coming.unobserve(place);
+  if (!shown.has(place)) draw(place, charts.figures[place.dataset.figure]);
 }
+
+const places = document.querySelectorAll("[data-figure]");
+for (const place of places) coming.observe(place);
+night.addEventListener("change", drawAgain);
 
 // --- choice of plateau and axis ---------------------------------------------------------------
 
@@ -54,6 +82,7 @@ function show(key) {
       draw(place, figure);
     } else {
       Plotly.purge(place);
+      shown.delete(place);
       place.style.height = "";
     }
   }
@@ -82,39 +111,9 @@ if (plateau && charts.first) {
   show(charts.first);
 }
 
-// --- sorting ------------------------------------------------------------------------------------
-
-const inOrder = new Intl.Collator(undefined, { numeric: true }).compare;
-
-// Rows without a value stay at the end in both directions.
-function compare(a, b, direction) {
-  if (a === null || b === null) return (a === null) - (b === null);
-  const order = typeof a === "number" && typeof b === "number" ? a - b : inOrder(a, b);
-  return order * direction;
-}
-
-function sortKey(row, column) {
-  const cell = row.cells[column];
-  if (cell.dataset.sort !== undefined) return Number(cell.dataset.sort);
-  return cell.querySelector(".hidden") ? null : cell.textContent.trim();
-}
-
-for (const table of document.querySelectorAll("table.sortable")) {
-  const heads = [...table.tHead.rows[0].cells];
-  heads.forEach((head, column) => head.querySelector("button")?.addEventListener("click", () => {
-    const up = head.getAttribute("aria-sort") !== "ascending";
-    for (const other of heads) other.removeAttribute("aria-sort");
-    head.setAttribute("aria-sort", up ? "ascending" : "descending");
-    const keyed = [...table.tBodies[0].rows].map((row) => [sortKey(row, column), row]);
-    keyed.sort(([a], [b]) => compare(a, b, up ? 1 : -1));
-    table.tBodies[0].append(...keyed.map(([, row]) => row));
-  }));
-}
-
-// --- printing: charts as wide as the paper; what is folded is opened, but for long lists ----------
+// --- printing: dark on white and as wide as the paper; what is folded is opened, but for long lists
 
 let opened = [];
-const drawn = () => document.querySelectorAll(".js-plotly-plot");
 
 // The element gets the size as well: plotly reads it there when the browser resizes the page.
 function resize(place, width, shrink) {
@@ -125,11 +124,19 @@ function resize(place, width, shrink) {
 }
 
 window.addEventListener("beforeprint", () => {
+  printing = true;
   opened = [...document.querySelectorAll("details:not([open], .screen)")];
   for (const details of opened) details.open = true;
-  for (const place of drawn()) resize(place, PRINT_WIDTH_PX, PRINT_SHRINK);
+  places.forEach(drawFirst);
+  drawAgain();
+  for (const place of shown.keys()) {
+    const plain = "plain" in place.dataset;
+    resize(place, plain ? PRINT_PICTURE_PX : PRINT_WIDTH_PX, plain ? 1 : PRINT_SHRINK);
+  }
 });
 window.addEventListener("afterprint", () => {
+  printing = false;
   for (const details of opened) details.open = false;
-  for (const place of drawn()) resize(place, null, 1);
+  drawAgain();
+  for (const place of shown.keys()) resize(place, null, 1);
 });

@@ -1,0 +1,1 @@
+"""The force to quote: one per bead and plateau, chosen by evidence."""
