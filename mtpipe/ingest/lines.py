@@ -35,12 +35,15 @@ def line_blocks(
         before.
     """
     remarks = _remarks(comment, tabbed)
+    signs = [b"\n ", b"\r ", b"\n\t", b"\r\t", *([comment.encode()] if comment else [])]
     for block in _whole_lines(_pieces(stream, encoding)):
         if skip:
             ends = [end.end() for end in islice(LINE_END.finditer(block), skip)]
             skip -= len(ends)
             block = block[ends[-1] :] if ends and not skip else b""
-        block = remarks.sub(rb"\1", b"\n" + block)[1:]
+        led = b"\n" + block
+        if any(sign in led for sign in signs):  # told much faster than by the pattern
+            block = remarks.sub(rb"\1", led)[1:]
         if block.strip(b"\r\n"):
             yield _arrow_owned(_tabbed(block) if tabbed else block)
 
