@@ -11,6 +11,8 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import ClassVar
 
+from mtpipe.files import as_text
+
 
 class MtpipeError(Exception):
     """Base of all errors that a user can cause and mend.
@@ -30,10 +32,10 @@ class MtpipeError(Exception):
     exit_code: ClassVar[int] = 1
 
     def __init__(self, message: str, *, where: str | None = None, mend: str | None = None) -> None:
-        self.message = message
-        self.where = where
-        self.mend = mend
-        super().__init__(message)
+        self.message = as_text(message)
+        self.where = None if where is None else as_text(where)
+        self.mend = None if mend is None else as_text(mend)
+        super().__init__(self.message)
 
     def __str__(self) -> str:
         head = f"{self.where}: " if self.where else ""

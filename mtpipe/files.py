@@ -14,6 +14,15 @@ from contextlib import contextmanager
 from pathlib import Path
 
 
+def as_text(name: str) -> str:
+    """The name of a file as text that can be written anywhere.
+
+    On Linux a name may have bytes that are no UTF-8, as files from Windows' disks and archives do;
+    they are shown as `\\xfc`.
+    """
+    return name.encode("utf-8", "surrogateescape").decode("utf-8", "backslashreplace")
+
+
 def write_atomically(path: Path, content: str | bytes) -> None:
     """Write a file whole or not at all; text as UTF-8. The folder is made where it is missing."""
     data = content.encode("utf-8") if isinstance(content, str) else content

@@ -9,6 +9,8 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Literal
 
+from mtpipe.files import as_text
+
 Severity = Literal["info", "caution", "warning"]
 
 
@@ -27,3 +29,6 @@ class Notice:
     bead: str | None = None
     plateau: int | None = None
     axis: str | None = None
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "message", as_text(self.message))

@@ -10,6 +10,9 @@ from numpy.typing import NDArray
 from mtpipe.recording import FloatArray, Plateau
 from mtpipe.setup import Plateaus
 
+# Stamps are kept to some digits, so a frame at the very end of a time counts as within it.
+SLACK_FRAMES = 0.01
+
 
 def find_plateaus(
     time_s: FloatArray,
@@ -37,14 +40,15 @@ def find_plateaus(
     position = np.zeros(n) if magnet_mm is None else magnet_mm
     allowed = np.isfinite(position) if resting is None else np.isfinite(position) & resting
     frame_s = float(np.median(np.diff(time_s))) if n > 1 else 0.0
+    slack_s = SLACK_FRAMES * frame_s
     found: list[Plateau] = []
     for start, stop in _stretches(position, allowed, choice.tolerance_mm):
         begin = start
         if start > 0 and choice.settle_s > 0:
-            begin = start + int(
-                np.searchsorted(time_s[start:stop], time_s[start] + choice.settle_s)
-            )
-        if stop - begin < 2 or time_s[stop - 1] - time_s[begin] + frame_s < choice.minimum_s:
+            settled_s = time_s[start] + choice.settle_s - slack_s
+            begin = start + int(np.searchsorted(time_s[start:stop], settled_s))
+        lasts_s = time_s[stop - 1] - time_s[begin] + frame_s + slack_s if stop > begin else 0.0
+        if stop - begin < 2 or lasts_s < choice.minimum_s:
             continue
         value = None if magnet_mm is None else float(np.median(position[begin:stop]))
         found.append(Plateau(len(found), begin, stop, value))

@@ -36,6 +36,8 @@ EFFECTS = (
     "surface_sticking", "hopping", "anharmonic_tether", "pixel_locking", "force_drift",
     "hydrodynamic_memory",
 )  # fmt: skip
+# The slowest time lapse and the fastest detector with which anybody has followed a tethered bead.
+FRAME_RATES_HZ = (0.1, 1e6)
 # Entry points of other packages that bring effects.
 EFFECTS_GROUP = "mtpipe.effects"
 
@@ -127,6 +129,11 @@ class Camera(Section):
     frame_rate_hz: Positive
     exposure_s: Positive
     pixel_size_nm: Positive | None = None
+
+    @model_validator(mode="after")
+    def _is_a_camera(self) -> Camera:
+        _within("frame_rate_hz", self.frame_rate_hz, *FRAME_RATES_HZ, "Hz")
+        return self
 
     @model_validator(mode="after")
     def _exposure_fits_in_a_frame(self) -> Camera:

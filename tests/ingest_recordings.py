@@ -3,6 +3,7 @@
 from pathlib import Path
 
 import numpy as np
+import pytest
 
 from mtpipe.setup import Setup, parse_setup
 
@@ -132,3 +133,37 @@ def magscope_batches(positions):
 
 def magscope_positions():
     return dict(zip((3, 7), motion(N).values(), strict=True))
+
+
+FIVE = ("Time", "Magnet", "X", "Y", "Z")
+
+
+def five_columns(n=N, seed=0) -> dict[str, np.ndarray]:
+    """The plain recording of one bead that the tests write in every container and every way."""
+    xyz = motion(n, beads=("b1",), seed=seed)["b1"]
+    time = np.round(np.arange(n) / RATE, 4)
+    return dict(zip(FIVE, [time, np.full(n, 3.0), *xyz.T], strict=True))
+
+
+def five_setup(names=FIVE, *, rate=RATE, time=True, minimum_s=1.0, **source) -> Setup:
+    """The setup of the plain recording, its columns under the names that the container gives."""
+    clock, magnet, x, y, z = names
+    table = {
+        "beads": {"name": "b1", "x": x, "y": y, "z": z},
+        "units": {"position": "nm"},
+        "magnet": {"column": magnet, "unit": "mm"},
+        "z_zero": {"value_nm": 0.0},
+    }
+    if time:
+        table["time"] = {"column": clock, "unit": "s"}
+    return setup_of(table | source, rate=rate, reference=(), minimum_s=minimum_s)
+
+
+def assert_plain(recording, columns, *, rows=None, lost=()):
+    """The recording is the plain one: every position to 1e-6 nm, every time to 1 ns."""
+    xyz = np.column_stack([columns[axis] for axis in "XYZ"])[:rows]
+    xyz[list(lost)] = np.nan
+    np.testing.assert_allclose(recording.positions_nm["b1"], xyz, atol=1e-6, rtol=0)
+    np.testing.assert_allclose(recording.time_s, columns["Time"][:rows], atol=1e-9, rtol=0)
+    np.testing.assert_array_equal(recording.magnet_mm, columns["Magnet"][:rows])
+    assert recording.setup.camera.frame_rate_hz.value == pytest.approx(RATE, rel=1e-6)

@@ -1,210 +1,198 @@
-"""Files that hold arrays: MATLAB v5, HDF5, LabVIEW TDMS, npz, PicoTwist plots.
+"""Files that hold arrays: MATLAB, HDF5, LabVIEW TDMS, numpy's, PicoTwist plots.
 
-Each is presented as a table of one-dimensional columns with names. An array `a` of two dimensions
-becomes `a[1]`, `a[2]`, ... along its shorter side, as frames are its longer one; an array of
-records (a PyTables table) becomes `a/field`. Names in HDF5 are full paths without the leading
-slash; in TDMS `group/channel`, or the channel alone where the file has one group.
+Each is presented as a table of columns with names (`contents`). Names in HDF5 are full paths
+without the leading slash; in TDMS `group/channel`, or the channel alone where the file has one
+group.
 """
 
 from __future__ import annotations
 
 import io
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import ExitStack, contextmanager
-from dataclasses import dataclass
-from functools import cache, partial
+from dataclasses import dataclass, field
 from pathlib import Path
-from typing import IO, Any, BinaryIO, cast
+from typing import Any
 
-import numpy as np
+from numpy.typing import NDArray
 
 from mtpipe.errors import RecordingError
-from mtpipe.ingest.files import open_stream
-from mtpipe.ingest.gr import read_gr
-from mtpipe.ingest.source import Format
-from mtpipe.recording import FloatArray
+from mtpipe.ingest.contents import BLOCK_BYTES, Array, Contents, values_of
+from mtpipe.ingest.files import is_packed, open_stream
+from mtpipe.ingest.source import TAKE, Format, Layout
+from mtpipe.ingest.stated import NOTHING, Stated
 
-BLOCK_ROWS = 1 << 18
-NUMERIC = "biuf"
-Getter = Callable[[int, int], Any]  # rows [start, stop) of one column
-
-
-@dataclass(frozen=True)
-class Column:
-    """One column: its name, length, and how to get a piece of it."""
-
-    name: str
-    rows: int
-    get: Getter
+# Formats whose index is at the end: of a file that is cut off nothing can be found.
+INDEX_LAST: dict[Format, bytes] = {"npz": b"PK\x05\x06"}
+END_BYTES = 1 << 16
+# What HDF5 says of a file that a program has open, or had as it was stopped.
+STILL_OPEN = ("already open for write", "consistency flags", "lock file")
 
 
 @dataclass(frozen=True)
 class ArrayTable:
     """A file of arrays seen as a table.
 
-    `names` and `has_names` as in `text.TextTable`; nothing about it is guessed.
+    `names`, `has_names`, `stated`, `unusable` and `remarks` as in `collect.OpenTable`; nothing
+    about it is guessed. `take`: of columns of different length the rows that all have are taken.
+    `as_stated`: values are scaled, and lost, as the file says.
     """
 
     path: Path
     names: tuple[str, ...]
     kind: Format
+    stated: tuple[Stated, ...] = ()
+    unusable: Mapping[str, str] = field(default_factory=dict)
+    take: bool = False
+    as_stated: bool = True
     has_names: bool = True
     guesses: tuple[str, ...] = ()
+    remarks: list[str] = field(default_factory=list, compare=False)
 
-    def batches(self, wanted: Sequence[int]) -> Iterator[list[FloatArray]]:
-        """Yield the wanted columns (positions from 0) piece by piece as float64.
+    def batches(self, wanted: Sequence[int]) -> Iterator[list[NDArray[Any]]]:
+        """Yield the wanted columns (positions from 0) piece by piece.
+
+        Yields
+        ------
+        (n,) float64 for each, or datetime64[ns] where it holds clock times.
 
         Raises
         ------
         RecordingError : columns of different length, or damage.
         """
         try:
-            with _open(self.path, self.kind) as columns:
+            with _open(self.path, self.kind, self.take) as contents:
+                columns = list(contents.columns())
                 chosen = [columns[i] for i in wanted]
-                lengths = {c.rows for c in chosen}
-                if len(lengths) > 1:
-                    told = ", ".join(f"{c.name}: {c.rows}" for c in chosen)
-                    raise RecordingError(
-                        f"columns differ in length ({told[:300]})", where=str(self.path)
-                    )
-                n = max(lengths, default=0)
-                for start in range(0, n, BLOCK_ROWS):
-                    stop = min(start + BLOCK_ROWS, n)
-                    yield [np.asarray(c.get(start, stop), dtype=np.float64) for c in chosen]
+                count = self._rows([(column.name, array.rows) for array, column in chosen])
+                together: dict[int, list[int]] = {}
+                for k, (array, _) in enumerate(chosen):
+                    together.setdefault(id(array), []).append(k)
+                step = _step([array for array, _ in chosen])
+                for start in range(0, count, step):
+                    stop = min(start + step, count)
+                    batch: list[NDArray[Any]] = [None] * len(chosen)  # type: ignore[list-item]
+                    for places in together.values():
+                        of_array = [chosen[k][1] for k in places]
+                        read = chosen[places[0]][0].read(start, stop, of_array)
+                        for k, column, raw in zip(places, of_array, read, strict=True):
+                            stated = column.stated if self.as_stated else NOTHING
+                            batch[k] = values_of(raw, column, stated)
+                    yield batch
         except RecordingError:
             raise
         except Exception as error:  # the libraries raise anything on a damaged file
             raise _damaged(self.path, self.kind, error) from error
 
+    def _rows(self, lengths: list[tuple[str, int]]) -> int:
+        """Number of rows that all columns have."""
+        found = {rows for _, rows in lengths}
+        least, most = min(found, default=0), max(found, default=0)
+        if least == most or (self.take and least):
+            if least < most:
+                self.remarks.append(
+                    f"{self.path.name}: {least} of {most} rows are whole in all columns and are "
+                    "taken"
+                )
+            return least
+        told = ", ".join(f"{name}: {rows}" for name, rows in lengths)
+        raise RecordingError(
+            f"columns differ in length ({told[:300]})",
+            where=str(self.path),
+            mend=f"If its program was stopped while it wrote: {TAKE} ({least} rows of each).",
+        )
 
-def open_arrays(path: Path, kind: Format) -> ArrayTable:
+
+def open_arrays(path: Path, kind: Format, layout: Layout | None = None) -> ArrayTable:
     """List the columns of a file of arrays.
 
     Raises
     ------
-    RecordingError : the file is damaged, not of this kind, or holds no numbers.
+    RecordingError : the file is damaged, cut off, not of this kind, or holds no numbers.
     """
+    take = layout is not None and layout.incomplete is not None
     try:
-        with _open(path, kind) as columns:
-            names = tuple(c.name for c in columns)
+        with _open(path, kind, take) as contents:
+            columns = [column for _, column in contents.columns()]
+            unusable, cut = contents.unusable, contents.cut
     except Exception as error:  # the libraries raise anything on a damaged file
         raise _damaged(path, kind, error) from error
-    if not names:
-        raise RecordingError(f"holds no arrays of numbers ({kind})", where=str(path))
-    return ArrayTable(path, names, kind)
+    if cut and not take:
+        raise RecordingError(cut, where=str(path), mend=f"Copy the file again. {TAKE}.")
+    if not columns:
+        held = "; ".join(f"{name} ({what})" for name, what in list(unusable.items())[:12])
+        raise RecordingError(
+            f"holds no arrays of numbers ({kind})" + (f". It holds {held}" if held else ""),
+            where=str(path),
+        )
+    remarks = [f"{path.name} {cut}; what is whole is taken"] if cut else []
+    return ArrayTable(
+        path=path,
+        names=tuple(column.name for column in columns),
+        kind=kind,
+        stated=tuple(column.stated for column in columns),
+        unusable=unusable,
+        take=take,
+        as_stated=layout is None or layout.attributes is None,
+        remarks=remarks,
+    )
 
 
 def _damaged(path: Path, kind: Format, error: Exception) -> RecordingError:
     reason = f"{type(error).__name__}: {error}".splitlines()[0][:200]
-    return RecordingError(f"cannot be read as {kind} ({reason})", where=str(path))
+    mark = INDEX_LAST.get(kind)
+    if mark is not None:
+        with path.open("rb") as stream:
+            stream.seek(max(0, path.stat().st_size - END_BYTES))
+            if mark not in stream.read():
+                return RecordingError(
+                    f"is cut off: its end, where a file of this kind ({kind}) says what is in it, "
+                    "is missing, so nothing can be taken from it",
+                    where=str(path),
+                    mend="Copy the file again.",
+                )
+    mend = None
+    if any(words in str(error) for words in STILL_OPEN):
+        mend = (
+            "It is still written, or its program was stopped: close the program, or mend the file "
+        )
+        mend += "with HDF5's own h5clear --status."
+    return RecordingError(f"cannot be read as {kind} ({reason})", where=str(path), mend=mend)
+
+
+def _step(arrays: list[Array]) -> int:
+    """Rows to read at once: some 64 MB, in whole pieces as the file keeps them."""
+    different = {id(array): array for array in arrays}.values()
+    rows = max(1, BLOCK_BYTES // sum(array.row_bytes for array in different))
+    large = [a.chunk_rows for a in different if a.chunk_rows * a.row_bytes > BLOCK_BYTES // 2]
+    piece = max(large, default=1)
+    return -(-rows // piece) * piece
 
 
 @contextmanager
-def _open(path: Path, kind: Format) -> Iterator[list[Column]]:
-    openers = {"matlab": _matlab, "hdf5": _hdf5, "tdms": _tdms, "npz": _npz, "gr": _gr}
+def _open(path: Path, kind: Format, take: bool) -> Iterator[Contents]:
+    """Look through a file; each reader's library is loaded only where it is needed."""
     with ExitStack() as stack:
         stream = stack.enter_context(open_stream(path))
-        if not stream.name:
+        if is_packed(stream):
             stream = io.BytesIO(stream.read())  # gzipped: these formats jump about in the file
-        yield openers[kind](stream, stack)
+        if kind == "hdf5":
+            from mtpipe.ingest.hdf5 import open_hdf5
 
+            yield open_hdf5(stream, stack, take=take)
+        elif kind == "tdms":
+            from mtpipe.ingest.tdms import open_tdms
 
-def _matlab(stream: BinaryIO, stack: ExitStack) -> list[Column]:
-    import scipy.io
+            yield open_tdms(stream, stack)
+        elif kind == "matlab":
+            from mtpipe.ingest.matlab import open_matlab
 
-    content: dict[str, Any] = scipy.io.loadmat(cast(Any, stream), chars_as_strings=False)
-    columns: list[Column] = []
-    for name, value in content.items():
-        if isinstance(value, np.ndarray) and not name.startswith("__"):
-            columns += _expand(name, value.shape, value.dtype, value.__getitem__)
-    return columns
+            yield open_matlab(stream, take=take)
+        elif kind in ("npz", "npy"):
+            from mtpipe.ingest.numpy_files import open_npy, open_npz
 
+            yield open_npz(stream, stack) if kind == "npz" else open_npy(stream)
+        else:
+            from mtpipe.ingest.gr import open_gr
 
-def _hdf5(stream: BinaryIO, stack: ExitStack) -> list[Column]:
-    import h5py
-
-    file = stack.enter_context(h5py.File(stream, "r"))
-    columns: list[Column] = []
-
-    def visit(name: str, node: object) -> None:
-        if isinstance(node, h5py.Dataset) and node.shape:
-            columns.extend(_expand(name, node.shape, node.dtype, node.__getitem__))
-
-    file.visititems(visit)
-    return columns
-
-
-def _tdms(stream: BinaryIO, stack: ExitStack) -> list[Column]:
-    import nptdms
-
-    file = stack.enter_context(nptdms.TdmsFile.open(stream))
-    alone = len(file.groups()) == 1
-    columns: list[Column] = []
-    for group in file.groups():
-        for channel in group.channels():
-            name = channel.name if alone else f"{group.name}/{channel.name}"
-            shape = (len(channel),)
-            columns += _expand(name, shape, np.dtype(channel.dtype), channel.__getitem__)
-    return columns
-
-
-def _gr(stream: BinaryIO, stack: ExitStack) -> list[Column]:
-    columns: list[Column] = []
-    for name, values in read_gr(stream).items():
-        columns += _expand(name, values.shape, values.dtype, values.__getitem__)
-    return columns
-
-
-def _npz(stream: BinaryIO, stack: ExitStack) -> list[Column]:
-    archive = stack.enter_context(np.load(stream, allow_pickle=False))
-    columns: list[Column] = []
-    for member in archive.zip.namelist():
-        with archive.zip.open(member) as piece:
-            old = np.lib.format.read_magic(piece) == (1, 0)
-            read = np.lib.format.read_array_header_1_0 if old else _npy_header_2
-            shape, _, dtype = read(piece)
-        name = member.removesuffix(".npy")
-        whole = cache(partial(archive.__getitem__, name))
-        columns += _expand(name, shape, dtype, partial(_indexed, whole))
-    return columns
-
-
-def _npy_header_2(piece: IO[bytes]) -> tuple[tuple[int, ...], bool, np.dtype[Any]]:
-    return np.lib.format.read_array_header_2_0(piece)
-
-
-def _expand(
-    name: str, shape: tuple[int, ...], dtype: np.dtype[Any], get: Callable[[Any], Any]
-) -> list[Column]:
-    """The columns of one array; none of what is no table of numbers."""
-    if dtype.names is not None and len(shape) == 1:
-        fields = [f for f in dtype.names if dtype[f].kind in NUMERIC and not dtype[f].shape]
-        return [Column(f"{name}/{f}", shape[0], partial(_field, get, f)) for f in fields]
-    if dtype.kind not in NUMERIC or 0 in shape or len(shape) not in (1, 2):
-        return []
-    if len(shape) == 1:
-        return [Column(name, shape[0], partial(_piece, get))]
-    get_one = _of_columns if shape[0] >= shape[1] else _of_rows
-    across = min(shape)
-    labels = [name] if across == 1 else [f"{name}[{k + 1}]" for k in range(across)]
-    return [Column(label, max(shape), partial(get_one, get, k)) for k, label in enumerate(labels)]
-
-
-def _indexed(whole: Callable[[], Any], index: Any) -> Any:
-    return whole()[index]
-
-
-def _piece(get: Callable[[Any], Any], start: int, stop: int) -> Any:
-    return get(slice(start, stop))
-
-
-def _field(get: Callable[[Any], Any], field: str, start: int, stop: int) -> Any:
-    return get(slice(start, stop))[field]
-
-
-def _of_columns(get: Callable[[Any], Any], k: int, start: int, stop: int) -> Any:
-    return get((slice(start, stop), k))
-
-
-def _of_rows(get: Callable[[Any], Any], k: int, start: int, stop: int) -> Any:
-    return get((k, slice(start, stop)))
+            yield open_gr(stream)

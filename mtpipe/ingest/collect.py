@@ -7,17 +7,19 @@ left out, and what means lost, is decided here batch by batch.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Protocol
+from typing import Any, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
 
 from mtpipe.errors import RecordingError
-from mtpipe.ingest.columns import Assignment, Names
+from mtpipe.ingest.columns import Assignment
+from mtpipe.ingest.instants import since
 from mtpipe.ingest.source import Lost, Rows
+from mtpipe.ingest.stated import Stated
 from mtpipe.recording import FloatArray
 
 FIRST_ROWS = 1 << 16
@@ -28,8 +30,10 @@ FARTHEST_MM = 1e6
 class OpenTable(Protocol):
     """A file seen as a table of columns: `TextTable`, `ParquetTable`, `ArrayTable`.
 
-    `names` of the columns, or their numbers where the file has none; `guesses` are sentences on
-    what the setup left open; `batches` yields the wanted columns (positions from 0) piecewise.
+    `names` of the columns, or their numbers where the file has none; `stated` is what the file
+    says of each; `unusable` what else is in it, and why it is no column; `guesses` are sentences
+    on what the setup left open, `remarks` on what was met while reading. `batches` yields the
+    wanted columns (positions from 0) piecewise, as float64 or, of clock times, datetime64[ns].
     """
 
     @property
@@ -40,7 +44,13 @@ class OpenTable(Protocol):
     def has_names(self) -> bool: ...  # noqa: D102
     @property
     def guesses(self) -> tuple[str, ...]: ...  # noqa: D102
-    def batches(self, wanted: Sequence[int]) -> Iterator[list[FloatArray]]: ...  # noqa: D102
+    @property
+    def stated(self) -> tuple[Stated, ...]: ...  # noqa: D102
+    @property
+    def unusable(self) -> Mapping[str, str]: ...  # noqa: D102
+    @property
+    def remarks(self) -> list[str]: ...  # noqa: D102
+    def batches(self, wanted: Sequence[int]) -> Iterator[list[NDArray[Any]]]: ...  # noqa: D102
 
 
 @dataclass(frozen=True)
@@ -51,6 +61,7 @@ class Collected:
     ----------
     positions_nm : (n_rows, 3) for each bead.
     time_s, frame, magnet_mm, turns : (n_rows,) or None.
+    began : the clock time from which `time_s` counts; None where it counts as the file does.
     starts : first row (from 0) of each file.
     zero_rows : rows whose positions were all 0 and were taken as lost.
     infinite : number of infinite positions by bead, now NaN.
@@ -66,6 +77,7 @@ class Collected:
     zero_rows: int
     infinite: dict[str, int]
     unused: tuple[str, ...]
+    began: np.datetime64 | None = None
 
 
 @dataclass(frozen=True)
@@ -93,7 +105,7 @@ class RowChoice:
 
 def collect(
     tables: Sequence[OpenTable],
-    assign: Callable[[Names], Assignment],
+    assign: Callable[[OpenTable], Assignment],
     lost: Lost,
     rows: RowChoice,
 ) -> Collected:
@@ -112,10 +124,10 @@ def collect(
     seen = 0
     starts = []
     for table in tables:
-        plan = assign(Names(table.names, table.has_names, str(table.path)))
+        plan = assign(table)
         if arrays is None:
-            arrays = _Arrays(plan, lost)
-        arrays.check_same(plan, table.path)
+            arrays = _Arrays(plan, lost, table)
+        arrays.begin(plan, table)
         starts.append(arrays.filled)
         for batch in table.batches(arrays.wanted):
             count = len(batch[0])
@@ -132,12 +144,14 @@ def collect(
 class _Arrays:
     """The arrays while they are filled."""
 
-    def __init__(self, plan: Assignment, lost: Lost) -> None:
+    def __init__(self, plan: Assignment, lost: Lost, table: OpenTable) -> None:
         self.plan = plan
+        self.table = table
         self.lost = lost
         self.filled = 0
         self.zero_rows = 0
         self.infinite = dict.fromkeys(plan.beads, 0)
+        self.began: np.datetime64 | None = None
         self.scalars = [c for c in (plan.time, plan.frame, plan.magnet, plan.rotation) if c >= 0]
         self.places = [
             (bead, axis, column)
@@ -148,7 +162,9 @@ class _Arrays:
         self.values = {column: np.empty(FIRST_ROWS) for column in self.scalars}
         self.positions = {bead: np.empty((FIRST_ROWS, 3)) for bead in plan.beads}
 
-    def check_same(self, plan: Assignment, path: Path) -> None:
+    def begin(self, plan: Assignment, table: OpenTable) -> None:
+        """Begin the next file, which must have the columns of those before it."""
+        self.table, path = table, table.path
         if list(plan.beads) != list(self.plan.beads):
             raise RecordingError(
                 f"has beads {', '.join(plan.beads)} where the files before it have "
@@ -158,10 +174,13 @@ class _Arrays:
         if plan != self.plan:
             raise RecordingError("has other columns than the files before it", where=str(path))
 
-    def add(self, batch: list[FloatArray]) -> None:
+    def add(self, batch: list[NDArray[Any]]) -> None:
         start, stop = self.filled, self.filled + len(batch[0])
         self._make_room(stop)
-        columns = dict(zip(self.wanted, batch, strict=True))
+        columns = {
+            column: self._seconds(column, values) if values.dtype.kind == "M" else values
+            for column, values in zip(self.wanted, batch, strict=True)
+        }
         for column in self.scalars:
             self.values[column][start:stop] = columns[column]
         for bead, axis, column in self.places:
@@ -169,7 +188,7 @@ class _Arrays:
             if column < 0:
                 target[:] = np.nan
                 continue
-            with np.errstate(over="ignore"):
+            with np.errstate(over="ignore", invalid="ignore"):
                 np.multiply(columns[column], self.plan.factors[axis], out=target)
             for value in self.lost.values:
                 target[columns[column] == value] = np.nan
@@ -187,6 +206,19 @@ class _Arrays:
                     if column >= 0:
                         self.values[column][start:stop][zero] = np.nan
         self.filled = stop
+
+    def _seconds(self, column: int, moments: NDArray[Any]) -> FloatArray:
+        """Clock times as seconds since the first of the recording."""
+        if column != self.plan.time:
+            raise RecordingError(
+                f"column {self.table.names[column]} holds clock times where numbers are expected",
+                where=str(self.table.path),
+                mend="Correct the columns in [source]; only time can be a clock time.",
+            )
+        if self.began is None:
+            known = moments[~np.isnat(moments)]
+            self.began = known[0] if len(known) else None
+        return since(self.began, moments)
 
     def result(self, starts: tuple[int, ...]) -> Collected:
         n, plan = self.filled, self.plan
@@ -206,7 +238,7 @@ class _Arrays:
 
         return Collected(
             positions_nm={bead: xyz[:n] for bead, xyz in self.positions.items()},
-            time_s=scalar(plan.time, plan.time_s),
+            time_s=scalar(plan.time, plan.time_s if self.began is None else 1.0),
             frame=scalar(plan.frame, 1.0),
             magnet_mm=bounded(scalar(plan.magnet, plan.magnet_mm, plan.magnet_offset_mm)),
             turns=bounded(scalar(plan.rotation, plan.turns)),
@@ -214,6 +246,7 @@ class _Arrays:
             zero_rows=self.zero_rows,
             infinite={bead: count for bead, count in self.infinite.items() if count},
             unused=plan.unused,
+            began=self.began,
         )
 
     def _make_room(self, rows: int) -> None:

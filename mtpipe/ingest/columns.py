@@ -8,11 +8,13 @@ make nm, s, mm and turns of them.
 from __future__ import annotations
 
 import difflib
+import itertools
 import re
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 
 from mtpipe.errors import RecordingError, SetupError
+from mtpipe.ingest.names import plain
 from mtpipe.ingest.source import (
     NM_PER_UNIT,
     NUMBER,
@@ -25,6 +27,8 @@ from mtpipe.recording import AXES
 from mtpipe.setup import Setup
 
 QUALITY_NAME = re.compile(r"(?P<bead>.+)_quality")
+# Columns of one array are listed one by one up to this number.
+MOST_MEMBERS = 6
 POSITION_NAME = re.compile(r"(?P<bead>.+)_(?P<axis>[xyz])_nm")
 
 
@@ -51,11 +55,15 @@ class Assignment:
 
 @dataclass(frozen=True)
 class Names:
-    """Names of a file's columns and how to look one up."""
+    """Names of a file's columns and how to look one up.
+
+    `unusable` says of what else the file holds why it is no column.
+    """
 
     names: tuple[str, ...]
     has_names: bool
     where: str
+    unusable: Mapping[str, str] = field(default_factory=dict)
 
     def find(self, column: int | str, what: str) -> int:
         """Position, from 0, of a column told by number or by name.
@@ -72,7 +80,7 @@ class Names:
                 )
             return column - 1
         matches = [i for i, name in enumerate(self.names) if name == column]
-        matches = matches or [i for i, n in enumerate(self.names) if n.strip() == column.strip()]
+        matches = matches or [i for i, n in enumerate(self.names) if plain(n) == plain(column)]
         if len(matches) == 1:
             return matches[0]
         if len(matches) > 1:
@@ -87,11 +95,33 @@ class Names:
                 where=self.where,
                 mend="Tell them by number, or set header = true.",
             )
+        raise self._absent(column, what)
+
+    def _absent(self, column: str, what: str) -> RecordingError:
+        """What to say of a name that no column has."""
+        held = next(
+            (key for key in self.unusable if f"{plain(column)}/".startswith(f"{plain(key)}/")), None
+        )
+        inner = tuple(name for name in self.names if name.startswith((f"{column}[", f"{column}/")))
+        others = [f"{key} ({what_it_is})" for key, what_it_is in self.unusable.items()]
+        more = f" Of no use are: {_some(tuple(others))}." if others else ""
+        if held is not None:
+            return RecordingError(
+                f"{column!r} ({what}) is there, but is no column of numbers: {self.unusable[held]}",
+                where=self.where,
+                mend=f"Columns are: {_some(self.names)}.",
+            )
+        if inner:
+            return RecordingError(
+                f"{column!r} ({what}) is there, but has {len(inner)} columns",
+                where=self.where,
+                mend=f"Name one of them: {_some(inner)}.",
+            )
         near = difflib.get_close_matches(column, self.names, n=3, cutoff=0.5)
-        raise RecordingError(
+        return RecordingError(
             f"there is no column {column!r} ({what})",
             where=self.where,
-            mend=f"There are: {_some(tuple(near) or self.names)}.",
+            mend=f"There are: {_some(tuple(near) or self.names)}.{more}",
         )
 
 
@@ -102,16 +132,17 @@ def canonical_columns(names: Names) -> Assignment:
     ------
     RecordingError : no time or frame number, no bead, or a name that occurs twice.
     """
-    for name in names.names:
-        if names.names.count(name) > 1:
+    called = [plain(name) for name in names.names]
+    for name in called:
+        if name and called.count(name) > 1:
             raise RecordingError(f"has two columns named {name!r}", where=names.where)
     found: dict[str, list[int]] = {}
     unused = []
-    for i, name in enumerate(names.names):
+    for i, name in enumerate(called):
         match = POSITION_NAME.fullmatch(name)
         if match:
             found.setdefault(match["bead"], [-1, -1, -1])[AXES.index(match["axis"])] = i
-        elif name not in ("time_s", "frame", "magnet_mm"):
+        elif name and name not in ("time_s", "frame", "magnet_mm"):
             unused.append(name)
     # the tracker's own measure of each position: frames that failed are empty already
     unused = [
@@ -119,7 +150,7 @@ def canonical_columns(names: Names) -> Assignment:
         for name in unused
         if not ((of := QUALITY_NAME.fullmatch(name)) and of["bead"] in found)
     ]
-    place = {n: names.names.index(n) if n in names.names else -1 for n in names.names}
+    place = {name: i for i, name in enumerate(called)}
     time, frame = place.get("time_s", -1), place.get("frame", -1)
     hint = (
         f"It has: {_some(names.names)}. Files of another layout need a [source] table that names "
@@ -216,10 +247,10 @@ def _repeating(entry: BeadColumns, names: Names) -> dict[str, tuple[int, int, in
 def _numbered(entry: BeadColumns, names: Names) -> dict[str, tuple[int, int, int]]:
     found: dict[str, list[int]] = {}
     for axis, column in entry.axes.items():
-        head, _, tail = str(column).partition(NUMBER)
+        head, _, tail = plain(str(column)).partition(NUMBER)
         pattern = re.compile(rf"{re.escape(head)}(\d+){re.escape(tail)}")
         for i, name in enumerate(names.names):
-            match = pattern.fullmatch(name)
+            match = pattern.fullmatch(plain(name))
             if match:
                 bead = (entry.name or f"b{NUMBER}").replace(NUMBER, match[1])
                 found.setdefault(bead, [-1, -1, -1])[AXES.index(axis)] = i
@@ -251,5 +282,12 @@ def _factor(
 
 
 def _some(names: tuple[str, ...]) -> str:
-    shown = ", ".join(n if n else "(empty)" for n in names[:12])
-    return shown[:400] + (", ..." if len(names) > 12 else "")
+    """The first names, columns of one array as `a[1] to a[9]`."""
+    shown = []
+    for array, group in itertools.groupby(names, key=lambda name: name.partition("[")[0]):
+        members = list(group)
+        together = len(members) > MOST_MEMBERS and array
+        shown += (
+            [f"{members[0]} to {members[-1]}"] if together else [m or "(empty)" for m in members]
+        )
+    return ", ".join(shown[:12])[:400] + (", ..." if len(shown) > 12 else "")

@@ -1,7 +1,6 @@
-"""Which files a recording consists of, what kind each is, and its checksum.
+"""Which files a recording consists of, and their checksums.
 
-A gzipped file is opened as what it contains. The kind of a file is told by how it begins, never
-by its suffix: text named `.xls` is common in this field.
+A gzipped file is opened as what it contains.
 """
 
 from __future__ import annotations
@@ -9,7 +8,7 @@ from __future__ import annotations
 import glob
 import gzip
 import hashlib
-import io
+import os
 import re
 import zlib
 from collections.abc import Iterator
@@ -19,32 +18,16 @@ from pathlib import Path
 from typing import BinaryIO, cast
 
 from mtpipe.errors import RecordingError, SetupError
-from mtpipe.ingest.gr import MARK as GR_MARK
+from mtpipe.files import as_text
 from mtpipe.ingest.presets import COLUMNS, PRESETS
-from mtpipe.ingest.source import Format, Source
+from mtpipe.ingest.source import Source
 from mtpipe.recording import SourceFile
 from mtpipe.setup import Setup, read_setup
 
+# What reading a packed file raises where it is damaged or cut off.
+DAMAGE = (EOFError, zlib.error, OSError)
 SETUP_NAME = "setup.toml"
 NO_DATA = {".toml", ".md", ".json", ".py", ".pdf", ".png", ".jpg", ".tif", ".tiff", ".log"}
-HEAD_BYTES = 4096
-FOREIGN = {
-    b"\xd0\xcf\x11\xe0": ("is an Excel workbook", "Save it as text (CSV)."),
-    b"II*\x00": ("is an image stack", "Track the beads first (mtpipe track)."),
-    b"MM\x00*": ("is an image stack", "Track the beads first (mtpipe track)."),
-    b"II+\x00": ("is an image stack", "Track the beads first (mtpipe track)."),
-    b"MM\x00+": ("is an image stack", "Track the beads first (mtpipe track)."),
-    b"\x89PNG": (
-        "is an image, no trace",
-        "Track the beads of an image stack first (mtpipe track).",
-    ),
-    b"\xff\xd8\xff": (
-        "is an image, no trace",
-        "Track the beads of an image stack first (mtpipe track).",
-    ),
-    b"BZh": ("is compressed with bzip2", "Unpack it or use gzip."),
-    b"\xfd7zXZ": ("is compressed with xz", "Unpack it or use gzip."),
-}
 
 
 @dataclass(frozen=True)
@@ -78,14 +61,14 @@ def find_recording(path: Path, setup: Path | str | Setup | None) -> Found:
                 "names no files to read", where=str(path), mend="Add files to its [source] table."
             )
         files = _in_folder(path.parent, parsed)
-        return Found(path.parent.resolve().name, parsed, files, path.parent)
+        return Found(as_text(path.parent.resolve().name), parsed, files, path.parent)
     folder = path if path.is_dir() else path.parent
     parsed = _setup(setup, folder / SETUP_NAME)
     if not path.is_dir():
-        return Found(path.name, parsed, (path,), folder)
+        return Found(as_text(path.name), parsed, (path,), folder)
     files = _in_folder(folder, parsed)
     name = files[0].name if len(files) == 1 else folder.resolve().name
-    return Found(name, parsed, files, folder)
+    return Found(as_text(name), parsed, files, folder)
 
 
 def describe(path: Path, folder: Path) -> SourceFile:
@@ -93,7 +76,7 @@ def describe(path: Path, folder: Path) -> SourceFile:
     with path.open("rb") as stream:
         digest = hashlib.file_digest(stream, "sha256").hexdigest()
     name = path.relative_to(folder) if path.is_relative_to(folder) else Path(path.name)
-    return SourceFile(name.as_posix(), digest, path.stat().st_size)
+    return SourceFile(as_text(name.as_posix()), digest, path.stat().st_size)
 
 
 @contextmanager
@@ -106,56 +89,30 @@ def open_stream(path: Path) -> Iterator[BinaryIO]:
             yield stream
             return
         with gzip.GzipFile(fileobj=stream) as unpacked:
-            yield cast(BinaryIO, io.BufferedReader(cast(io.RawIOBase, unpacked)))
+            yield cast(BinaryIO, unpacked)
 
 
-def read_head(path: Path) -> bytes:
-    """The first bytes of a file's content.
+def is_packed(stream: BinaryIO) -> bool:
+    """Whether a stream unpacks gzip, in which jumping about takes long."""
+    return isinstance(stream, gzip.GzipFile)
+
+
+def read_begin(stream: BinaryIO, size: int) -> bytes:
+    """The first bytes, up to `size` or as far as a packed stream goes that is cut off.
 
     Raises
     ------
-    RecordingError : the file is empty or its gzip envelope is damaged.
+    OSError, EOFError, zlib.error : there are none before the damage.
     """
+    read = getattr(stream, "read1", stream.read)
+    begin = b""
     try:
-        with open_stream(path) as stream:
-            head = stream.read(HEAD_BYTES)
-    except (OSError, EOFError, zlib.error) as error:
-        raise RecordingError(f"is damaged or cut off ({error})", where=str(path)) from None
-    if not head:
-        raise RecordingError("is empty", where=str(path))
-    return head
-
-
-def kind_of(path: Path) -> Format:
-    """Format of a file by how it begins; "text" where nothing speaks against it.
-
-    Raises
-    ------
-    RecordingError : empty, damaged, or of a kind that is no recording.
-    """
-    head = read_head(path)
-    for magic, (message, mend) in FOREIGN.items():
-        if head.startswith(magic):
-            raise RecordingError(message, where=str(path), mend=mend)
-    if head.startswith(b"PK\x03\x04"):
-        if b"[Content_Types]" in head or b".npy" not in head:
-            raise RecordingError(
-                "is a zip archive or Excel workbook", where=str(path), mend="Save it as text."
-            )
-        return "npz"
-    magics: dict[bytes, Format] = {
-        b"PAR1": "parquet", b"\x89HDF": "hdf5", b"TDSm": "tdms", b"MATLAB 5.0": "matlab"
-    }  # fmt: skip
-    for magic, kind in magics.items():
-        if head.startswith(magic):
-            return kind
-    if head.startswith(b"MATLAB 7.3"):
-        return "hdf5"
-    if head.startswith(b"%") and GR_MARK in head:
-        return "gr"
-    if b"\x00" in head and not head.startswith((b"\xff\xfe", b"\xfe\xff")):
-        raise RecordingError("is a binary file of a kind that is not known", where=str(path))
-    return "text"
+        while len(begin) < size and (piece := read(size - len(begin))):
+            begin += piece
+    except DAMAGE:
+        if not begin:
+            raise
+    return begin
 
 
 def _setup(setup: Path | str | Setup | None, default: Path) -> Setup:
@@ -185,7 +142,7 @@ def _named(folder: Path, setup: Setup) -> tuple[Path, ...]:
     found: list[Path] = []
     for pattern in setup.source.files:
         # an absolute pattern stands alone; "~" and ".." work as in a shell
-        expanded = str(folder / Path(pattern).expanduser())
+        expanded = _pattern(folder / Path(pattern).expanduser())
         matches = [Path(p) for p in glob.glob(expanded, recursive=True) if Path(p).is_file()]
         if not matches:
             raise RecordingError(
@@ -194,6 +151,16 @@ def _named(folder: Path, setup: Setup) -> tuple[Path, ...]:
             )
         found += [p for p in sorted(matches, key=natural_order) if p not in found]
     return tuple(found)
+
+
+def _pattern(path: Path) -> str:
+    """A pattern in which folders and files that are there stand for themselves, brackets or not."""
+    there = Path(path.anchor)
+    parts = [path.anchor] if path.anchor else []
+    for part in path.parts[len(parts) :]:
+        there = there / part
+        parts.append(glob.escape(part) if there.exists() else part)
+    return os.path.join(*parts)
 
 
 def _data(folder: Path, setup: Setup) -> tuple[Path, ...]:

@@ -14,31 +14,38 @@ from typing import BinaryIO
 
 import numpy as np
 
-from mtpipe.recording import FloatArray
+from mtpipe.ingest.contents import Contents
 
 MARK = b"\n-ibfz "
 CURVE = re.compile(rb"\n-ibfz (\d+) (\d+)")
 END_OF_TEXT = b"\x1a"
 
 
-def read_gr(stream: BinaryIO) -> dict[str, FloatArray]:
-    """Columns `y`, `curve` and `frame` of all curves, one after another.
+def open_gr(stream: BinaryIO) -> Contents:
+    """List columns `y`, `curve` and `frame` of all curves, one after another.
 
     Raises
     ------
-    ValueError : the block of values is shorter than the curves, or there is none.
+    ValueError : there is no block of values.
     """
     head, mark, block = stream.read().partition(END_OF_TEXT)
     curves = [(int(offset), int(count)) for offset, count in CURVE.findall(head)]
     if not mark or not curves:
         raise ValueError("it has no binary block of values")
-    if max(offset + 4 * count for offset, count in curves) > len(block):
-        raise ValueError("its block of values is cut off")
-    values = [np.frombuffer(block, "<f4", count, offset) for offset, count in curves]
-    lengths = [len(v) for v in values]
-    number = np.repeat(np.arange(len(values)), lengths)
-    return {
+    there = [max(0, min(count, (len(block) - offset) // 4)) for offset, count in curves]
+    values = [
+        np.frombuffer(block, "<f4", count, offset if count else 0)
+        for (offset, _), count in zip(curves, there, strict=True)
+    ]
+    number = np.repeat(np.arange(len(values)), there)
+    contents = Contents()
+    if sum(there) < sum(count for _, count in curves):
+        contents.cut = f"is cut off: {sum(there)} of {sum(c for _, c in curves)} values are there"
+    columns = {
         "y": np.concatenate(values).astype(np.float64),
         "curve": np.asarray(number + 1, dtype=np.float64),
-        "frame": np.asarray(np.arange(sum(lengths)) + number, dtype=np.float64),
+        "frame": np.asarray(np.arange(sum(there)) + number, dtype=np.float64),
     }
+    for name, column in columns.items():
+        contents.add(name, column.shape, column.dtype, column.__getitem__)
+    return contents

@@ -16,7 +16,8 @@ from typing import Any
 from mtpipe.errors import RecordingError
 from mtpipe.ingest.arrays import open_arrays
 from mtpipe.ingest.clock import RATE_TOLERANCE
-from mtpipe.ingest.files import Found, data_files, kind_of
+from mtpipe.ingest.files import Found, data_files
+from mtpipe.ingest.kinds import kind_of
 from mtpipe.ingest.presets import CALISTO_HDF5, CALISTO_TEXT, DEKKER_TEXT, SHON_TEXT
 from mtpipe.ingest.source import BeadColumns, Layout, Magnet, Rotation, Source
 from mtpipe.ingest.text import open_text

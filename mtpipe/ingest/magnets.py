@@ -10,14 +10,17 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.ndimage import maximum_filter1d, minimum_filter1d
 
 from mtpipe.errors import RecordingError
+from mtpipe.ingest.agreement import Use, check_uses
 from mtpipe.ingest.collect import Collected, OpenTable, RowChoice
 from mtpipe.ingest.columns import Names
+from mtpipe.ingest.instants import since
 from mtpipe.ingest.source import (
     NM_PER_UNIT,
     SECONDS_PER_UNIT,
@@ -46,7 +49,7 @@ def read_magnets(
     source: Source | None,
     files: Sequence[Path],
     folder: Path,
-    open_table: Callable[[Path, Layout, tuple[str, ...]], OpenTable],
+    open_table: Callable[[Path, Layout, tuple[str, ...], tuple[str, ...]], OpenTable],
 ) -> Magnets:
     """Take the magnets' position and rotation from the recording or from their own log.
 
@@ -58,7 +61,9 @@ def read_magnets(
     position, turns = data.magnet_mm, data.turns
     notices: list[Notice] = []
     if source is not None and source.magnet is not None and source.magnet.is_log:
-        position, logged_turns, said = _from_log(source, time_s, files, folder, open_table)
+        position, logged_turns, said = _from_log(
+            source, data.began, time_s, files, folder, open_table
+        )
         turns = turns if logged_turns is None else logged_turns
         notices += said
     notices += _missing(position, data, rate_hz)
@@ -112,10 +117,11 @@ def rotating(turns: FloatArray, rate_hz: float, rotation: Rotation) -> NDArray[n
 
 def _from_log(
     source: Source,
+    began: np.datetime64 | None,
     time_s: FloatArray,
     files: Sequence[Path],
     folder: Path,
-    open_table: Callable[[Path, Layout, tuple[str, ...]], OpenTable],
+    open_table: Callable[[Path, Layout, tuple[str, ...], tuple[str, ...]], OpenTable],
 ) -> tuple[FloatArray, FloatArray | None, list[Notice]]:
     magnet, rotation = source.magnet, source.rotation
     assert magnet is not None
@@ -125,8 +131,9 @@ def _from_log(
     wanted = [(magnet.column, "magnet")]
     wanted += [(turned.column, "rotation")] if turned is not None else []
     wanted += [(magnet.time_column, "log time")] if magnet.time_column is not None else []
-    pieces: list[list[FloatArray]] = []
-    guesses: tuple[str, ...] = ()
+    units = [magnet.unit, *([turned.unit] if turned is not None else []), magnet.time_unit]
+    pieces: list[list[NDArray[Any]]] = []
+    notices: list[Notice] = []
     for path in paths:
         if not path.exists():
             mend = "Correct [source.magnet] file" + (
@@ -135,28 +142,44 @@ def _from_log(
                 else "."
             )
             raise RecordingError("there is no such magnet log", where=str(path), mend=mend)
-        table = open_table(path, layout, source.lost.tokens)
-        guesses = table.guesses
-        names = Names(table.names, table.has_names, str(path))
-        pieces += table.batches([names.find(column, what) for column, what in wanted])
+        asked = tuple(column for column, _ in wanted if isinstance(column, str))
+        table = open_table(path, layout, source.lost.tokens, asked)
+        names = Names(table.names, table.has_names, str(path), table.unusable)
+        found = [names.find(column, what) for column, what in wanted]
+        uses = [
+            Use(column, what, unit, "[source.magnet] and [source.rotation]")
+            for column, (_, what), unit in zip(found, wanted, units, strict=False)
+        ]
+        notices += check_uses(table, uses, aside=layout.attributes is not None)
+        pieces += table.batches(found)
+        notices += [Notice("guessed_layout", "info", f"{path.name}: {g}.") for g in table.guesses]
+        notices += [Notice("file_incomplete", "caution", f"{r}.") for r in table.remarks]
     if not pieces:
         raise RecordingError("the magnet log has no rows", where=str(paths[0]))
     columns = [np.concatenate(column) for column in zip(*pieces, strict=True)]
     columns[0] = columns[0] * (magnet.scale * NM_PER_UNIT[magnet.unit] / 1e6) + magnet.offset_mm
     if turned is not None:
         columns[1] = columns[1] * TURNS_PER_UNIT[turned.unit]
-    notices = [Notice("guessed_layout", "info", f"{paths[0].name}: {g}.") for g in guesses]
     where = str(paths[0])
     if magnet.row_by_row:
         at_frames = _row_by_row(columns, len(time_s), source, where)
     else:
-        clock = columns.pop() * SECONDS_PER_UNIT[magnet.time_unit] + magnet.clock_offset_s
+        clock = columns.pop()
+        if clock.dtype.kind == "M":
+            if began is None:
+                said = f"{paths[0].name}: its clock times count from its first one."
+                notices.append(Notice("log_clock", "caution", said))
+            clock = since(clock[0] if began is None else began, clock)
+        else:
+            clock = clock * SECONDS_PER_UNIT[magnet.time_unit]
+        clock = clock + magnet.clock_offset_s
         at_frames = _interpolated(columns, clock, time_s, where)
         outside = int(np.count_nonzero(np.isnan(at_frames[0])))
         if outside:
             said = f"{outside} frames lie outside the magnet log and belong to no plateau."
             notices.append(Notice("outside_log", "caution", said))
-    return at_frames[0], at_frames[1] if turned is not None else None, notices
+    turns = at_frames[1] if turned is not None else None
+    return at_frames[0], turns, list(dict.fromkeys(notices))
 
 
 def _row_by_row(

@@ -10,9 +10,9 @@ in nm, NaN where the bead was not followed. Files of a recording that MagScope s
 from __future__ import annotations
 
 import io
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
@@ -20,7 +20,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mtpipe.errors import RecordingError
-from mtpipe.ingest.files import open_stream
+from mtpipe.ingest.files import is_packed, open_stream
+from mtpipe.ingest.stated import NOTHING, Stated
 from mtpipe.recording import AXES, FloatArray
 
 GROUP = "tracking"
@@ -52,13 +53,15 @@ class Frames:
 
 @dataclass(frozen=True)
 class MagscopeTable:
-    """A tracking file seen as a table; attributes as in `text.TextTable`."""
+    """A tracking file seen as a table; attributes as in `collect.OpenTable`."""
 
     frames: Frames
     start_ns: int
     beads: tuple[int, ...]
     guesses: tuple[str, ...] = ()
     has_names: bool = True
+    unusable: Mapping[str, str] = field(default_factory=dict)
+    remarks: list[str] = field(default_factory=list, compare=False)
 
     @property
     def path(self) -> Path:
@@ -69,6 +72,11 @@ class MagscopeTable:
     def names(self) -> tuple[str, ...]:
         """Names of the columns."""
         return ("time_s", *(f"bead {bead} {axis}" for bead in self.beads for axis in AXES))
+
+    @property
+    def stated(self) -> tuple[Stated, ...]:
+        """Nothing that is not in the layout already."""
+        return (NOTHING,) * len(self.names)
 
     def batches(self, wanted: Sequence[int]) -> Iterator[list[FloatArray]]:
         """Yield the wanted columns (positions from 0) piece by piece, frames in order.
@@ -211,9 +219,13 @@ def _tracking(path: Path) -> Iterator[Any]:
     """The group of a tracking file; whatever h5py raises on damage becomes an error in words."""
     import h5py
 
+    from mtpipe.ingest.hdf5 import cut_off
+
     try:
         with open_stream(path) as stream:
-            whole = stream if stream.name else io.BytesIO(stream.read())
+            whole = io.BytesIO(stream.read()) if is_packed(stream) else stream
+            if cut := cut_off(whole):
+                raise RecordingError(cut, where=str(path), mend="Copy the file again.")
             with h5py.File(whole, "r") as file:
                 if GROUP not in file:
                     raise RecordingError(

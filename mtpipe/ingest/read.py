@@ -13,13 +13,21 @@ from numpy.typing import NDArray
 from pydantic import ValidationError
 
 from mtpipe.errors import MtpipeError, RecordingError, SetupError
+from mtpipe.ingest.agreement import (
+    StatedRate,
+    check_columns,
+    check_rate,
+    rate_notice,
+    stated_rate,
+)
 from mtpipe.ingest.arrays import open_arrays
 from mtpipe.ingest.checks import check_beads, check_gaps
-from mtpipe.ingest.clock import read_clock
+from mtpipe.ingest.clock import Clock, read_clock
 from mtpipe.ingest.collect import Collected, OpenTable, RowChoice, collect
 from mtpipe.ingest.columns import Assignment, Names, canonical_columns, source_columns
-from mtpipe.ingest.files import Found, describe, find_recording, kind_of
+from mtpipe.ingest.files import Found, describe, find_recording
 from mtpipe.ingest.instruments import look_at
+from mtpipe.ingest.kinds import kind_of
 from mtpipe.ingest.magnets import read_magnets
 from mtpipe.ingest.magscope import open_magscope
 from mtpipe.ingest.parquet import open_parquet
@@ -41,18 +49,26 @@ def read_recording(path: Path, setup: Path | str | Setup | None) -> Recording:
     source = found.setup.source
     lost = source.lost if source is not None else Lost()
     tables = _open(found.files, source)
+    plans = [_assign(found.setup, table) for table in tables]
+    told = tuple(
+        notice
+        for table, plan in zip(tables, plans, strict=True)
+        for notice in check_columns(table, plan, source)
+    )
     rows = RowChoice(source.keep_rows, source.skip_rows) if source is not None else RowChoice()
     data = collect(tables, partial(_assign, found.setup), lost, rows)
+    rate = stated_rate(tables, plans, source, found.setup.camera.frame_rate_hz.value)
     locate = _locator(tables, data, rows)
     try:
         recording = _assembled(
-            found.name, found.setup, data, found.files, found.folder, tables, locate
+            found.name, found.setup, data, found.files, found.folder, tables, locate, rate
         )
     except MtpipeError as error:
         if error.where is None and not isinstance(error, SetupError):
             error.where = found.name
         raise
-    return dataclasses.replace(recording, notices=(*said, *recording.notices))
+    notices = (*said, *dict.fromkeys(told), *recording.notices)
+    return dataclasses.replace(recording, notices=notices)
 
 
 def _settled(found: Found) -> tuple[Found, tuple[Notice, ...]]:
@@ -74,11 +90,21 @@ def _open(files: tuple[Path, ...], source: Source | None) -> list[OpenTable]:
         return list(open_magscope(files))
     stated = source if source is not None else Source()
     layout = stated if stated.beads else stated.canonical_text
-    return [open_table(file, layout, source.lost.tokens if source else ()) for file in files]
+    asked = stated.names_asked if stated.beads else ("time_s", "frame", "magnet_mm", "_nm")
+    return [open_table(file, layout, stated.lost.tokens, asked) for file in files]
 
 
-def open_table(path: Path, layout: Layout, lost_tokens: tuple[str, ...] = ()) -> OpenTable:
+def open_table(
+    path: Path,
+    layout: Layout,
+    lost_tokens: tuple[str, ...] = (),
+    asked: tuple[str, ...] = (),
+) -> OpenTable:
     """Open a file as a table of columns, by its kind and the layout.
+
+    Parameters
+    ----------
+    lost_tokens, asked : words that mean lost, and names of columns that are asked for.
 
     Raises
     ------
@@ -88,7 +114,6 @@ def open_table(path: Path, layout: Layout, lost_tokens: tuple[str, ...] = ()) ->
         raise RecordingError("there is no such file", where=str(path))
     kind = kind_of(path)
     stated = layout.format
-    table: OpenTable
     if stated not in (None, "canonical", kind):
         raise RecordingError(
             f"is {_KINDS[kind]}, not {stated}",
@@ -100,23 +125,26 @@ def open_table(path: Path, layout: Layout, lost_tokens: tuple[str, ...] = ()) ->
             f"is {_KINDS[kind]}", where=str(path), mend="Describe it in a [source] table."
         )
     if kind == "text":
-        return open_text(path, layout, lost_tokens)
-    table = open_parquet(path) if kind == "parquet" else open_arrays(path, kind)
-    return table
+        return open_text(path, layout, lost_tokens, asked)
+    if kind == "parquet":
+        return open_parquet(path, layout)
+    return open_arrays(path, kind, layout)
 
 
 _KINDS: dict[Format, str] = {
     "text": "text",
     "parquet": "a Parquet file",
-    "matlab": "a MATLAB v5 file",
+    "matlab": "a MATLAB file",
     "hdf5": "an HDF5 file",
     "tdms": "a LabVIEW TDMS file",
     "npz": "a numpy archive",
+    "npy": "a numpy array",
     "gr": "a PicoTwist plot file",
 }
 
 
-def _assign(setup: Setup, names: Names) -> Assignment:
+def _assign(setup: Setup, table: OpenTable) -> Assignment:
+    names = Names(table.names, table.has_names, str(table.path), table.unusable)
     if setup.source is None or not setup.source.beads:
         return canonical_columns(names)
     return source_columns(names, setup.source, setup)
@@ -130,12 +158,13 @@ def _assembled(
     folder: Path,
     tables: list[OpenTable],
     locate: Callable[[int], str],
+    stated: StatedRate,
 ) -> Recording:
     source = setup.source
     rows = len(next(iter(data.positions_nm.values())))
     if rows < 2:
         raise RecordingError("has one row of numbers, and motion takes many")
-    clock = read_clock(data, source, setup.camera.frame_rate_hz.value, locate)
+    clock = _clock(data, setup, locate, stated)
     magnets = read_magnets(data, clock.time_s, clock.rate_hz, source, files, folder, open_table)
     positions = _without(data, source)
     sound = check_beads(positions, setup, clock.rate_hz)
@@ -181,6 +210,22 @@ def _assembled(
         *surface.notices,
     )
     return dataclasses.replace(recording, notices=notices, z_zero_stderr_nm=surface.stderr_nm)
+
+
+def _clock(
+    data: Collected, setup: Setup, locate: Callable[[int], str], stated: StatedRate
+) -> Clock:
+    """The recording's clock, with the rate that the file states where nothing else tells it."""
+    known_hz = setup.camera.frame_rate_hz.value
+    by_file = known_hz is None and data.time_s is None and stated.hz is not None
+    clock = read_clock(data, setup.source, stated.hz if by_file else known_hz, locate)
+    said = [*stated.notices, *clock.notices]
+    if by_file:
+        said.append(rate_notice(stated))
+    elif known_hz is None:
+        check_rate(stated, clock.rate_hz, "the time stamps say")
+    time_s = clock.time_s + stated.start_s if data.time_s is None else clock.time_s
+    return dataclasses.replace(clock, time_s=time_s, notices=tuple(said))
 
 
 def _settled_away(recording: Recording, resting: NDArray[np.bool_] | None) -> tuple[Notice, ...]:
@@ -267,6 +312,8 @@ def _no_plateau(recording: Recording) -> RecordingError:
 def _guesses(tables: list[OpenTable], source: Source | None) -> list[Notice]:
     said = dict.fromkeys(g for table in tables for g in table.guesses)
     notices = [Notice("guessed_layout", "info", f"{g[0].upper()}{g[1:]}.") for g in said]
+    taken = dict.fromkeys(remark for table in tables for remark in table.remarks)
+    notices += [Notice("file_incomplete", "caution", f"{remark}.") for remark in taken]
     if source is not None and source.beads and source.format is None:
         kind = "text" if isinstance(tables[0], TextTable) else kind_of(tables[0].path)
         notices.append(Notice("guessed_layout", "info", f"The file is taken for {_KINDS[kind]}."))
@@ -313,7 +360,7 @@ def _locator(tables: list[OpenTable], data: Collected, rows: RowChoice) -> Calla
         if rows.keep or rows.skip:
             return f"{table.path}, row {within} of those kept"
         if isinstance(table, TextTable):
-            return f"{table.path}, line {table.skip + within}"
+            return f"{table.path}, line {table.line_of(within - 1)}"
         return f"{table.path}, row {within}"
 
     return locate

@@ -2,9 +2,9 @@
 
 Plain frozen data, validated on reading; nothing here opens a file. Columns are told by number,
 counted from 1 as a spreadsheet does, or by name; in files that hold arrays instead of a table
-(MATLAB, HDF5, TDMS, npz) the name is the array's, with `[k]` for column k of a two-dimensional
-one. A key that is absent and can be guessed from the file is guessed with a notice; units are
-never guessed. All keys with examples: docs/source-table.md.
+(MATLAB, HDF5, TDMS, numpy) the name is the array's, with `[k]` for column k of a two-dimensional
+one, `[j,k]` of a three-dimensional one. A key that is absent and can be guessed from the file is
+guessed with a notice; units are never guessed. All keys with examples: docs/source-table.md.
 """
 
 from __future__ import annotations
@@ -19,11 +19,14 @@ from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, PlainValidat
 
 from mtpipe.ingest.presets import COLUMNS, DEKKER_TEXT, with_preset
 
-Format = Literal["canonical", "text", "parquet", "matlab", "hdf5", "tdms", "npz", "gr"]
+Format = Literal["canonical", "text", "parquet", "matlab", "hdf5", "tdms", "npz", "npy", "gr"]
 Delimiter = Literal["comma", "tab", "semicolon", "whitespace"]
 NM_PER_UNIT = {"nm": 1.0, "um": 1e3, "mm": 1e6, "m": 1e9}
-SECONDS_PER_UNIT = {"s": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9, "min": 60.0}
+SECONDS_PER_UNIT = {
+    "s": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9, "min": 60.0, "h": 3600.0, "day": 86_400.0
+}  # fmt: skip
 TURNS_PER_UNIT = {"turn": 1.0, "degree": 1 / 360, "radian": 1 / (2 * math.pi)}
+TAKE = 'To take what is whole, write incomplete = "take" into [source]'
 NUMBER = "{n}"
 NAME = "{name}"
 
@@ -47,7 +50,7 @@ def _listed(value: Any) -> Any:
 Column = Annotated[int | str, PlainValidator(_column)]
 LengthUnit = Annotated[Literal["nm", "um", "mm", "m"], BeforeValidator(_micro)]
 PositionUnit = Annotated[Literal["nm", "um", "mm", "m", "pixel"], BeforeValidator(_micro)]
-TimeUnit = Annotated[Literal["s", "ms", "us", "ns", "min"], BeforeValidator(_micro)]
+TimeUnit = Annotated[Literal["s", "ms", "us", "ns", "min", "h", "day"], BeforeValidator(_micro)]
 Rows = tuple[int, int]
 
 
@@ -61,23 +64,27 @@ class Layout(Table):
     """What kind of file it is and, for text, how it is written.
 
     `header` is whether a line of column names precedes the numbers; `skip_lines` lines before
-    that are passed over, and so are lines that start with `comment` and empty ones.
+    that are passed over, and so are lines that start with `comment` and empty ones. `incomplete`
+    takes what is whole of a file that is cut off; `attributes = "setup"` puts aside what the file
+    says of its numbers itself (unit, scale, rate).
     """
 
     format: Format | None = None
     delimiter: Delimiter | None = None
     decimal: Literal[".", ","] = "."
-    encoding: str = "utf-8"
+    encoding: str | None = None
     header: bool | None = None
     skip_lines: int = Field(default=0, ge=0)
     comment: str = "#"
+    incomplete: Literal["take"] | None = None
+    attributes: Literal["setup"] | None = None
 
     @model_validator(mode="after")
     def _is_possible(self) -> Layout:
         if self.delimiter == "comma" and self.decimal == ",":
             raise ValueError("delimiter and decimal mark cannot both be a comma")
         try:
-            "".encode(self.encoding)
+            "".encode(self.encoding or "utf-8")
         except LookupError:
             raise ValueError(f"encoding: there is no encoding {self.encoding!r}") from None
         return self
@@ -321,7 +328,18 @@ class Source(Layout):
             header=True,
             skip_lines=self.skip_lines,
             comment=self.comment,
+            incomplete=self.incomplete,
+            attributes=self.attributes,
         )
+
+    @property
+    def names_asked(self) -> tuple[str, ...]:
+        """Names of columns that the table asks for, `{n}` included."""
+        of_beads = [c for b in self.beads for c in (*b.axes.values(), b.first_column)]
+        others = [t.column for t in (self.time, self.frame) if t is not None]
+        if self.magnet is not None and not self.magnet.is_log:
+            others.append(self.magnet.column)
+        return tuple(c for c in (*of_beads, *others) if isinstance(c, str))
 
     @property
     def knows_its_files(self) -> bool:

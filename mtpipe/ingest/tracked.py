@@ -15,7 +15,8 @@ from pathlib import Path
 from typing import Any
 
 from mtpipe.errors import RecordingError
-from mtpipe.ingest.files import kind_of, open_stream
+from mtpipe.ingest.files import open_stream
+from mtpipe.ingest.kinds import kind_of
 from mtpipe.notice import Notice
 from mtpipe.recording import Tracked
 
