@@ -104,11 +104,10 @@ def part_notices(
             said.append(Notice(HEIGHT, "caution", told, plateau=number))
             continue
         told = (
-            f"The force changes at {motion.time_s[change.row]:.2f} s, by "
-            f"{100 * math.expm1(ratio):+.0f} ± {100 * error * math.exp(ratio):.0f} % as the beads' "
-            "sideways motion tells: all beads change together there, and the magnets' log shows "
-            f"no move. The plateau{position} is cut there, and its magnet position is not to be "
-            "believed."
+            f"All beads change together at {motion.time_s[change.row]:.2f} s, where the magnets' "
+            "log shows no move; by their sideways motion the force changes by "
+            f"{100 * math.expm1(ratio):+.0f} ± {100 * error * math.exp(ratio):.0f} %. The "
+            f"plateau{position} is cut there, and its magnet position is not to be believed."
         )
         said.append(Notice(HIDDEN, "caution", told, plateau=number))
     for start, stop in parts:
