@@ -140,6 +140,23 @@ def test_a_unit_that_contradicts_the_setup_is_an_error(tmp_path, kind, unit):
     assert "attributes_put_aside" in codes(aside)
 
 
+def test_an_unknown_unit_is_the_file_s_own(tmp_path):
+    columns = five_columns()
+    written = columns | {axis: columns[axis] / 1000 for axis in "XYZ"}
+    setup = five_setup(units={"position": "unknown"})
+    recording = load(write_hdf5(tmp_path / "r.h5", written, {"units": "µm"}), setup)
+    assert_plain(recording, columns)
+    assert "unit_derived" in codes(recording)
+    for unit, told in (("furlong", "'furlong'"), ("", "nothing"), ("ms", "'ms'")):
+        with pytest.raises(SetupError, match=f'x is "unknown", .* the file says {told}'):
+            load(write_hdf5(tmp_path / "r.h5", written, {"units": unit}), setup)
+
+
+def test_a_unit_cannot_be_unknown_and_put_aside():
+    with pytest.raises(SetupError, match="puts the file's aside"):
+        five_setup(units={"position": "unknown"}, attributes="setup")
+
+
 def test_a_unit_that_agrees_or_says_nothing_is_no_error(tmp_path):
     columns = five_columns()
     for unit in ("nm", "nanometre", "(nm)", "a.u."):

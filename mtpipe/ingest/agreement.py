@@ -13,7 +13,7 @@ from mtpipe.errors import RecordingError
 from mtpipe.ingest.clock import FASTEST_HZ, RATE_TOLERANCE, SLOWEST_HZ
 from mtpipe.ingest.collect import OpenTable
 from mtpipe.ingest.columns import Assignment
-from mtpipe.ingest.source import Source
+from mtpipe.ingest.source import UNKNOWN_UNIT, Source
 from mtpipe.ingest.stated import Stated
 from mtpipe.ingest.units import unit_of
 from mtpipe.notice import Notice
@@ -198,6 +198,10 @@ def _compared(use: Use, stated: Stated, table: OpenTable) -> Notice | None:
     unit = unit_of(stated.unit)
     if unit == use.unit:
         return None
+    if use.unit == UNKNOWN_UNIT:
+        return Notice(
+            "unit_derived", "info", f"The unit of column {name}, {unit}, is the file's own."
+        )
     if unit is None:
         said = f"The unit {stated.unit!r} of column {name} is not known; {use.unit} is taken."
         return Notice("unit_not_known", "info", said)

@@ -10,7 +10,7 @@ from __future__ import annotations
 import difflib
 import itertools
 import re
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 
 from mtpipe.errors import RecordingError, SetupError
@@ -20,9 +20,12 @@ from mtpipe.ingest.source import (
     NUMBER,
     SECONDS_PER_UNIT,
     TURNS_PER_UNIT,
+    UNKNOWN_UNIT,
     BeadColumns,
     Source,
 )
+from mtpipe.ingest.stated import Stated
+from mtpipe.ingest.units import unit_of
 from mtpipe.recording import AXES
 from mtpipe.setup import Setup
 
@@ -64,6 +67,26 @@ class Names:
     has_names: bool
     where: str
     unusable: Mapping[str, str] = field(default_factory=dict)
+    stated: Sequence[Stated] = ()
+
+    def unit_of_all(self, columns: Iterable[int], axis: str) -> str:
+        """The unit that the file states for columns of an axis.
+
+        Raises
+        ------
+        SetupError : it states none that is known, or several.
+        """
+        said = [self.stated[c].unit if c < len(self.stated) else "" for c in columns if c >= 0]
+        units = {unit_of(one) for one in said}
+        unit = units.pop() if len(units) == 1 else None
+        if unit not in NM_PER_UNIT and (unit != "pixel" or axis == "z"):
+            told = ", ".join(sorted({repr(one) for one in said if one})) or "nothing"
+            raise SetupError(
+                f'[source.units] {axis} is "unknown", and of its unit the file says {told}',
+                where=self.where,
+                mend="Give the unit.",
+            )
+        return unit
 
     def find(self, column: int | str, what: str) -> int:
         """Position, from 0, of a column told by number or by name.
@@ -198,9 +221,9 @@ def source_columns(names: Names, source: Source, setup: Setup) -> Assignment:
     return Assignment(
         beads=beads,
         factors=(
-            _factor("x", beads, source, setup),
-            _factor("y", beads, source, setup),
-            _factor("z", beads, source, setup),
+            _factor("x", beads, source, setup, names),
+            _factor("y", beads, source, setup, names),
+            _factor("z", beads, source, setup, names),
         ),
         time=names.find(source.time.column, "time") if source.time else -1,
         time_s=SECONDS_PER_UNIT[source.time.unit] if source.time else 1.0,
@@ -262,12 +285,18 @@ def _numbered(entry: BeadColumns, names: Names) -> dict[str, tuple[int, int, int
 
 
 def _factor(
-    axis: str, beads: Mapping[str, tuple[int, int, int]], source: Source, setup: Setup
+    axis: str,
+    beads: Mapping[str, tuple[int, int, int]],
+    source: Source,
+    setup: Setup,
+    names: Names,
 ) -> float:
     scale = float(getattr(source.scale, axis))
     unit = source.units.of(axis)
     if unit is None or all(c[AXES.index(axis)] < 0 for c in beads.values()):
         return scale
+    if unit == UNKNOWN_UNIT:
+        unit = names.unit_of_all((c[AXES.index(axis)] for c in beads.values()), axis)
     if unit != "pixel":
         return scale * NM_PER_UNIT[unit]
     own = source.units.pixel_size_x_nm if axis == "x" else source.units.pixel_size_y_nm

@@ -144,7 +144,7 @@ _KINDS: dict[Format, str] = {
 
 
 def _assign(setup: Setup, table: OpenTable) -> Assignment:
-    names = Names(table.names, table.has_names, str(table.path), table.unusable)
+    names = Names(table.names, table.has_names, str(table.path), table.unusable, table.stated)
     if setup.source is None or not setup.source.beads:
         return canonical_columns(names)
     return source_columns(names, setup.source, setup)

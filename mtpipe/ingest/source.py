@@ -49,7 +49,10 @@ def _listed(value: Any) -> Any:
 
 Column = Annotated[int | str, PlainValidator(_column)]
 LengthUnit = Annotated[Literal["nm", "um", "mm", "m"], BeforeValidator(_micro)]
-PositionUnit = Annotated[Literal["nm", "um", "mm", "m", "pixel"], BeforeValidator(_micro)]
+UNKNOWN_UNIT = "unknown"
+PositionUnit = Annotated[
+    Literal["nm", "um", "mm", "m", "pixel", "unknown"], BeforeValidator(_micro)
+]
 TimeUnit = Annotated[Literal["s", "ms", "us", "ns", "min", "h", "day"], BeforeValidator(_micro)]
 Rows = tuple[int, int]
 
@@ -142,7 +145,8 @@ class BeadColumns(Table):
 class Units(Table):
     """Units of the positions; `position` holds for every axis that has none of its own.
 
-    A pixel is `pixel_size_x_nm`, `pixel_size_y_nm` or else the camera's `pixel_size_nm`.
+    "unknown" is the unit that the file states. A pixel is `pixel_size_x_nm`, `pixel_size_y_nm` or
+    else the camera's `pixel_size_nm`.
     """
 
     position: PositionUnit | None = None
@@ -385,6 +389,10 @@ class Source(Layout):
             if self.units.of(axis) is None:
                 raise ValueError(
                     f'units: the unit of {axis} is missing ("nm", "um", "mm", "m" or "pixel")'
+                )
+            if self.units.of(axis) == UNKNOWN_UNIT and self.attributes is not None:
+                raise ValueError(
+                    f'units: {axis} is "unknown", and attributes = "setup" puts the file\'s aside'
                 )
             if axis == "z" and self.units.of("z") == "pixel":
                 raise ValueError("units: z cannot be in pixels; give units.z")

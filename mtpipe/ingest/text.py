@@ -36,7 +36,7 @@ from mtpipe.ingest.text_layout import (
     wrong_width,
 )
 
-HEAD_LINES = 2000
+HEAD_LINES = 500
 HEAD_BYTES = 1 << 16
 
 

@@ -245,6 +245,8 @@ class _Header:
     def certain(self, table: Sequence[Line]) -> int:
         """Where the rows begin at the earliest: after a line with all names asked for, else 0."""
         for k, one in enumerate(table):
+            if self.rows.number(one.cells[0] if one.cells else ""):
+                continue  # a row; there are many
             line = self._fitted(one)
             if line is not None and self.asked(line) >= max(2, self.rows.width // 2):
                 return k + 1
