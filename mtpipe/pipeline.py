@@ -303,7 +303,14 @@ def _title(path: Path, name: str) -> str:
 
 def _write_tables(result: Run, raw: Recording, out: Path, title: str) -> None:
     calibration = result.calibration
-    forces = tables.forces_table(calibration, result.forces, result.flags, result.others)
+    states = result.recording.states
+    forces = tables.forces_table(
+        calibration,
+        result.forces,
+        result.flags,
+        result.others,
+        () if states is None else states.unbelieved,
+    )
     tracked = result.recording.tracked
     beads = tables.beads_table(calibration, result.forces, result.verdicts, result.curves, tracked)
     details = {

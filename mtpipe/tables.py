@@ -6,7 +6,7 @@ Pure functions from results to pandas tables; nothing here computes physics or t
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Collection, Iterable, Mapping, Sequence
 from typing import Any
 
 import numpy as np
@@ -55,8 +55,14 @@ def forces_table(
     forces: Mapping[str, BeadForces],
     flags: Mapping[str, Sequence[Notice]],
     others: Sequence[MethodResult] = (),
+    unbelieved: Collection[int] = (),
 ) -> pd.DataFrame:
-    """`forces`: a row per bead × plateau × axis, and one more for each other method asked for."""
+    """`forces`: a row per bead × plateau × axis, and one more for each other method asked for.
+
+    Parameters
+    ----------
+    unbelieved : numbers of plateaus whose magnet position is not to be believed.
+    """
     rows = []
     for bead in calibration.beads:
         for plateau in bead.plateaus:
@@ -68,7 +74,11 @@ def forces_table(
     for other in others:
         quoted = _quoted_columns(forces[other.bead], other.plateau.plateau.number)
         rows.append(_method_row(calibration, other) | quoted)
-    return pd.DataFrame(rows)
+    table = pd.DataFrame(rows)
+    if len(table):
+        place = list(table.columns).index("magnet_mm") + 1
+        table.insert(place, "magnet_believed", ~table["plateau"].isin(list(unbelieved)))
+    return table
 
 
 def _quoted_columns(forces: BeadForces, plateau: int) -> dict[str, Any]:
