@@ -240,6 +240,7 @@ def _outcome(verdict: str, *named: str, equivalent: tuple[str, ...] = (), **plac
             "verdict": verdict,
             "located": [] if verdict == "consistent" else [at | {"p_value": 0.1, "axis": "z"}, at],
             "effects": [{"effect": name, "equivalent": list(equivalent)} for name in named],
+            "force_bound_percent": 12.0 if verdict == "unexplained" else 0.0,
             "forces": [
                 force | {"force_pN": 10.05, "force_before_pN": 9.0},
                 force | {"magnet_mm": 2.0, "force_pN": 1.2, "force_before_pN": 1.3},
@@ -375,3 +376,15 @@ def test_what_is_recorded_prints_the_same_again_unless_it_was_changed(proof, tmp
     path.write_text(path.read_text(encoding="utf-8").replace('"clear"', '"faint"'))
     with pytest.raises(sealing.BrokenSealError):
         command.read_rows(path)
+
+
+def test_limits_of_what_is_unexplained_are_held_against_the_truth(proof):
+    score, tables = proof("scoring").score, proof("tables")
+    left = score(_answer("outside", "drift"), _outcome("unexplained"))
+    assert left.bound == pytest.approx(0.12)
+    off = replace(left, forces=(proof("scoring").Force(0.3, 0.2, 5.0, 0.0),))
+    assert not tables._limit_holds(off, 0.05)
+    assert tables._limit_holds(off, 0.2)
+    text = tables.by_verdict([left, score(_answer("clean"), _outcome("consistent"))])
+    assert "| unexplained | 1 | 2 |" in text
+    assert "| consistent | 1 | 2 |" in text
