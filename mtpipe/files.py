@@ -15,8 +15,11 @@ from pathlib import Path
 
 
 def write_atomically(path: Path, content: str | bytes) -> None:
-    """Write a file whole or not at all; text as UTF-8. The folder is made where it is missing."""
-    data = content.encode("utf-8") if isinstance(content, str) else content
+    """Write a file whole or not at all; text as UTF-8. The folder is made where it is missing.
+
+    What is no Unicode, as of a file's name in another encoding, becomes a question mark.
+    """
+    data = content.encode("utf-8", "replace") if isinstance(content, str) else content
     path.parent.mkdir(parents=True, exist_ok=True)
     # opened by name and not by `tempfile`, whose files only their owner may read
     temporary = path.with_name(f".{path.name}.{os.getpid()}.tmp")
