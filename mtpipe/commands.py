@@ -96,6 +96,12 @@ def run(
             "and diagnose what differs."
         ),
     ] = True,
+    overwrite: Annotated[
+        bool,
+        typer.Option(
+            "--overwrite", help="Replace an earlier run's cross-check, even by a run without one."
+        ),
+    ] = False,
 ) -> None:
     """Calibrate a recording: forces, force-extension curves and a report."""
     from mtpipe import pipeline
@@ -109,6 +115,7 @@ def run(
             workers=workers or os.cpu_count() or 1,
             methods=method or (),
             cross_check=crosscheck,
+            overwrite=overwrite,
             progress=progress,
         )
     summary(result, out)

@@ -6,9 +6,9 @@ reader never meets half a file, and a run that is stopped leaves the previous re
 
 from __future__ import annotations
 
+import glob
 import os
 import shutil
-import tempfile
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
@@ -41,9 +41,11 @@ def folder_written_whole(path: Path) -> Iterator[Path]:
     folder stands in its place.
     """
     path.parent.mkdir(parents=True, exist_ok=True)
-    with tempfile.TemporaryDirectory(prefix=f".{path.name}-", dir=path.parent) as scratch:
-        fresh, previous = Path(scratch) / "new", Path(scratch) / "previous"
-        fresh.mkdir()
+    clear_leftovers(path.parent, path.name)
+    scratch = path.with_name(scratch_name(path.name))
+    fresh, previous = scratch / "new", scratch / "previous"
+    try:
+        fresh.mkdir(parents=True)
         yield fresh
         if path.exists():
             path.rename(previous)
@@ -53,4 +55,32 @@ def folder_written_whole(path: Path) -> Iterator[Path]:
             if previous.exists():
                 previous.rename(path)
             raise
-        shutil.rmtree(previous, ignore_errors=True)
+    finally:
+        shutil.rmtree(scratch, ignore_errors=True)
+
+
+def scratch_name(name: str) -> str:
+    """Name of a hidden folder that this process fills, for what is to be called `name`."""
+    return f".{name}-{os.getpid()}"
+
+
+def clear_leftovers(folder: Path, name: str) -> None:
+    """Remove the hidden folders for `name` whose processes have been killed."""
+    for left in folder.glob(f".{glob.escape(name)}-*"):
+        process = left.name.rpartition("-")[2]
+        if process.isdecimal() and not _is_running(int(process)):
+            shutil.rmtree(left, ignore_errors=True)
+
+
+def _is_running(process: int) -> bool:
+    if process == os.getpid():
+        return False  # what an earlier process of this number left
+    if os.name == "nt":  # where there is no way to ask that does no harm
+        return True
+    try:
+        os.kill(process, 0)
+    except ProcessLookupError:
+        return False
+    except (PermissionError, OverflowError):
+        return True
+    return True

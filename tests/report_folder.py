@@ -20,6 +20,7 @@ from mtpipe.physics.tether import Chain, mean_extension_nm
 
 NASTY = '../<b id="x">&b 1/2'
 NO_Z, REFUSED = "b2", "b10"
+RUN = "4f1c0b9ad2e84c5f9f0a5d3c7b6e8a90"
 RADIUS_NM, RATE_HZ, CONTOUR_NM, PERSISTENCE_NM = 1400.0, 120.0, 2700.0, 50.0
 KT = 4.114
 STOKES = 6 * np.pi * 0.89e-9 * RADIUS_NM
@@ -97,12 +98,13 @@ def write_run_folder(folder: Path, *, good: int = 0, plateaus: int = 4) -> Path:
         ),
     }
     for name, table in tables.items():
+        table.attrs["run"] = RUN
         table.to_parquet(folder / f"{name}.parquet")
     (folder / "run.json").write_text(json.dumps(run(forces)), encoding="utf-8")
     (folder / "mismatch.json").write_text(json.dumps(mismatch(beads[0])), encoding="utf-8")
-    drawn = {"recording": "made up", "beads": {beads[0]: before_after(plateaus)}}
+    drawn = {"run": RUN, "recording": "made up", "beads": {beads[0]: before_after(plateaus)}}
     (folder / "details/before_after.json").write_text(json.dumps(drawn), encoding="utf-8")
-    left = {"recording": "made up", "beads": {REFUSED: unexplained()}}
+    left = {"run": RUN, "recording": "made up", "beads": {REFUSED: unexplained()}}
     (folder / "details/unexplained.json").write_text(json.dumps(left), encoding="utf-8")
     return folder
 
@@ -129,7 +131,7 @@ def mismatch(bead: str) -> dict[str, Any]:
     found = {"verdict": "explained", "located": [], "effects": [effect], "forces": [force]}
     left = {"verdict": "unexplained", "located": [], "effects": [], "forces": [force]}
     beads = {bead: found, REFUSED: left}
-    return {"schema": "mtpipe.mismatch/1", "recording": "made up", "beads": beads}
+    return {"schema": "mtpipe.mismatch/1", "run": RUN, "recording": "made up", "beads": beads}
 
 
 def before_after(plateaus: int) -> dict[str, Any]:
@@ -484,6 +486,7 @@ def run(forces: pd.DataFrame) -> dict[str, Any]:
             notice("lost_frames", "info", "31 of 7200 frames are lost (0.4 %).", *where),
         ]
     return {
+        "run": RUN,
         "version": "0.1.0",
         "recording": "run <2> & more.csv",
         "setup": setup(),

@@ -19,8 +19,10 @@ from typing import IO, Any, BinaryIO, cast
 import numpy as np
 
 from mtpipe.errors import RecordingError
+from mtpipe.ingest.announced import check_announced
 from mtpipe.ingest.files import open_stream
 from mtpipe.ingest.gr import read_gr
+from mtpipe.ingest.matlab_check import check_matlab
 from mtpipe.ingest.source import Format
 from mtpipe.recording import FloatArray
 
@@ -71,7 +73,8 @@ class ArrayTable:
                 for start in range(0, n, BLOCK_ROWS):
                     stop = min(start + BLOCK_ROWS, n)
                     yield [np.asarray(c.get(start, stop), dtype=np.float64) for c in chosen]
-        except RecordingError:
+        except RecordingError as error:
+            error.where = str(self.path)
             raise
         except Exception as error:  # the libraries raise anything on a damaged file
             raise _damaged(self.path, self.kind, error) from error
@@ -87,6 +90,9 @@ def open_arrays(path: Path, kind: Format) -> ArrayTable:
     try:
         with _open(path, kind) as columns:
             names = tuple(c.name for c in columns)
+    except RecordingError as error:
+        error.where = str(path)
+        raise
     except Exception as error:  # the libraries raise anything on a damaged file
         raise _damaged(path, kind, error) from error
     if not names:
@@ -112,6 +118,7 @@ def _open(path: Path, kind: Format) -> Iterator[list[Column]]:
 def _matlab(stream: BinaryIO, stack: ExitStack) -> list[Column]:
     import scipy.io
 
+    check_matlab(stream)
     content: dict[str, Any] = scipy.io.loadmat(cast(Any, stream), chars_as_strings=False)
     columns: list[Column] = []
     for name, value in content.items():
@@ -126,12 +133,21 @@ def _hdf5(stream: BinaryIO, stack: ExitStack) -> list[Column]:
     file = stack.enter_context(h5py.File(stream, "r"))
     columns: list[Column] = []
 
-    def visit(name: str, node: object) -> None:
+    def visit(name: str | bytes, node: object) -> None:
         if isinstance(node, h5py.Dataset) and node.shape:
-            columns.extend(_expand(name, node.shape, node.dtype, node.__getitem__))
+            known = name if isinstance(name, str) else name.decode("utf-8", "replace")
+            columns.extend(_expand(known, node.shape, node.dtype, partial(_held, node)))
 
     file.visititems(visit)
     return columns
+
+
+def _held(node: Any, index: Any) -> Any:
+    """Part of a dataset of HDF5, whose numbers are in the file as its header says."""
+    if not node.is_virtual and not node.external:
+        announced = node.size * node.dtype.itemsize
+        check_announced(announced, node.id.get_storage_size(), node.chunks is not None, node.name)
+    return node[index]
 
 
 def _tdms(stream: BinaryIO, stack: ExitStack) -> list[Column]:
