@@ -18,15 +18,19 @@ WORDS = frozenset(
     )
 )
 YES_OR_NO = frozenset(("posterior_converged", "used", "recommended", "extrapolated"))
-NEVER_EMPTY = frozenset(("bead", "axis", "verdict", "stage", "model", "statistic", "method"))
-CHOICES = {"verdict": VERDICT_MARK, "stage": ("raw", "subtracted"), "model": MODEL}
-# Of curves, which are drawn from these.
-POSITIVE = frozenset(
+COUNTS = frozenset(
+    ("plateau", "plateaus", "plateaus_used", "frames", "lost_frames", "points", "simulations")
+)
+NEVER_EMPTY = frozenset(
     (
-        *("contour_length_nm", "persistence_length_nm", "stretch_modulus_pN"),
-        *("force_low_pN", "force_high_pN"),
+        *("bead", "axis", "verdict", "stage", "model", "statistic", "method"),
+        *("start_s", "duration_s", "recommended", "used", *COUNTS),
     )
 )
+CHOICES = {"verdict": VERDICT_MARK, "stage": ("raw", "subtracted"), "model": MODEL}
+# Lengths of chains and forces of curves, in the table that has a row per `model`.
+POSITIVE = frozenset(("contour_length_nm", "persistence_length_nm", "stretch_modulus_pN"))
+FORCES_OF_CURVES = frozenset(("force_low_pN", "force_high_pN"))
 
 
 def check(table: pd.DataFrame, columns: Sequence[str], several_axes: bool) -> None:
@@ -41,43 +45,52 @@ def check(table: pd.DataFrame, columns: Sequence[str], several_axes: bool) -> No
     ValueError : a column is missing, or holds something else than its name says.
     """
     missing = [name for name in columns if name not in table.columns]
-    if missing or not table.columns.is_unique:
-        wrong = f"lacks the column{'s' * (len(missing) > 1)} {', '.join(missing)}"
-        raise ValueError(wrong if missing else "has two columns of one name")
+    if missing:
+        raise ValueError(f"lacks the column{'s' * (len(missing) > 1)} {', '.join(missing)}")
+    if not table.columns.is_unique:
+        raise ValueError("has two columns of one name")
     for name in columns:
-        column = table[name]
-        present = column[column.notna()]
-        if name in NEVER_EMPTY and len(present) < len(column):
+        present = table[name].dropna()
+        may_be_empty = name not in NEVER_EMPTY or (name == "plateau" and several_axes)
+        if len(present) < len(table) and not may_be_empty:
             raise ValueError(f"column {name} has empty cells")
-        if len(present) and not _is_of_its_kind(name, present):
-            raise ValueError(f"column {name} holds {column.dtype} where {_kind(name)} are expected")
-        if name not in WORDS | YES_OR_NO:
-            finite = present[np.isfinite(present)]
-            lowest = 0.0 if "model" in columns and name in POSITIVE else -LARGEST
-            if not finite.between(lowest, LARGEST, inclusive="right").all():
-                raise ValueError(f"column {name} holds numbers that cannot be")
-        if name in CHOICES and not present.isin(CHOICES[name]).all():
-            raise ValueError(f"column {name} holds other words than {', '.join(CHOICES[name])}")
+        if len(present):
+            _check_kind(name, present)
+            _check_values(name, present, of_curves="model" in columns)
     if "axis" in columns and not several_axes and not table["axis"].isin(AXES).all():
         raise ValueError("column axis holds other words than x, y, z")
-    if "plateau" in columns:
-        _check_plateaus(table["plateau"], several_axes)
 
 
-def _is_of_its_kind(name: str, present: pd.Series) -> bool:
+def _check_kind(name: str, present: pd.Series) -> None:
+    """Raise ValueError if the cells that are not empty are of another type than they should."""
+    types = pd.api.types
     if name in WORDS:
-        return all(isinstance(one, str) for one in present)
-    if name in YES_OR_NO:
-        return all(isinstance(one, (bool, np.bool_)) for one in present)
-    return pd.api.types.is_numeric_dtype(present) and not pd.api.types.is_bool_dtype(present)
+        fits, kind = types.infer_dtype(present) == "string", "words"
+    elif name in YES_OR_NO:
+        fits, kind = types.infer_dtype(present) == "boolean", "true and false"
+    else:
+        fits = types.is_numeric_dtype(present) and not types.is_bool_dtype(present)
+        kind = "numbers"
+    if not fits:
+        raise ValueError(f"column {name} holds {present.dtype} where {kind} are expected")
 
 
-def _kind(name: str) -> str:
-    return "words" if name in WORDS else "true and false" if name in YES_OR_NO else "numbers"
-
-
-def _check_plateaus(plateaus: pd.Series, may_be_empty: bool) -> None:
-    present = plateaus.dropna()
-    whole = bool(((present >= 0) & (present == np.floor(present))).all()) if len(present) else True
-    if not whole or (len(present) < len(plateaus) and not may_be_empty):
-        raise ValueError("column plateau holds something else than numbers of plateaus")
+def _check_values(name: str, present: pd.Series, of_curves: bool) -> None:
+    """Raise ValueError if a cell holds what cannot be."""
+    if name in CHOICES and not present.isin(list(CHOICES[name])).all():
+        raise ValueError(f"column {name} holds other words than {', '.join(CHOICES[name])}")
+    if name in WORDS | YES_OR_NO:
+        return
+    numbers = present.to_numpy(dtype=float)
+    finite = np.isfinite(numbers)  # infinite: an interval has no end there
+    possible = np.abs(numbers) < LARGEST
+    if name in COUNTS:
+        possible &= (numbers >= 0) & (numbers == np.floor(numbers))
+        finite[:] = True
+    elif of_curves and name in FORCES_OF_CURVES:
+        possible &= numbers > 0
+        finite[:] = True
+    elif of_curves and name in POSITIVE:
+        possible &= numbers > 0
+    if not possible[finite].all():
+        raise ValueError(f"column {name} holds numbers that cannot be")
