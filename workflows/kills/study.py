@@ -148,6 +148,9 @@ def main() -> None:
                 continue
             told = look(out, old, recording, folder / "expected")
             counts.setdefault(kind, Counter()).update(["kills", *told])
+            print(
+                f"{kind} {moment if moment is not None else after_s}: {', '.join(told)}", flush=True
+            )
         for kind, counted in counts.items():
             print(f"{kind}: {', '.join(f'{n} {what}' for what, n in counted.items())}")
 
