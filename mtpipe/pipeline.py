@@ -37,7 +37,7 @@ from mtpipe.noise_floor import noise_notices
 from mtpipe.notice import Notice
 from mtpipe.quality import BeadVerdict, bead_verdicts, trace_flags
 from mtpipe.recording import Recording
-from mtpipe.run_folder import new_run, refuse_to_erase
+from mtpipe.run_folder import RECORDING, new_run, refuse_to_erase
 from mtpipe.spreadsheets import as_csv
 from mtpipe.tether_curves import tether_curves
 from mtpipe.tracking.stack import is_stack
@@ -237,7 +237,7 @@ def _tracked(path: Path, out: Path, setup: Path, workers: int, say: Progress) ->
     """Track an image stack; the recording is in the run's folder."""
     from mtpipe.tracking.track import track
 
-    recording = out / "recording.csv"
+    recording = out / RECORDING
     track(path, recording, setup=setup, workers=workers, progress=say)
     return recording
 

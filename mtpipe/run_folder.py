@@ -19,7 +19,7 @@ from pathlib import Path
 from mtpipe.errors import MtpipeError
 from mtpipe.files import clear_leftovers, scratch_name
 
-RUN = "run.json"
+RUN, RECORDING = "run.json", "recording.csv"
 # What a run writes, but for the recording of a film: that may have become the input of another.
 RESULTS = (
     *("forces.parquet", "forces.csv", "beads.parquet", "beads.csv"),
@@ -34,7 +34,8 @@ SCRATCH = "mtpipe-run"
 def new_run(out: Path) -> Iterator[Path]:
     """Give an empty folder to fill, which becomes the run in `out` on leaving without an error.
 
-    With an error, `out` stays as it was. What killed runs left is cleared.
+    With an error, `out` stays as it was, but for the recording of a film, which may have taken
+    hours: where there is no earlier run it is kept. What killed runs left is cleared.
 
     Raises
     ------
@@ -48,6 +49,10 @@ def new_run(out: Path) -> Iterator[Path]:
     try:
         yield fresh
         fresh.rename(out / WHOLE)
+    except BaseException:
+        if (fresh / RECORDING).exists() and not (out / RUN).exists():
+            (fresh / RECORDING).replace(out / RECORDING)
+        raise
     finally:
         shutil.rmtree(fresh, ignore_errors=True)
     finish(out)

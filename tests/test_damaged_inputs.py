@@ -9,13 +9,17 @@ from pathlib import Path
 
 import h5py
 import numpy as np
+import pandas as pd
 import pytest
 import scipy.io
 
 import mtpipe
 from mtpipe.errors import MtpipeError, RecordingError
-from mtpipe.ingest.announced import HARMLESS_BYTES, check_announced
+from mtpipe.ingest import announced
+from mtpipe.ingest.announced import HARMLESS_BYTES, check_announced, check_fits
+from mtpipe.ingest.arrays import open_arrays
 from mtpipe.ingest.matlab_check import check_matlab
+from mtpipe.ingest.parquet import open_parquet
 from mtpipe.tracking.lookup_table import LookUpTable
 from mtpipe.tracking.stack import open_stack
 from tests.ingest_recordings import magscope_batches, magscope_positions, preset, write_magscope
@@ -128,6 +132,31 @@ def test_a_header_may_announce_no_more_than_its_file_holds(tmp_path):
         del file["tracking/bead_ids"]
         file["tracking"].create_dataset("bead_ids", (10**12,), "i4", chunks=(1000,))
     assert "announces" in said(lambda: mtpipe.load(path, preset({"preset": "magscope-hdf5"})))
+
+
+def test_what_does_not_fit_into_the_memory_is_told_before_it_is_read(tmp_path, monkeypatch):
+    monkeypatch.setattr(announced, "memory_bytes", lambda: 1 << 20)
+    check_fits(1 << 16, "a")
+    with pytest.raises(RecordingError, match=r"a: unfolds to 6\.55e\+04 numbers"):
+        check_fits((1 << 16) + 1, "a")
+    same = pd.DataFrame({"time_s": np.zeros(100_000), "b1_x_nm": np.zeros(100_000)})
+    same.to_parquet(tmp_path / "small.parquet")
+    with pytest.raises(RecordingError, match=r"small\.parquet: unfolds to 2e\+05 numbers"):
+        next(open_parquet(tmp_path / "small.parquet").batches([0, 1]))
+    np.savez_compressed(tmp_path / "small.npz", a=np.zeros(100_000))
+    with pytest.raises(RecordingError, match=r"small\.npz: unfolds to 1e\+05 numbers"):
+        next(open_arrays(tmp_path / "small.npz", "npz").batches([0]))
+    monkeypatch.setattr(announced, "memory_bytes", lambda: None)
+    check_fits(1 << 60, "a")
+
+
+def test_the_memory_of_a_container_bounds_that_of_the_computer(tmp_path, monkeypatch):
+    bound = tmp_path / "memory.max"
+    monkeypatch.setattr(announced, "BOUND_OF_CONTAINER", bound)
+    whole = announced.memory_bytes()
+    for told, expected in (("1000000\n", 1_000_000), ("max\n", whole)):
+        bound.write_text(told)
+        assert announced.memory_bytes() == expected
 
 
 # ------------------------------------------------------------------ MATLAB

@@ -9,7 +9,7 @@ import pytest
 
 from mtpipe.errors import MtpipeError
 from mtpipe.files import clear_leftovers, scratch_name
-from mtpipe.run_folder import RESULTS, RUN, finish, new_run, refuse_to_erase
+from mtpipe.run_folder import RECORDING, RESULTS, RUN, finish, new_run, refuse_to_erase
 
 FILES = (*RESULTS[:6], "details/a.parquet", "details/b.json", "report/index.html", RUN)
 AT = ("open", "os.rename", "os.remove", "os.mkdir", "os.rmdir")
@@ -94,6 +94,21 @@ def test_an_error_leaves_the_earlier_run_as_it_was(tmp_path):
         fail()
     assert set(content(tmp_path).values()) == {"old"}
     assert not [p for p in tmp_path.iterdir() if p.name.startswith(".")]
+
+
+@pytest.mark.parametrize("earlier", [False, True])
+def test_a_film_that_was_tracked_is_not_lost_by_an_error_after_it(tmp_path, earlier):
+    if earlier:
+        write(tmp_path, "old")
+
+    def fail():
+        with new_run(tmp_path) as fresh:
+            (fresh / RECORDING).write_text("new")
+            raise RuntimeError
+
+    with pytest.raises(RuntimeError):
+        fail()
+    assert (tmp_path / RECORDING).exists() != earlier
 
 
 @forks

@@ -19,7 +19,7 @@ from typing import IO, Any, BinaryIO, cast
 import numpy as np
 
 from mtpipe.errors import RecordingError
-from mtpipe.ingest.announced import check_announced
+from mtpipe.ingest.announced import check_announced, check_fits
 from mtpipe.ingest.files import open_stream
 from mtpipe.ingest.gr import read_gr
 from mtpipe.ingest.matlab_check import check_matlab
@@ -70,6 +70,7 @@ class ArrayTable:
                         f"columns differ in length ({told[:300]})", where=str(self.path)
                     )
                 n = max(lengths, default=0)
+                check_fits(n * len(chosen), str(self.path))
                 for start in range(0, n, BLOCK_ROWS):
                     stop = min(start + BLOCK_ROWS, n)
                     yield [np.asarray(c.get(start, stop), dtype=np.float64) for c in chosen]

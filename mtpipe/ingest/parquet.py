@@ -11,6 +11,7 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 
 from mtpipe.errors import RecordingError
+from mtpipe.ingest.announced import check_fits
 from mtpipe.recording import FloatArray
 
 BLOCK_ROWS = 1 << 17
@@ -35,6 +36,7 @@ class ParquetTable:
         chosen = [self.names[i] for i in wanted]
         try:
             with pq.ParquetFile(self.path) as file:
+                check_fits(file.metadata.num_rows * len(wanted), str(self.path))
                 for batch in file.iter_batches(BLOCK_ROWS, columns=list(dict.fromkeys(chosen))):
                     yield [self._numbers(batch.column(name), name) for name in chosen]
         except RecordingError:
