@@ -16,14 +16,19 @@ import typer
 
 
 def open_streams() -> None:
-    """Make both streams robust; what cannot be said in their encoding becomes a question mark."""
+    """Make both streams robust; what cannot be said in their encoding becomes a question mark.
+
+    A stream that Python's own has been replaced by is left alone.
+    """
     for number in range(3):
         try:
             os.fstat(number)
         except OSError:  # else the next file that is opened would take its place
             os.open(os.devnull, os.O_RDWR)
-    sys.stdout = _robust(sys.stdout, 1)
-    sys.stderr = _robust(sys.stderr, 2)
+    if sys.stdout is sys.__stdout__:
+        sys.stdout = _robust(sys.stdout, 1)
+    if sys.stderr is sys.__stderr__:
+        sys.stderr = _robust(sys.stderr, 2)
 
 
 def say(text: str, *, err: bool = False) -> None:
