@@ -6,8 +6,8 @@ reader never meets half a file, and a run that is stopped leaves the previous re
 
 from __future__ import annotations
 
-import glob
 import os
+import re
 import shutil
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -65,11 +65,16 @@ def scratch_name(name: str) -> str:
 
 
 def clear_leftovers(folder: Path, name: str) -> None:
-    """Remove the hidden folders for `name` whose processes have been killed."""
-    for left in folder.glob(f".{glob.escape(name)}-*"):
-        process = left.name.rpartition("-")[2]
-        if process.isdecimal() and not _is_running(int(process)):
+    """Remove hidden files and folders for `name` whose processes have been killed."""
+    hidden = re.compile(rf"\.{re.escape(name)}[-.](\d+)(\.[a-z]+)*")
+    for left in folder.iterdir():
+        match = hidden.fullmatch(left.name)
+        if match is None or _is_running(int(match[1])):
+            continue
+        if left.is_dir():
             shutil.rmtree(left, ignore_errors=True)
+        else:
+            left.unlink(missing_ok=True)
 
 
 def _is_running(process: int) -> bool:

@@ -120,8 +120,11 @@ def test_what_killed_processes_left_is_cleared_and_what_others_fill_is_not(tmp_p
     kept = tmp_path / f".run-{os.getppid()}"
     for folder in (tmp_path / f".run-{dead}", tmp_path / scratch_name("run"), kept):
         folder.mkdir()
+    others = [tmp_path / ".run-notes", tmp_path / f".runs.{dead}.rows", tmp_path / f"run-{dead}"]
+    for file in (tmp_path / f".run.{dead}.rows.whole", tmp_path / f".run.{dead}.tmp", *others):
+        file.touch()
     clear_leftovers(tmp_path, "run")
-    assert list(tmp_path.iterdir()) == [kept]
+    assert set(tmp_path.iterdir()) == {kept, *others}
 
 
 def test_a_cross_check_is_not_erased_in_silence(tmp_path):
