@@ -6,7 +6,6 @@ sentence what would be right.
 
 from __future__ import annotations
 
-import glob
 import math
 from pathlib import Path
 
@@ -21,13 +20,13 @@ STRONGEST_PN = 1000.0
 
 def existing(path: Path) -> Path:
     """A file or folder that is there, or a pattern that some file's name has."""
-    from mtpipe.tracking.stack import is_pattern
+    from mtpipe.tracking.stack import is_pattern, named_like
 
     if path.exists():
         return path
     if not is_pattern(path):
         raise typer.BadParameter(f"path {str(path)!r} does not exist.")
-    if not glob.glob(str(path)):
+    if not named_like(path):
         raise typer.BadParameter(f"no file has a name of the pattern {str(path)!r}.")
     return path
 

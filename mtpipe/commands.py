@@ -17,6 +17,7 @@ import typer
 import mtpipe
 from mtpipe import command_arguments as given
 from mtpipe.errors import MtpipeError, writing
+from mtpipe.streams import open_streams, say
 from mtpipe.terminal import progress_bar, stopped_in_one_line, summary
 
 app = typer.Typer(
@@ -95,6 +96,12 @@ def run(
             "and diagnose what differs."
         ),
     ] = True,
+    overwrite: Annotated[
+        bool,
+        typer.Option(
+            "--overwrite", help="Replace an earlier run's cross-check, even by a run without one."
+        ),
+    ] = False,
 ) -> None:
     """Calibrate a recording: forces, force-extension curves and a report."""
     from mtpipe import pipeline
@@ -108,6 +115,7 @@ def run(
             workers=workers or os.cpu_count() or 1,
             methods=method or (),
             cross_check=crosscheck,
+            overwrite=overwrite,
             progress=progress,
         )
     summary(out)
@@ -144,8 +152,8 @@ def track(
             stack, out, setup=setup, workers=workers or os.cpu_count() or 1, progress=progress
         )
     for notice in done.notes.notices:
-        typer.echo(f"{notice.bead}: {notice.message}" if notice.bead else notice.message)
-    typer.echo(f"Recording: {out} ({len(done.regions)} beads, {done.frames} frames)")
+        say(f"{notice.bead}: {notice.message}" if notice.bead else notice.message)
+    say(f"Recording: {out} ({len(done.regions)} beads, {done.frames} frames)")
 
 
 @app.command()
@@ -210,14 +218,14 @@ def lut(
     with writing(out):
         table.save(out)
     for notice in table.notices:
-        typer.echo(notice.message)
+        say(notice.message)
     if refractive_index_factor is None:
-        typer.echo(
+        say(
             "No --refractive-index-factor was given: focus positions are taken for heights (factor "
             "1). Behind an oil objective heights in water are 0.8 to 0.88 of that."
         )
     low, high = table.z_nm[0], table.z_nm[-1]
-    typer.echo(
+    say(
         f"Look-up table of {table.bead}: {out} ({len(table.z_nm)} heights, {low:.0f} to "
         f"{high:.0f} nm; one image tells z to {float(table.precision_nm.min()):.1f} to "
         f"{float(table.precision_nm.max()):.1f} nm)"
@@ -285,8 +293,8 @@ def simulate(
             progress=lambda done, total: progress("simulating beads", done, total),
         )
     for notice in recording.notices:
-        typer.echo(notice.message)
-    typer.echo(f"Recording: {out / 'recording.csv'}")
+        say(notice.message)
+    say(f"Recording: {out / 'recording.csv'}")
 
 
 @app.command()
@@ -339,13 +347,13 @@ def design(
     if csv is not None:
         with writing(csv, "--csv"):
             show.write_csv(answer, csv)
-        typer.echo(f"Table: {csv}")
+        say(f"Table: {csv}")
     if figure is not None:
         from mtpipe.design.figure import write_figure
 
         with writing(figure, "--figure"):
             write_figure(answer, figure)
-        typer.echo(f"Figure: {figure}")
+        say(f"Figure: {figure}")
 
 
 @app.command()
@@ -359,7 +367,7 @@ def report(
 
     with writing(folder, "DIR"):
         index = write_report(folder)
-    typer.echo(f"Report: {index}")
+    say(f"Report: {index}")
 
 
 @app.command()
@@ -379,25 +387,29 @@ def demo(
     shown = run_film_demo if film else run_demo
     with progress_bar() as progress, writing(out):
         text = shown(out, workers=workers or os.cpu_count() or 1, progress=progress)
-    typer.echo(text)
+    say(text)
 
 
 def main() -> None:
     """Run the command line; every fault ends in a sentence and an exit code."""
+    open_streams()
     with stopped_in_one_line():
         try:
             app()
         except MtpipeError as error:
-            typer.echo(f"mtpipe: {error}", err=True)
+            say(f"mtpipe: {error}", err=True)
             sys.exit(error.exit_code)
         except Exception as error:
             if os.environ.get("MTPIPE_DEBUG"):
                 traceback.print_exc()
-            typer.echo(f"mtpipe: {_unforeseen(error)}", err=True)
+            say(f"mtpipe: {_unforeseen(error)}", err=True)
             sys.exit(1)
 
 
 def _unforeseen(error: Exception) -> str:
+    if isinstance(error, MemoryError):
+        asked = f" ({error})" if str(error) else ""
+        return f"the memory is not enough{asked}. Use fewer --workers, or more memory."
     if isinstance(error, OSError) and error.errno is not None:
         name = f"{error.filename}: " if error.filename else ""
         what = "no access" if isinstance(error, PermissionError) else "cannot be read or written"

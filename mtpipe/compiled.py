@@ -3,19 +3,38 @@
 This is the only module that imports numba, so whoever imports a simulator pays for it and whoever
 imports mtpipe does not. No fast-math: the order of floating-point operations is the written one,
 which keeps the numbers of a seed the same on every machine. The compiled code is kept on disk next
-to the module, or in the user's cache folder where that one cannot be written.
+to the module, or in the user's cache folder where that one cannot be written; where neither can, or
+the disc is full, it is compiled again by every process.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import TypeVar, cast
+from contextlib import suppress
+from typing import Any, TypeVar, cast
 
 import numba
+from numba.core.caching import FunctionCache
 
 Function = TypeVar("Function", bound=Callable[..., object])
 
 
 def compiled(function: Function) -> Function:
     """The function as machine code; its type, for whoever calls it, stays the same."""
-    return cast(Function, numba.njit(cache=True)(function))
+    dispatcher = numba.njit(function)
+    # numba raises RuntimeError where it finds no folder that it may write
+    with suppress(RuntimeError, OSError):
+        dispatcher._cache = _KeptWherePossible(function)
+    return cast(Function, dispatcher)
+
+
+class _KeptWherePossible(FunctionCache):
+    """numba's folder of compiled code; what it cannot read or write costs time and nothing else."""
+
+    def load_overload(self, sig: Any, target_context: Any) -> Any:
+        with suppress(OSError, EOFError):
+            return super().load_overload(sig, target_context)
+
+    def save_overload(self, sig: Any, data: Any) -> None:
+        with suppress(OSError):
+            super().save_overload(sig, data)

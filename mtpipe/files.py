@@ -7,8 +7,8 @@ reader never meets half a file, and a run that is stopped leaves the previous re
 from __future__ import annotations
 
 import os
+import re
 import shutil
-import tempfile
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
@@ -24,8 +24,11 @@ def as_text(name: str) -> str:
 
 
 def write_atomically(path: Path, content: str | bytes) -> None:
-    """Write a file whole or not at all; text as UTF-8. The folder is made where it is missing."""
-    data = content.encode("utf-8") if isinstance(content, str) else content
+    """Write a file whole or not at all; text as UTF-8. The folder is made where it is missing.
+
+    What is no Unicode, as of a file's name in another encoding, becomes a question mark.
+    """
+    data = content.encode("utf-8", "replace") if isinstance(content, str) else content
     path.parent.mkdir(parents=True, exist_ok=True)
     # opened by name and not by `tempfile`, whose files only their owner may read
     temporary = path.with_name(f".{path.name}.{os.getpid()}.tmp")
@@ -47,9 +50,11 @@ def folder_written_whole(path: Path) -> Iterator[Path]:
     folder stands in its place.
     """
     path.parent.mkdir(parents=True, exist_ok=True)
-    with tempfile.TemporaryDirectory(prefix=f".{path.name}-", dir=path.parent) as scratch:
-        fresh, previous = Path(scratch) / "new", Path(scratch) / "previous"
-        fresh.mkdir()
+    clear_leftovers(path.parent, path.name)
+    scratch = path.with_name(scratch_name(path.name))
+    fresh, previous = scratch / "new", scratch / "previous"
+    try:
+        fresh.mkdir(parents=True)
         yield fresh
         if path.exists():
             path.rename(previous)
@@ -59,4 +64,37 @@ def folder_written_whole(path: Path) -> Iterator[Path]:
             if previous.exists():
                 previous.rename(path)
             raise
-        shutil.rmtree(previous, ignore_errors=True)
+    finally:
+        shutil.rmtree(scratch, ignore_errors=True)
+
+
+def scratch_name(name: str) -> str:
+    """Name of a hidden folder that this process fills, for what is to be called `name`."""
+    return f".{name}-{os.getpid()}"
+
+
+def clear_leftovers(folder: Path, name: str) -> None:
+    """Remove hidden files and folders for `name` whose processes have been killed."""
+    hidden = re.compile(rf"\.{re.escape(name)}[-.](\d+)(\.[a-z]+)*")
+    for left in folder.iterdir():
+        match = hidden.fullmatch(left.name)
+        if match is None or _is_running(int(match[1])):
+            continue
+        if left.is_dir():
+            shutil.rmtree(left, ignore_errors=True)
+        else:
+            left.unlink(missing_ok=True)
+
+
+def _is_running(process: int) -> bool:
+    if process == os.getpid():
+        return False  # what an earlier process of this number left
+    if os.name == "nt":  # where there is no way to ask that does no harm
+        return True
+    try:
+        os.kill(process, 0)
+    except ProcessLookupError:
+        return False
+    except (PermissionError, OverflowError):
+        return True
+    return True

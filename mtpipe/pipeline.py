@@ -9,8 +9,8 @@ from __future__ import annotations
 import io
 import json
 import math
-import tempfile
 import time
+import uuid
 from collections.abc import Callable, Sequence
 from dataclasses import asdict, dataclass, replace
 from datetime import UTC, datetime
@@ -27,7 +27,6 @@ from mtpipe.crosschecking.recording import CrossCheck
 from mtpipe.diagnosis.mismatch import Examined, content, examine
 from mtpipe.drift import subtract_drift
 from mtpipe.effects.catalogue import catalogue
-from mtpipe.errors import MtpipeError
 from mtpipe.experiment.known_force import known_force_notices
 from mtpipe.extension_curve import ForceExtension
 from mtpipe.files import write_atomically
@@ -41,6 +40,8 @@ from mtpipe.recommended.choice import recommended_forces
 from mtpipe.recommended.force import BeadForces, named_forces
 from mtpipe.recommended.verdict import with_diagnosis
 from mtpipe.recording import Recording
+from mtpipe.run_folder import RECORDING, new_run, refuse_to_erase
+from mtpipe.spreadsheets import as_csv
 from mtpipe.states import with_states
 from mtpipe.tether_curves import tether_curves
 from mtpipe.tracking.stack import is_stack
@@ -113,15 +114,16 @@ def run(
     workers: int = 1,
     methods: Sequence[str] = (),
     cross_check: bool = True,
+    overwrite: bool = False,
     progress: Progress | None = None,
 ) -> Run:
-    """Run the whole pipeline and write its folder.
+    """Run the whole pipeline and write its folder, which is replaced whole once all is done.
 
     Parameters
     ----------
     path : recording, folder of a series of files, or a setup.toml that names its files. An image
         stack is tracked first, into `recording.csv` of the folder (`mtpipe.tracking`).
-    out : folder to write; files of an earlier run in it are replaced.
+    out : folder to write; an earlier run in it is replaced.
     setup : setup.toml; default: beside the recording.
     seed : of the posteriors and of the cross-check's simulations.
     workers : processes, over which beads are spread. More than one needs the usual guard
@@ -129,17 +131,41 @@ def run(
     methods : other methods of the field (`mtpipe.METHODS`) by which each trace is calibrated too.
     cross_check : compare every bead with simulations of the configured experiment, and diagnose
         what differs.
+    overwrite : even the cross-check of an earlier run by a run without one.
     progress : called with (step, done, of how many).
 
     Raises
     ------
     MtpipeError : what a user can mend, in one sentence.
     """
+    if not cross_check and not overwrite:
+        refuse_to_erase(Path(out))
+    with new_run(Path(out)) as fresh:
+        return _run(
+            Path(path),
+            fresh,
+            setup=setup,
+            seed=seed,
+            workers=workers,
+            methods=methods,
+            cross_check=cross_check,
+            say=progress or (lambda step, done, total: None),
+        )
+
+
+def _run(
+    path: Path,
+    out: Path,
+    *,
+    setup: Path | str | None,
+    seed: int,
+    workers: int,
+    methods: Sequence[str],
+    cross_check: bool,
+    say: Progress,
+) -> Run:
     from mtpipe.report import write_report
 
-    path, out = Path(path), Path(out)
-    _check_writable(out)
-    say = progress or (lambda step, done, total: None)
     started = datetime.now(UTC).isoformat(timespec="seconds")
     clock = _Clock()
     if is_stack(path, None if setup is None else Path(setup)):
@@ -227,7 +253,7 @@ def _tracked(path: Path, out: Path, setup: Path, workers: int, say: Progress) ->
     """Track an image stack; the recording is in the run's folder."""
     from mtpipe.tracking.track import track
 
-    recording = out / "recording.csv"
+    recording = out / RECORDING
     track(path, recording, setup=setup, workers=workers, progress=say)
     return recording
 
@@ -282,18 +308,6 @@ def _reference_warnings(recording: Recording) -> tuple[str, ...]:
     return tuple(reasons)
 
 
-def _check_writable(out: Path) -> None:
-    """Fail before the work, not after it, where the folder cannot be written."""
-    try:
-        out.mkdir(parents=True, exist_ok=True)
-        with tempfile.TemporaryFile(dir=out):
-            pass
-    except OSError as error:
-        raise MtpipeError(
-            f"cannot be written ({error.strerror})", where=str(out), mend="Choose another --out."
-        ) from None
-
-
 def _title(path: Path, name: str) -> str:
     """What the report calls the recording; a plain "recording.csv" goes by its folder too."""
     if name.startswith("recording."):
@@ -302,6 +316,7 @@ def _title(path: Path, name: str) -> str:
 
 
 def _write_tables(result: Run, raw: Recording, out: Path, title: str) -> None:
+    identity = uuid.uuid4().hex  # every file of the run carries it
     calibration = result.calibration
     states = result.recording.states
     forces = tables.forces_table(
@@ -326,34 +341,39 @@ def _write_tables(result: Run, raw: Recording, out: Path, title: str) -> None:
         },
     }
     for name, table in {"forces": forces, "beads": beads}.items():
-        write_atomically(out / f"{name}.parquet", _parquet(table))
-        write_atomically(out / f"{name}.csv", table.to_csv(index=False))
-    write_atomically(out / "crosscheck.parquet", _parquet(tables.crosscheck_table(result.checked)))
+        write_atomically(out / f"{name}.parquet", _parquet(table, identity))
+        write_atomically(out / f"{name}.csv", as_csv(table))
+    looks = tables.crosscheck_table(result.checked)
+    write_atomically(out / "crosscheck.parquet", _parquet(looks, identity))
     for name, table in details.items():
-        write_atomically(out / "details" / f"{name}.parquet", _parquet(table))
-    text = json.dumps(result.mismatch, indent=2, ensure_ascii=False, allow_nan=False)
+        write_atomically(out / "details" / f"{name}.parquet", _parquet(table, identity))
+    mismatch = {**result.mismatch, "run": identity}
+    text = json.dumps(mismatch, indent=2, ensure_ascii=False, allow_nan=False)
     write_atomically(out / "mismatch.json", text)
     for name, by_bead in {
         "before_after": result.before_after,
         "unexplained": result.unexplained,
     }.items():
-        drawn = {"recording": result.recording.name, "beads": by_bead}
+        drawn = {"run": identity, "recording": result.recording.name, "beads": by_bead}
         text = json.dumps(drawn, ensure_ascii=False, allow_nan=False)
         write_atomically(out / "details" / f"{name}.json", text)
-    write_atomically(out / "run.json", _run_json(result, title))
+    write_atomically(out / "run.json", _run_json(result, title, identity))
 
 
-def _parquet(table: pd.DataFrame) -> bytes:
+def _parquet(table: pd.DataFrame, identity: str) -> bytes:
+    """A table as a file, with the run it belongs to among the attributes that pandas keeps."""
     buffer = io.BytesIO()
-    table.to_parquet(buffer, index=False)
+    table.attrs["run"] = identity
+    table.to_parquet(buffer, index=False, write_page_checksum=True)
     return buffer.getvalue()
 
 
-def _run_json(result: Run, title: str) -> str:
+def _run_json(result: Run, title: str, identity: str) -> str:
     recording = result.recording
     drift = recording.drift
     conditions = result.calibration.conditions
     content = {
+        "run": identity,
         "version": mtpipe.__version__,
         "recording": title,
         "setup": recording.setup.model_dump(mode="json", by_alias=True),

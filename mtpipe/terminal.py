@@ -1,4 +1,7 @@
-"""What the command line shows: a progress bar on a terminal, a summary of a run, how it stopped."""
+"""What the command line shows: a progress bar on a terminal, a summary of a run, how it stopped.
+
+Names of beads and files are words and nothing else: no markup, no codes that a terminal obeys.
+"""
 
 from __future__ import annotations
 
@@ -17,53 +20,65 @@ from rich.console import Console
 from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn
 from rich.table import Table
 
+from mtpipe.streams import visible
+
 if TYPE_CHECKING:
     from mtpipe.pipeline import Progress as Callback
 
 
-STOPPED_CODE = 128 + signal.SIGINT
+# Windows has no SIGHUP, which a terminal sends as it closes.
+STOPPING = {"SIGINT": "Ctrl-C", "SIGTERM": "SIGTERM", "SIGHUP": "the end of its terminal"}
 
 
 class Stopped(BaseException):
-    """Ctrl-C. No `KeyboardInterrupt`, for which libraries have a way of their own."""
+    """A signal to end. No `KeyboardInterrupt`, for which libraries have a way of their own."""
 
 
 @contextmanager
 def stopped_in_one_line() -> Iterator[None]:
-    """Let Ctrl-C end the workers and then the program, with one line and the exit code 130.
+    """Let Ctrl-C, SIGTERM and SIGHUP end the workers and then the program, with one line.
 
-    To be used in the main thread.
+    The exit code is 128 and the number of the signal. What is ignored from the start (nohup) stays
+    so. To be used in the main thread.
     """
     stdout, stderr = sys.stdout, sys.stderr
+    heard: list[signal.Signals] = []
+    before: dict[signal.Signals, Any] = {}
 
-    def stop(_number: int, _frame: FrameType | None) -> None:
+    def stop(number: int, _frame: FrameType | None) -> None:
         # what follows is short, and leaves no half-written file if it is let finish
-        signal.signal(signal.SIGINT, signal.SIG_IGN)
+        for one in before:
+            signal.signal(one, signal.SIG_IGN)
+        heard.append(signal.Signals(number))
         for worker in multiprocessing.active_children():
             worker.terminate()
         # emcee prints its parameters and a traceback before it passes an exception on
         sys.stdout = sys.stderr = io.StringIO()
         raise Stopped
 
-    before = signal.signal(signal.SIGINT, stop)
+    for name in STOPPING:
+        one = getattr(signal, name, None)
+        if one is not None and signal.getsignal(one) != signal.SIG_IGN:
+            before[one] = signal.signal(one, stop)
     try:
         yield
     except Stopped:
         sys.stdout, sys.stderr = stdout, stderr
-        print("mtpipe: stopped by Ctrl-C", file=stderr)
-        sys.exit(STOPPED_CODE)
+        print(f"mtpipe: stopped by {STOPPING[heard[0].name]}", file=stderr)
+        sys.exit(128 + heard[0])
     finally:
-        signal.signal(signal.SIGINT, before)
+        for one, handler in before.items():
+            signal.signal(one, handler)
 
 
 @contextmanager
 def progress_bar() -> Iterator[Callback]:
     """A callback that draws a bar on standard error where that is a terminal, else is silent."""
-    console = Console(file=sys.stderr)
+    console = Console(stderr=True)
     with Progress(
-        TextColumn("{task.description}"),
+        TextColumn("{task.description}", markup=False),
         BarColumn(),
-        TextColumn("{task.completed:.0f}/{task.total:.0f}"),
+        TextColumn("{task.completed:.0f}/{task.total:.0f}", markup=False),
         TimeElapsedColumn(),
         console=console,
         transient=True,
@@ -72,7 +87,7 @@ def progress_bar() -> Iterator[Callback]:
         task = bar.add_task("starting", total=1)
 
         def advance(step: str, done: int, total: int) -> None:
-            bar.update(task, description=step, completed=done, total=max(total, 1))
+            bar.update(task, description=visible(step), completed=done, total=max(total, 1))
 
         yield advance
 
@@ -90,7 +105,7 @@ def summary(out: Path) -> None:
     from mtpipe.report.notices import is_foremost
 
     run = read_run_folder(out)
-    console = Console(highlight=False)
+    console = Console(highlight=False, markup=False, emoji=False)
     beads = records(run.beads)
     console.print(_table(beads))
     tethered = {bead["bead"] for bead in beads}
@@ -113,7 +128,7 @@ def summary(out: Path) -> None:
 
 
 def _say(console: Console, line: str) -> None:
-    console.print(line, soft_wrap=True, markup=False)
+    console.print(visible(line), soft_wrap=True)
 
 
 def _table(beads: Sequence[Mapping[str, Any]]) -> Table:
@@ -129,7 +144,7 @@ def _table(beads: Sequence[Mapping[str, Any]]) -> Table:
         table.add_column(heading)
     for row in beads:
         table.add_row(
-            str(row["bead"]),
+            visible(str(row["bead"])),
             str(row["verdict"]),
             f"{row['plateaus_used']} of {row['plateaus']}",
             _range(row["force_min_pN"], row["force_max_pN"]),

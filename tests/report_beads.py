@@ -8,6 +8,7 @@ import numpy as np
 
 NASTY = '../<b id="x">&b 1/2'
 NO_Z, REFUSED = "b2", "b10"
+RUN = "4f1c0b9ad2e84c5f9f0a5d3c7b6e8a90"
 RADIUS_NM, RATE_HZ, CONTOUR_NM, PERSISTENCE_NM = 1400.0, 120.0, 2700.0, 50.0
 KT = 4.114
 STOKES = 6 * np.pi * 0.89e-9 * RADIUS_NM

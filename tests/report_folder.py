@@ -32,6 +32,7 @@ from tests.report_beads import (
     RADIUS_NM,
     RATE_HZ,
     REFUSED,
+    RUN,
     STOKES,
     UNEXPLAINED,
     Trace,
@@ -84,14 +85,19 @@ def write_run_folder(folder: Path, *, good: int = 0, plateaus: int = 4) -> Path:
         ),
     }
     for name, table in tables.items():
+        table.attrs["run"] = RUN
         table.to_parquet(folder / f"{name}.parquet")
         if "/" not in name:
             table.to_csv(folder / f"{name}.csv", index=False)
     (folder / "run.json").write_text(json.dumps(report_json.run(forces)), encoding="utf-8")
     (folder / "mismatch.json").write_text(json.dumps(report_json.mismatch(beads)), encoding="utf-8")
-    drawn = {"recording": "made up", "beads": {beads[0]: report_json.before_after(plateaus)}}
+    drawn = {
+        "run": RUN,
+        "recording": "made up",
+        "beads": {beads[0]: report_json.before_after(plateaus)},
+    }
     (folder / "details/before_after.json").write_text(json.dumps(drawn), encoding="utf-8")
-    left = {"recording": "made up", "beads": {REFUSED: report_json.unexplained()}}
+    left = {"run": RUN, "recording": "made up", "beads": {REFUSED: report_json.unexplained()}}
     (folder / "details/unexplained.json").write_text(json.dumps(left), encoding="utf-8")
     return folder
 

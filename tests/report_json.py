@@ -14,6 +14,7 @@ from tests.report_beads import (
     PERSISTENCE_NM,
     RADIUS_NM,
     RATE_HZ,
+    RUN,
     UNEXPLAINED,
 )
 
@@ -58,7 +59,7 @@ def mismatch(beads: list[str]) -> dict[str, Any]:
                 "force_bound_percent": 1.1,
                 "material": bead == UNEXPLAINED,
             }
-    return {"schema": "mtpipe.mismatch/1", "recording": "made up", "beads": made}
+    return {"schema": "mtpipe.mismatch/1", "run": RUN, "recording": "made up", "beads": made}
 
 
 def before_after(plateaus: int) -> dict[str, Any]:
@@ -156,6 +157,7 @@ def run(forces: pd.DataFrame) -> dict[str, Any]:
             notice("lost_frames", "info", "31 of 7200 frames are lost (0.4 %).", *where),
         ]
     return {
+        "run": RUN,
         "version": "0.1.0",
         "recording": "run <2> & more.csv",
         "setup": setup(),

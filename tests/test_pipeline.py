@@ -3,6 +3,7 @@
 import json
 import os
 import re
+import shutil
 import subprocess
 import sys
 from pathlib import Path
@@ -159,6 +160,32 @@ def test_report_is_written_again_from_the_files(finished):
     done = command("report", out)
     assert done.returncode == 0, done.stderr
     assert (out / "report" / "index.html").read_text(encoding="utf-8") == before
+
+
+def test_a_cross_check_is_replaced_by_a_run_without_one_only_on_demand(tmp_path, finished):
+    out, _ = finished
+    path = write(tmp_path, recording((0.5, 2.0, 6.0), 2048))
+    kept = tmp_path / "kept"
+    shutil.copytree(out, kept)
+    before = (kept / "run.json").read_bytes()
+    done = command("run", path, "--out", kept, "--workers", "1", "--no-crosscheck")
+    assert done.returncode == 1
+    assert "cross-check of an earlier run" in done.stderr
+    assert (kept / "run.json").read_bytes() == before
+    mtpipe.run(path, kept, cross_check=False, overwrite=True)
+    assert json.loads((kept / "mismatch.json").read_text(encoding="utf-8"))["beads"] == {}
+    assert pd.read_parquet(kept / "crosscheck.parquet").empty
+
+
+def test_every_file_of_a_run_carries_its_identity(finished):
+    out, _ = finished
+    identity = json.loads((out / "run.json").read_text(encoding="utf-8"))["run"]
+    for path in out.rglob("*"):
+        if path.suffix == ".parquet":
+            assert pd.read_parquet(path).attrs["run"] == identity, path.name
+        elif path.suffix == ".json" and "report" not in path.parts:
+            assert json.loads(path.read_text(encoding="utf-8"))["run"] == identity, path.name
+    assert not [path for path in out.iterdir() if path.name.startswith(".")]
 
 
 def test_same_seed_same_forces(tmp_path, finished):

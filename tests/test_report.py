@@ -129,7 +129,7 @@ def test_a_run_without_drift_posterior_or_curve(tmp_path: Path) -> None:
     folder = write_run_folder(tmp_path / "run", plateaus=2)
     for name in ("drift", "references", "posteriors", "force_extension"):
         path = folder / "details" / f"{name}.parquet"
-        pd.DataFrame(columns=pd.read_parquet(path).columns).to_parquet(path)
+        pd.read_parquet(path).iloc[:0].astype(object).to_parquet(path)
     run = json.loads((folder / "run.json").read_text())
     (folder / "run.json").write_text(json.dumps(run | {"drift": None, "notices": []}))
     page = Page(write_report(folder))

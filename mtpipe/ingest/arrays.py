@@ -12,11 +12,13 @@ from collections.abc import Iterator, Mapping, Sequence
 from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any
+from typing import Any, BinaryIO
 
 from numpy.typing import NDArray
 
 from mtpipe.errors import RecordingError
+from mtpipe.files import as_text
+from mtpipe.ingest.announced import check_fits
 from mtpipe.ingest.contents import BLOCK_BYTES, Array, Contents, values_of
 from mtpipe.ingest.files import is_packed, open_stream
 from mtpipe.ingest.source import TAKE, Format, Layout
@@ -65,6 +67,7 @@ class ArrayTable:
                 columns = list(contents.columns())
                 chosen = [columns[i] for i in wanted]
                 count = self._rows([(column.name, array.rows) for array, column in chosen])
+                check_fits(count * len(chosen), str(self.path))
                 together: dict[int, list[int]] = {}
                 for k, (array, _) in enumerate(chosen):
                     together.setdefault(id(array), []).append(k)
@@ -115,6 +118,8 @@ def open_arrays(path: Path, kind: Format, layout: Layout | None = None) -> Array
         with _open(path, kind, take) as contents:
             columns = [column for _, column in contents.columns()]
             unusable, cut = contents.unusable, contents.cut
+    except RecordingError:
+        raise
     except Exception as error:  # the libraries raise anything on a damaged file
         raise _damaged(path, kind, error) from error
     if cut and not take:
@@ -171,28 +176,38 @@ def _step(arrays: list[Array]) -> int:
 
 @contextmanager
 def _open(path: Path, kind: Format, take: bool) -> Iterator[Contents]:
-    """Look through a file; each reader's library is loaded only where it is needed."""
+    """Look through a file; what is said against it from within names it."""
     with ExitStack() as stack:
         stream = stack.enter_context(open_stream(path))
         if is_packed(stream):
             stream = io.BytesIO(stream.read())  # gzipped: these formats jump about in the file
-        if kind == "hdf5":
-            from mtpipe.ingest.hdf5 import open_hdf5
+        try:
+            yield _contents(stream, stack, kind, take)
+        except RecordingError as error:
+            file = as_text(str(path))
+            if error.where != file:
+                error.where = f"{file}, {error.where}" if error.where else file
+            raise
 
-            yield open_hdf5(stream, stack, take=take)
-        elif kind == "tdms":
-            from mtpipe.ingest.tdms import open_tdms
 
-            yield open_tdms(stream, stack)
-        elif kind == "matlab":
-            from mtpipe.ingest.matlab import open_matlab
+def _contents(stream: BinaryIO, stack: ExitStack, kind: Format, take: bool) -> Contents:
+    """What a file holds; each reader's library is loaded only where it is needed."""
+    if kind == "hdf5":
+        from mtpipe.ingest.hdf5 import open_hdf5
 
-            yield open_matlab(stream, take=take)
-        elif kind in ("npz", "npy"):
-            from mtpipe.ingest.numpy_files import open_npy, open_npz
+        return open_hdf5(stream, stack, take=take)
+    if kind == "tdms":
+        from mtpipe.ingest.tdms import open_tdms
 
-            yield open_npz(stream, stack) if kind == "npz" else open_npy(stream)
-        else:
-            from mtpipe.ingest.gr import open_gr
+        return open_tdms(stream, stack)
+    if kind == "matlab":
+        from mtpipe.ingest.matlab import open_matlab
 
-            yield open_gr(stream)
+        return open_matlab(stream, take=take)
+    if kind in ("npz", "npy"):
+        from mtpipe.ingest.numpy_files import open_npy, open_npz
+
+        return open_npz(stream, stack) if kind == "npz" else open_npy(stream)
+    from mtpipe.ingest.gr import open_gr
+
+    return open_gr(stream)

@@ -9,11 +9,13 @@ from __future__ import annotations
 
 import io
 from contextlib import ExitStack, suppress
+from functools import partial
 from typing import Any, BinaryIO
 
 import h5py
 import numpy as np
 
+from mtpipe.ingest.announced import check_announced
 from mtpipe.ingest.contents import Contents
 from mtpipe.ingest.stated import NOTHING, Stated, stated_by
 
@@ -149,12 +151,20 @@ def _add(
             name,
             node.shape,
             node.dtype,
-            node.__getitem__,
+            partial(_held, node),
             _attributes(node) | _unwritten(node),
             around=around,
             chunk=node.chunks,
             whole_rows=None if cut_at is None else _whole_rows(node, cut_at),
         )
+
+
+def _held(node: h5py.Dataset, index: Any) -> Any:
+    """Part of a dataset, whose numbers are in the file as its header says."""
+    if not node.is_virtual:
+        announced = node.size * node.dtype.itemsize
+        check_announced(announced, node.id.get_storage_size(), node.chunks is not None, node.name)
+    return node[index]
 
 
 def _add_cells(

@@ -20,6 +20,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mtpipe.errors import RecordingError
+from mtpipe.ingest.announced import check_announced
 from mtpipe.ingest.files import is_packed, open_stream
 from mtpipe.ingest.stated import NOTHING, Stated
 from mtpipe.recording import AXES, FloatArray
@@ -174,6 +175,10 @@ def _frames(path: Path) -> Frames:
         ids = np.asarray(_dataset(group, ("bead_ids",), path))
         shape = _dataset(group, POSITIONS, path).shape
         recording = tuple(int(group.attrs[name]) for name in RECORDING if name in group.attrs)
+    for values in (time_ns, offsets, sequence, ids):
+        if values.ndim != 1:
+            said = f"has numbers of shape {values.shape} where one per frame or record is expected"
+            raise RecordingError(said, where=str(path))
     n, records = len(time_ns), len(ids)
     faults = (
         (n == 0, "holds no frames"),
@@ -208,10 +213,16 @@ def _frames(path: Path) -> Frames:
 
 
 def _dataset(group: Any, names: tuple[str, ...], path: Path) -> Any:
+    import h5py
+
     for name in names:
-        if name in group:
-            return group[name]
-    raise RecordingError(f"has no dataset /{GROUP}/{names[0]}", where=str(path))
+        node = group.get(name)
+        if isinstance(node, h5py.Dataset) and node.dtype.kind in "iuf" and node.shape:
+            announced = node.size * node.dtype.itemsize
+            held = node.id.get_storage_size()
+            check_announced(announced, held, node.chunks is not None, str(path))
+            return node
+    raise RecordingError(f"has no dataset /{GROUP}/{names[0]} of numbers", where=str(path))
 
 
 @contextmanager
@@ -233,11 +244,13 @@ def _tracking(path: Path) -> Iterator[Any]:
                         where=str(path),
                     )
                 version = file[GROUP].attrs.get("schema_version")
-                if version != SCHEMA:
+                if np.ndim(version) or version != SCHEMA:
                     raise RecordingError(
                         f"has schema_version {version}, only {SCHEMA} is known", where=str(path)
                     )
                 yield file[GROUP]
-    except (OSError, KeyError, TypeError, RuntimeError) as error:
+    except RecordingError:
+        raise
+    except Exception as error:  # h5py and numpy raise anything on a damaged file
         reason = f"{type(error).__name__}: {error}".splitlines()[0][:200]
         raise RecordingError(f"cannot be read as hdf5 ({reason})", where=str(path)) from error

@@ -9,16 +9,17 @@ from __future__ import annotations
 
 import io
 from collections.abc import Iterator
-from typing import Any, BinaryIO, Literal, cast
+from typing import Any, BinaryIO, cast
 
 import numpy as np
 import scipy.io
 from scipy.io.matlab import MatlabFunction, MatlabOpaque
 
 from mtpipe.ingest.contents import Contents
+from mtpipe.ingest.matlab_check import HEADER_BYTES, byte_order, check_matlab
 
 MOST_CELLS = 10_000
-VERSION_5_BYTES, VERSION_4_BYTES = 128, 20
+VERSION_4_BYTES = 20
 COMPRESSED = 15
 ITEM_BYTES = (8, 4, 4, 2, 2, 1)
 
@@ -33,6 +34,10 @@ def open_matlab(stream: BinaryIO, *, take: bool) -> Contents:
     Returns
     -------
     Contents, without columns where the file is cut off and not taken.
+
+    Raises
+    ------
+    RecordingError : a file of version 5 is not built as its headers say.
     """
     contents = Contents()
     whole = _whole_bytes(stream)
@@ -43,6 +48,10 @@ def open_matlab(stream: BinaryIO, *, take: bool) -> Contents:
         if not take:
             return contents
         stream = io.BytesIO(stream.read(whole))
+    stream.seek(0)
+    if _is_version_5(stream.read(HEADER_BYTES)):
+        check_matlab(stream)
+    stream.seek(0)
     content: dict[str, Any] = scipy.io.loadmat(cast(Any, stream), chars_as_strings=False)
     for name, value in content.items():
         if name is None or name.startswith("__"):
@@ -53,6 +62,11 @@ def open_matlab(stream: BinaryIO, *, take: bool) -> Contents:
     return contents
 
 
+def _is_version_5(head: bytes) -> bool:
+    """Whether a file is of version 5, 6 or 7: those of version 4 begin with a small integer."""
+    return 0 not in head[:4]
+
+
 def _whole_bytes(stream: BinaryIO) -> int:
     """Size of the file as far as its variables are whole.
 
@@ -60,10 +74,9 @@ def _whole_bytes(stream: BinaryIO) -> int:
     """
     size = stream.seek(0, io.SEEK_END)
     stream.seek(0)
-    head = stream.read(VERSION_5_BYTES)
-    version_5 = head[126:128] in (b"IM", b"MI")
-    order: Literal["<", ">"] = ">" if head[126:128] == b"MI" else "<"
-    at = VERSION_5_BYTES if version_5 else 0
+    head = stream.read(HEADER_BYTES)
+    version_5, order = _is_version_5(head), byte_order(head)
+    at = HEADER_BYTES if version_5 else 0
     while at < size:
         stream.seek(at)
         if version_5:

@@ -14,6 +14,8 @@ from functools import cache
 @cache
 def plain(name: str) -> str:
     """A name as it is compared: normalised, without invisible characters, single blanks."""
+    if name.isascii() and name.isprintable():  # nearly all cells of a table are
+        return " ".join(name.split())
     folded = unicodedata.normalize("NFKC", name)
     shown = (" " if c.isspace() else c for c in folded)
     kept = "".join(c for c in shown if unicodedata.category(c) not in ("Cc", "Cf"))

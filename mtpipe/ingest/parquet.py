@@ -21,6 +21,7 @@ import pyarrow.parquet as pq
 from numpy.typing import NDArray
 
 from mtpipe.errors import RecordingError
+from mtpipe.ingest.announced import check_fits
 from mtpipe.ingest.instants import are_instants, instants_of
 from mtpipe.ingest.source import Layout
 from mtpipe.ingest.stated import NOTHING, Stated, stated_by
@@ -74,6 +75,7 @@ class ParquetTable:
         fields = list(dict.fromkeys(column.field for column in chosen))
         try:
             with pq.ParquetFile(self.path) as file:
+                check_fits(file.metadata.num_rows * len(chosen), str(self.path))
                 for batch in file.iter_batches(BLOCK_ROWS, columns=fields):
                     yield [self._values(batch.column(c.field), c) for c in chosen]
         except RecordingError:

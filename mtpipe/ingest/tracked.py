@@ -47,8 +47,10 @@ class Notes:
     notices: Sequence[Notice]
 
     def as_json(self) -> str:
-        """The notes in one line."""
-        return json.dumps({"schema": SCHEMA, **asdict(self)}, ensure_ascii=False, allow_nan=False)
+        """The notes in one line; a question mark for what is no Unicode in the name of a file."""
+        content = {"schema": SCHEMA, **asdict(self)}
+        text = json.dumps(content, ensure_ascii=False, allow_nan=False)
+        return text.encode("utf-8", "replace").decode("utf-8")
 
 
 def notes_of(text: str, where: str) -> Notes:

@@ -64,7 +64,9 @@ def forces_figure(arrays: Arrays, folder: RunFolder, beads: list[str]) -> Figure
                     "size": 7,
                     "color": colour,
                 },
-                "text": [words.SOURCE.get(source, source) for source in mine["force_source"]],
+                "text": [
+                    words.SOURCE.get(source, words.text(source)) for source in mine["force_source"]
+                ],
                 "hovertemplate": f"{escaped(bead)}<br>%{{x:.4g}}{unit}: %{{y:.3g}} pN"
                 "<br>%{text}<extra></extra>",
             }

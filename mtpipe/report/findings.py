@@ -89,7 +89,7 @@ def bead_finding(run: RunFolder, bead: Mapping[str, Any]) -> Finding:
     found: Mapping[str, Any] = run.mismatch["beads"].get(name, {})
     forces = run.forces[run.forces["bead"] == name]
     given = quoted(forces)
-    sources = [words.SOURCE.get(code, code) for code in given["force_source"].unique()]
+    sources = [words.SOURCE.get(code, words.text(code)) for code in given["force_source"].unique()]
     reasons = tuple(words.sentence(r) for r in words.text(bead["reasons"]).split("|") if r.strip())
     if mismatch in DIFFERENT:
         # the last one is of the diagnosis (mtpipe.recommended.verdict), of which more is said here

@@ -1,4 +1,8 @@
-"""Reading a run folder (docs/run-folder.md): its tables, setup and notices, checked for columns."""
+"""Reading a run folder (docs/run-folder.md): checked once, so that whatever passes can be drawn.
+
+`contents` says what the JSON files hold, `columns` what the tables do. All files have to be of one
+run: each carries its identity.
+"""
 
 from __future__ import annotations
 
@@ -10,16 +14,26 @@ from typing import Any
 
 import pandas as pd
 from pyarrow.fs import LocalFileSystem
+from pydantic import ValidationError
 
-from mtpipe.errors import MtpipeError
+from mtpipe.errors import MtpipeError, SetupError
 from mtpipe.methods import METHODS
 from mtpipe.notice import Notice
 from mtpipe.recording import AXES
+from mtpipe.report.columns import check
+from mtpipe.report.contents import (
+    BeforeAfterContent,
+    Content,
+    MismatchContent,
+    RunContent,
+    UnexplainedContent,
+)
+from mtpipe.run_folder import finish
 from mtpipe.setup import Setup, parse_setup
 
 
 class RunFolderError(MtpipeError):
-    """The folder is no run folder, or one of its files is missing or of another version."""
+    """The folder is no run folder, or a file is missing, damaged, of another version or run."""
 
 
 def _four(quantity: str, unit: str) -> tuple[str, ...]:
@@ -101,6 +115,13 @@ COLUMNS: Mapping[str, tuple[str, ...]] = {
 }  # fmt: skip
 
 
+JSON_FILES: Mapping[str, type[Content]] = {
+    "mismatch.json": MismatchContent,
+    "details/before_after.json": BeforeAfterContent,
+    "details/unexplained.json": UnexplainedContent,
+}
+
+
 @dataclass(frozen=True)
 class RunFolder:
     """Everything a report is drawn from; tables with the columns of docs/run-folder.md.
@@ -140,22 +161,30 @@ def read_run_folder(folder: Path) -> RunFolder:
 
     Raises
     ------
-    RunFolderError : a file is missing or damaged, or lacks a column; names file and column.
-    SetupError : the setup in `run.json` is none.
+    RunFolderError : a file is missing, damaged, of another run, or holds something else than it
+        should; names file and place.
     """
-    needed = ("recording", "setup", "conditions", "drift", "notices")
-    run = _read_json(folder / "run.json", needed)
+    finish(folder)
+    run = _read_json(folder / "run.json", RunContent)
+    contents = {name: _read_json(folder / name, model) for name, model in JSON_FILES.items()}
     tables = {name: _read_table(folder / name, columns) for name, columns in COLUMNS.items()}
+    runs = {name: content["run"] for name, content in contents.items()}
+    runs |= {name: table.attrs.get("run") for name, table in tables.items()}
+    for name, its_run in runs.items():
+        if its_run != run["run"]:
+            text = f"belongs to another run than {folder / 'run.json'}"
+            raise RunFolderError(text, where=str(folder / name), mend=_AGAIN)
+    _check_beads(folder, tables, contents["mismatch.json"]["beads"])
     by_others = tables["forces.parquet"]["method"].isin(METHODS)
     others = tables["forces.parquet"][by_others]
     tables["forces.parquet"] = tables["forces.parquet"][~by_others]
     return RunFolder(
         others=others,
         run=run,
-        mismatch=_read_json(folder / "mismatch.json", ("beads",)),
-        before_after=_read_json(folder / "details" / "before_after.json", ("beads",))["beads"],
-        unexplained=_read_json(folder / "details" / "unexplained.json", ("beads",))["beads"],
-        setup=parse_setup(_experiment(run["setup"]), where=str(folder / "run.json")),
+        mismatch=contents["mismatch.json"],
+        before_after=contents["details/before_after.json"]["beads"],
+        unexplained=contents["details/unexplained.json"]["beads"],
+        setup=_setup(run["setup"], folder / "run.json"),
         notices=tuple(Notice(**notice) for notice in run["notices"]),
         **{Path(name).stem: table for name, table in tables.items()},
     )
@@ -166,35 +195,69 @@ def records(table: pd.DataFrame) -> list[dict[str, Any]]:
     return [{str(key): value for key, value in row.items()} for row in table.to_dict("records")]
 
 
-def _read_json(path: Path, needed: tuple[str, ...]) -> dict[str, Any]:
+def _read_json(path: Path, model: type[Content]) -> dict[str, Any]:
     try:
-        content = json.loads(path.read_text(encoding="utf-8"))
+        data = path.read_bytes()
+        model.model_validate_json(data)
+        return dict(json.loads(data))
     except FileNotFoundError:
         raise RunFolderError(
             "there is no such file, so this is no folder that mtpipe run has written",
             where=str(path),
         ) from None
+    except ValidationError as error:
+        first = error.errors(include_url=False)[0]
+        place = ".".join(str(part) for part in first["loc"])
+        said = f"is damaged, edited or of another version ({place}: {first['msg']})"
+        raise RunFolderError(said, where=str(path), mend=_AGAIN) from None
     except (OSError, ValueError) as error:
-        raise RunFolderError(f"cannot be read ({error}).", where=str(path)) from None
-    missing = [key for key in needed if key not in content]
-    if missing:
-        raise RunFolderError(f"lacks {', '.join(missing)}.", where=str(path), mend=_AGAIN)
-    return dict(content)
+        raise RunFolderError(f"cannot be read ({error}).", where=str(path), mend=_AGAIN) from None
 
 
 def _read_table(path: Path, columns: tuple[str, ...]) -> pd.DataFrame:
     try:
         # a file opened in Python could still be held by a thread of pyarrow's as the process ends
-        table = pd.read_parquet(path, filesystem=LocalFileSystem())
+        table = pd.read_parquet(path, filesystem=LocalFileSystem(), page_checksum_verification=True)
     except FileNotFoundError:
         raise RunFolderError("is missing.", where=str(path), mend=_AGAIN) from None
-    except (OSError, ValueError) as error:
-        raise RunFolderError(f"cannot be read ({error}).", where=str(path), mend=_AGAIN) from None
-    missing = [name for name in columns if name not in table.columns]
-    if missing:
-        text = f"lacks the column{'s' * (len(missing) > 1)} {', '.join(missing)}."
-        raise RunFolderError(text, where=str(path), mend=_AGAIN)
+    except Exception as error:  # pyarrow and pandas raise anything on a damaged file
+        reason = " ".join(str(error).split())[:200]
+        raise RunFolderError(f"cannot be read ({reason}).", where=str(path), mend=_AGAIN) from None
+    try:
+        check(table, columns, several_axes=path.name == "crosscheck.parquet")
+    except ValueError as error:
+        raise RunFolderError(f"{error}.", where=str(path), mend=_AGAIN) from None
     return table
+
+
+def _check_beads(
+    folder: Path, tables: Mapping[str, pd.DataFrame], diagnosed: Mapping[str, Any]
+) -> None:
+    """Raise RunFolderError if files contradict each other on which beads there are, and what of.
+
+    A trace is there once and of a bead in table `beads`, which says the same of each as the
+    diagnosis.
+    """
+    known = tables["beads.parquet"]["bead"]
+    forces = tables["forces.parquet"]
+    where = str(folder / "forces.parquet")
+    if not known.is_unique or not forces["bead"].isin(known).all():
+        raise RunFolderError("has other beads than beads.parquet.", where=where, mend=_AGAIN)
+    if forces.duplicated(["bead", "plateau", "axis", "method"]).any():
+        raise RunFolderError("has a trace twice.", where=where, mend=_AGAIN)
+    for row in records(tables["beads.parquet"]):
+        verdict = diagnosed.get(row["bead"], {"verdict": ""})["verdict"]
+        if (row["mismatch"] or "") != verdict:
+            where = str(folder / "mismatch.json")
+            text = f"says of bead {row['bead']} something else than beads.parquet."
+            raise RunFolderError(text, where=where, mend=_AGAIN)
+
+
+def _setup(content: Mapping[str, Any], where: Path) -> Setup:
+    try:
+        return parse_setup(_experiment(content), where=f"{where}, setup")
+    except SetupError as error:
+        raise RunFolderError(error.message, where=error.where, mend=_AGAIN) from None
 
 
 def _experiment(setup: Mapping[str, Any]) -> dict[str, Any]:

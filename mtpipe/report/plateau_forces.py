@@ -82,9 +82,7 @@ def largest_change(forces: pd.DataFrame) -> Change | None:
             row["force_stderr_pN"],
         )
         for row in records(quoted(forces))
-        if words.is_number(row["force_configured_pN"])
-        and row["force_configured_pN"] > 0
-        and row["force_pN"] > 0
+        if _is_force(row["force_configured_pN"]) and _is_force(row["force_pN"])
     ]
     return max(changes, key=lambda one: abs(math.log(one.ratio)), default=None)
 
@@ -105,8 +103,12 @@ def comparisons(forces: pd.DataFrame) -> list[Comparison]:
             },
         )
         for row in records(quoted(forces))
-        if row["force_pN"] > 0 and words.is_number(row["force_stderr_pN"])
+        if _is_force(row["force_pN"]) and words.is_number(row["force_stderr_pN"])
     ]
+
+
+def _is_force(value: Any) -> bool:
+    return words.is_number(value) and value > 0
 
 
 def rms_difference(compared: Sequence[Comparison]) -> tuple[float, int] | None:

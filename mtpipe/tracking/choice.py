@@ -8,10 +8,12 @@ from __future__ import annotations
 
 import re
 from collections import Counter
+from typing import Literal
 
 from pydantic import Field, field_validator, model_validator
 
 from mtpipe.ingest.source import Magnet, Table
+from mtpipe.spreadsheets import FORMULA_MARKS
 
 
 class RegionOfBead(Table):
@@ -25,8 +27,10 @@ class RegionOfBead(Table):
     @field_validator("name")
     @classmethod
     def _is_part_of_a_column(cls, name: str) -> str:
-        if not re.fullmatch(r'[^,"\s]+', name):
+        if not re.fullmatch(r'[^,"\s]+', name) or not name.isprintable():
             raise ValueError("the name of a bead has no spaces, commas or quotes")
+        if name.startswith(FORMULA_MARKS):
+            raise ValueError("a spreadsheet would take the name of a bead for a formula")
         return name
 
 
@@ -36,7 +40,9 @@ class Tracking(Table):
     `regions` are the beads; without them they are found. `size_px` is the side of the regions of
     beads that are found. `look_up_table` is that of every bead which has none of its own in
     `look_up_table_of`. `saturated_above` is the largest grey level of the camera, where its files
-    do not say. `magnet` is a log of the magnets, as in `[source]`.
+    do not say. `magnet` is a log of the magnets, as in `[source]`. `frames` says what the file
+    calls its frames where it does not call them times; `times` that the setup's rate is right and
+    the file's stamps are not; `incomplete` that what is there of a film cut off is to be taken.
     """
 
     method: str | None = None
@@ -46,6 +52,9 @@ class Tracking(Table):
     look_up_table_of: dict[str, str] = Field(default_factory=dict)
     saturated_above: float | None = Field(default=None, gt=0)
     magnet: Magnet | None = None
+    frames: Literal["channels"] | None = None
+    times: Literal["setup"] | None = None
+    incomplete: Literal["take"] | None = None
 
     @model_validator(mode="after")
     def _is_possible(self) -> Tracking:

@@ -16,15 +16,15 @@ from __future__ import annotations
 
 import io
 import json
-import zipfile
 from collections import Counter
 from dataclasses import dataclass, replace
 from datetime import UTC, datetime
 from functools import cached_property
 from pathlib import Path
-from typing import Any
+from typing import Literal
 
 import numpy as np
+from pydantic import BaseModel, ConfigDict, Field, FiniteFloat
 from scipy.interpolate import CubicSpline
 
 from mtpipe.errors import RecordingError
@@ -33,7 +33,13 @@ from mtpipe.notice import Notice
 from mtpipe.physics.camera import FloatArray
 from mtpipe.tracking.information import confused_with, longest_without
 from mtpipe.tracking.matching import normalized, ring_count
-from mtpipe.tracking.positions import DEFAULT_METHOD, LOST_REASONS, checked_images, measure
+from mtpipe.tracking.positions import (
+    DEFAULT_METHOD,
+    LOST_REASONS,
+    METHODS,
+    checked_images,
+    measure,
+)
 
 SCHEMA = "mtpipe.lookup_table/1"
 # magtrack's own method fits a parabola through seven planes; fewer say little of a range anyway.
@@ -179,26 +185,42 @@ class LookUpTable:
         path = Path(path)
         try:
             with path.open("rb") as stream, np.load(stream, allow_pickle=False) as file:
-                rest: dict[str, Any] = json.loads(str(file["metadata"]))
-                rest |= {name: np.asarray(file[name], float) for name in _ARRAYS}
+                schema = json.loads(str(file["metadata"]))["schema"]
+                if schema != SCHEMA:
+                    raise RecordingError(
+                        "this look-up table was written by another version of mtpipe",
+                        where=str(path),
+                        mend="Make it again with `mtpipe lut`.",
+                    )
+                rest = _Metadata.model_validate_json(str(file["metadata"]))
+                z_nm, profiles, noise = (np.asarray(file[name], float) for name in _ARRAYS)
+                table = cls(z_nm, profiles, noise, **rest.model_dump())
+                table._check()
+                return table
         except FileNotFoundError:
             raise RecordingError("there is no such look-up table", where=str(path)) from None
         except PermissionError as error:
             raise RecordingError(f"cannot be read ({error.strerror})", where=str(path)) from None
-        except (OSError, ValueError, KeyError, EOFError, zipfile.BadZipFile):
+        except RecordingError:
+            raise
+        except Exception:  # numpy and zipfile raise anything on a damaged file
             raise RecordingError(
-                "this is not a look-up table of mtpipe",
+                "this is not a look-up table of mtpipe, or it is damaged",
                 where=str(path),
                 mend="Make one from a focus scan with `mtpipe lut`.",
             ) from None
-        if rest.pop("schema", None) != SCHEMA:
-            raise RecordingError(
-                "this look-up table was written by another version of mtpipe",
-                where=str(path),
-                mend="Make it again with `mtpipe lut`.",
-            )
-        rest["scanned_nm"] = tuple(rest["scanned_nm"])
-        return cls(**rest)
+
+    def _check(self) -> None:
+        """Raise ValueError if the arrays do not fit together or are no table."""
+        planes, rings = self.profiles.shape
+        if self.z_nm.shape != (planes,) or self.noise.shape != (planes,):
+            raise ValueError("heights, profiles and noise differ in length")
+        if planes < MIN_PLANES or rings != ring_count(self.region_size_px):
+            raise ValueError("there are too few heights, or other rings than the region has")
+        if not np.all(np.diff(self.z_nm) > 0) or not np.all(self.noise >= 0):
+            raise ValueError("heights do not increase, or noise is below zero")
+        if not np.isfinite(self.planes.c).all() or not np.isfinite(self.noise).all():
+            raise ValueError("profiles are no numbers")
 
     def check_region(self, size_px: int) -> None:
         """Raise RecordingError if images of this side cannot be compared with the table."""
@@ -211,6 +233,21 @@ class LookUpTable:
 
 
 _ARRAYS = ("z_nm", "profiles", "noise")
+
+
+class _Metadata(BaseModel):
+    """What stands in a file beside its arrays."""
+
+    model_config = ConfigDict(strict=True)
+
+    bead: str
+    region_size_px: int = Field(gt=0)
+    pixel_size_nm: FiniteFloat | None = Field(gt=0)
+    method: Literal[METHODS]  # type: ignore[valid-type]
+    refractive_index_factor: FiniteFloat
+    scanned_nm: tuple[FiniteFloat, FiniteFloat]
+    source: str
+    made: str
 
 
 def _check_heights(heights: FloatArray, images: int, factor: float, stack: str) -> None:

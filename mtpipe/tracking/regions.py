@@ -160,8 +160,8 @@ def beads_in(frames: np.ndarray, stack: Stack, size_px: int | None) -> FoundBead
 
 def first_frames(stack: Stack) -> np.ndarray:
     """The frames in which beads are looked for: the first 50, fewer of large images."""
-    size = stack.height * stack.width * stack.dtype.itemsize
-    with closing(stack.chunks(max(2, min(FIRST_FRAMES, FIRST_BYTES // size)))) as chunks:
+    frames = max(2, min(FIRST_FRAMES, FIRST_BYTES // stack.kind.nbytes))
+    with closing(stack.chunks(frames)) as chunks:
         return next(chunks)
 
 

@@ -24,6 +24,7 @@ from mtpipe.tracking.lookup_table import LookUpTable
 from mtpipe.tracking.positions import DEFAULT_METHOD
 from mtpipe.tracking.regions import FIRST_FRAMES, beads_in, check_inside, said_of, stated_regions
 from mtpipe.tracking.stack import Stack, open_stack
+from mtpipe.tracking.stack_look import Reading
 
 Progress = Callable[[str, int, int], None]
 POSITIONS = Layout(format="text", header=True)
@@ -55,7 +56,11 @@ def table_from_scan(
     MtpipeError : what a user can mend, in one sentence.
     """
     say = progress or (lambda step, done, total: None)
-    opened = open_stack(Path(stack), lambda done, total: say("looking at the stack", done, total))
+    opened = open_stack(
+        Path(stack),
+        lambda done, total: say("looking at the stack", done, total),
+        None if setup is None else Reading.chosen(setup.tracking),
+    )
     z_nm = focus_positions_nm(Path(positions), opened.frames)
     say("finding beads", 0, 1)
     chosen = _region(opened, bead, region, setup)

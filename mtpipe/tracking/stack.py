@@ -10,6 +10,7 @@ one size and type. A stack of focal planes (Z) alone is taken as frames; channel
 from __future__ import annotations
 
 import glob
+import os
 from collections.abc import Generator, Iterator
 from dataclasses import dataclass
 from pathlib import Path
@@ -22,9 +23,10 @@ from mtpipe.errors import RecordingError
 from mtpipe.ingest.files import SETUP_NAME, data_files, natural_order
 from mtpipe.notice import Notice
 from mtpipe.setup import read_setup
-from mtpipe.tracking.stack_look import Look, Progress, StackFile, all_files_of_ome, look_at
+from mtpipe.tracking.stack_look import Look, Progress, Reading, StackFile, look_at
+from mtpipe.tracking.stack_series import files_of_ome, missing_frames
 from mtpipe.tracking.stack_times import Stamps
-from mtpipe.tracking.tiff import TIFF_MAGICS, kind_in_words, opened, page_of
+from mtpipe.tracking.tiff import TIFF_MAGICS, Kind, image_at, opened
 
 Images = NDArray[Any]
 SUFFIXES = (".tif", ".tiff", ".btf", ".tf8")
@@ -40,20 +42,27 @@ class Stack:
     ----------
     name : of the file, or of the series' folder.
     files : in the order of reading.
-    height, width : of every frame, pixels.
-    dtype : of the pixels as they are read.
+    kind : of every frame: size and type of its pixels as they are read.
     bits : significant bits of a pixel; the largest value is 2**bits - 1. 0 for fractions.
     stamps : times of the frames that the files state; None where they state none.
     """
 
     name: str
     files: tuple[StackFile, ...]
-    height: int
-    width: int
-    dtype: np.dtype[Any]
+    kind: Kind
     bits: int
     stamps: Stamps | None
     notices: tuple[Notice, ...]
+
+    @property
+    def height(self) -> int:
+        """Of every frame, pixels."""
+        return self.kind.height
+
+    @property
+    def width(self) -> int:
+        """Of every frame, pixels."""
+        return self.kind.width
 
     @property
     def frames(self) -> int:
@@ -68,8 +77,7 @@ class Stack:
     @property
     def chunk_frames(self) -> int:
         """Frames per chunk: at most 32 MiB, and at most 128."""
-        frame = self.height * self.width * self.dtype.itemsize
-        return max(1, min(LONGEST_CHUNK, CHUNK_BYTES // frame))
+        return max(1, min(LONGEST_CHUNK, CHUNK_BYTES // self.kind.nbytes))
 
     def chunks(self, frames: int | None = None) -> Generator[Images, None, None]:
         """Frames in order, as arrays (at most `frames`, height, width); never more than one chunk.
@@ -79,7 +87,7 @@ class Stack:
         RecordingError : a page cannot be decoded, or a file changed since it was opened.
         """
         size = frames or self.chunk_frames
-        chunk = np.empty((size, self.height, self.width), self.dtype)
+        chunk = np.empty((size, self.height, self.width), np.dtype(self.kind.dtype))
         filled = 0
         for file in self.files:
             for image in _frames(file, self):
@@ -94,38 +102,48 @@ class Stack:
             yield chunk[:filled]
 
 
-def open_stack(path: Path, progress: Progress | None = None) -> Stack:
+def open_stack(
+    path: Path, progress: Progress | None = None, reading: Reading | None = None
+) -> Stack:
     """Look at all pages of a stack.
 
     Parameters
     ----------
     path : a file, a folder with a series of files, or a pattern such as `film_*.tif`.
     progress : called with (files or pages looked at, of how many).
+    reading : what the setup says of channels and of films that are not whole.
 
     Raises
     ------
     RecordingError : naming file and page: no TIFF, cut off, an empty page, colour, several
         channels, pages that differ, fewer than two frames.
     """
+    reading = reading or Reading()
     paths = find_files(path)
-    spread = len(paths) == 1 and len(paths := all_files_of_ome(paths[0])) > 1
+    notices: list[Notice] = []
+    spread = False
+    if len(paths) == 1:
+        paths, said_of_ome = files_of_ome(paths[0], reading)
+        spread = len(paths) > 1
+        notices += said_of_ome
     say = progress or (lambda done, total: None)
     looks: list[Look] = []
     for done, one in enumerate(paths):
         alone = len(paths) == 1
-        looks.append(look_at(one, say if alone else None, ome=alone or paths[0] == one))
+        ome = alone or paths[0] == one
+        looks.append(look_at(one, say if alone else None, ome=ome, reading=reading))
         first, this = looks[0], looks[-1]
         if this.kind != first.kind:
             raise RecordingError(
-                f"has {kind_in_words(this.kind)}, {first.file.path.name} has "
-                f"{kind_in_words(first.kind)}; all frames of a stack have one size and type",
+                f"has {this.kind.in_words()}, {first.file.path.name} has "
+                f"{first.kind.in_words()}; all frames of a stack have one size and type",
                 where=str(one),
             )
         if not alone:
             say(done + 1, len(paths))
-    height, width, dtype, _ = looks[0].kind
     files = tuple(look.file for look in looks)
-    notices = [notice for look in looks for notice in look.notices]
+    notices += [notice for look in looks for notice in look.notices]
+    notices += missing_frames(looks, reading)
     # the first file of a film that OME spreads over several speaks for all
     telling = looks[:1] if spread else looks
     stamps, said = Stamps.joined([look.stamps for look in telling], [f.frames for f in files])
@@ -135,9 +153,7 @@ def open_stack(path: Path, progress: Progress | None = None) -> Stack:
     stack = Stack(
         name,
         files,
-        height,
-        width,
-        np.dtype(dtype),
+        looks[0].kind,
         looks[0].bits,
         stamps,
         (*dict.fromkeys(notices), *said),
@@ -201,7 +217,7 @@ def find_files(path: Path) -> list[Path]:
         ]
         nothing = "the folder has no TIFF files"
     else:
-        found = [Path(p) for p in glob.glob(str(path)) if Path(p).is_file()]
+        found = [p for p in named_like(path) if p.is_file()]
         nothing = "there is no such file or folder"
         if is_pattern(path):
             nothing = "no file has a name of this pattern"
@@ -213,6 +229,13 @@ def find_files(path: Path) -> list[Path]:
 def is_pattern(path: Path) -> bool:
     """Whether a path is a pattern of the names of a series of files."""
     return any(mark in path.name for mark in "*?[")
+
+
+def named_like(pattern: Path) -> list[Path]:
+    """What has a name of a pattern; a folder that is there goes by its name, `exp[2026]` too."""
+    folder = pattern.parent
+    known = glob.escape(str(folder)) if folder.is_dir() else str(folder)
+    return [Path(found) for found in glob.glob(os.path.join(known, pattern.name))]
 
 
 def _gaps(files: tuple[StackFile, ...]) -> list[Notice]:
@@ -238,26 +261,18 @@ def _gaps(files: tuple[StackFile, ...]) -> list[Notice]:
 
 
 def _frames(file: StackFile, stack: Stack) -> Iterator[Images]:
-    """The frames of a file one by one."""
-    shape = (stack.height, stack.width)
+    """The frames of a file one by one, white as their largest grey level."""
     with opened(file.path, ome=False) as (tif, _):
-        if file.offset is not None:
-            dtype = stack.dtype.newbyteorder(tif.byteorder)
-            count = stack.height * stack.width
-            handle = tif.filehandle
-            handle.seek(file.offset)
-            for _ in range(file.frames):
-                yield handle.read_array(dtype, count).reshape(shape)
-            return
         for k in range(file.frames):
-            where = f"{file.path}, page {k + 1}"
-            page = page_of(tif, k, where)
             try:
-                yield page.asarray()
-            except Exception as error:  # a damaged page raises anything
+                image = image_at(tif, k, file.offset, stack.kind, f"{file.path}, page {k + 1}")
+            except RecordingError:
                 check_unchanged(file)
-                reason = f"{type(error).__name__}: {error}".splitlines()[0][:200]
-                raise RecordingError(f"cannot be decoded ({reason})", where=where) from None
+                raise
+            if stack.kind.white_is_zero:
+                white = 2**stack.bits - 1
+                image = white - np.minimum(image, white)
+            yield image
 
 
 def check_unchanged(file: StackFile) -> None:

@@ -8,9 +8,10 @@ for a frame, repeat or go backward are not used, and a notice says so.
 
 from __future__ import annotations
 
+import math
 import re
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from datetime import datetime
 from typing import TYPE_CHECKING
 from xml.etree import ElementTree
@@ -29,6 +30,7 @@ if TYPE_CHECKING:
 
 SECONDS = {"s": 1.0, "sec": 1.0, "second": 1.0, "seconds": 1.0, "ms": 1e-3, "msec": 1e-3,
            "us": 1e-6, "µs": 1e-6, "μs": 1e-6, "ns": 1e-9, "min": 60.0, "h": 3600.0}  # fmt: skip
+MOST_FRAMES = 1e9  # no film has as many, and its times would fill the memory
 MICROMANAGER_TAG, DATE_TAG = 51123, 306
 DATE = re.compile(r"(\d{4})[:-]?(\d\d)[:-]?(\d\d)[ T](\d\d):(\d\d):(\d\d)([.,]\d+)?")
 
@@ -53,8 +55,9 @@ class Stamps:
         An OME film that is spread over files has the times of all its frames in the first.
         """
         first, total = pieces[0], sum(frames)
-        if first is not None and first.time_s is not None and len(first.time_s) == total:
-            pieces = [first]
+        if first is not None and first.time_s is not None and len(first.time_s) >= total:
+            # a film that was stopped has times of fewer frames than its metadata plan
+            pieces = [replace(first, time_s=first.time_s[:total])]
         known = [piece for piece in pieces if piece is not None]
         if not known:
             return None, []
@@ -88,26 +91,30 @@ def _unused(source: str, why: str) -> Notice:
 
 
 def frame_times(
-    stamps: Stamps | None, frames: int, stated_hz: float | None
+    stamps: Stamps | None, frames: int, stated_hz: float | None, *, put_aside: bool = False
 ) -> tuple[FloatArray, tuple[Notice, ...]]:
     """Start of each frame in s, (frames,), and which source it has.
 
     Parameters
     ----------
     stated_hz : the setup's frame rate; None where it is unknown.
+    put_aside : the setup says that its rate is right and stamps are not.
 
     Raises
     ------
     RecordingError : stamps contradict the setup by more than 0.5 %, or neither states a rate.
     """
-    if stamps is None:
+    if stamps is None or put_aside:
+        told = "the stack has no time stamps"
+        if stamps is not None:
+            told = f'its stamps ({stamps.source}) are put aside by [tracking] times = "setup"'
         if stated_hz is None:
             raise RecordingError(
-                "the frame rate is unknown, and the stack has no time stamps to take it from",
+                f"the frame rate is unknown, and {told}",
                 mend="Give camera.frame_rate_hz in the setup.",
             )
         said = (
-            f"The stack has no time stamps: frames are taken to follow one another at "
+            f"{told[0].upper()}{told[1:]}: frames are taken to follow one another at "
             f"{stated_hz:g} Hz ([camera] frame_rate_hz); frames that the camera lost do not show."
         )
         return np.arange(frames) / stated_hz, (Notice("times_from_setup", "info", said),)
@@ -117,7 +124,12 @@ def frame_times(
         assert stamps.interval_s is not None
         time_s = np.arange(frames) * np.float64(stamps.interval_s)
     columns = Collected({}, time_s, None, None, None, (0,), 0, {}, ())
-    clock = read_clock(columns, None, stated_hz, lambda row: f"frame {row + 1}")
+    try:
+        clock = read_clock(columns, None, stated_hz, lambda row: f"frame {row + 1}")
+    except RecordingError as error:
+        wrong = f"If its stamps are wrong ({stamps.source}), put them aside with"
+        error.mend = f'{error.mend or ""} {wrong} [tracking] times = "setup".'.strip()
+        raise
     said = f"Times of the frames are those of the stack ({stamps.source})."
     return clock.time_s, (Notice("times_from_stack", "info", said), *clock.notices)
 
@@ -145,11 +157,12 @@ def _of_ome(xml: str, frames: int) -> Stamps | None:
     if pixels is None:
         return None
     # planes of the whole film, of which this file may hold a part
-    announced = _number(pixels.get("SizeT", "")) * _number(pixels.get("SizeZ", "1"))
-    frames = int(announced) if announced > frames else frames
+    announced = math.prod(_number(pixels.get(f"Size{axis}", "1")) for axis in "TZC")
+    frames = int(announced) if frames < announced < MOST_FRAMES else frames
     time_s = np.full(frames, np.nan)
     for plane in pixels.iter(f"{space}Plane"):
-        k = max(_number(plane.get("TheT", "0")), _number(plane.get("TheZ", "0")))
+        # one of them counts the frames
+        k = max(_number(plane.get(f"The{axis}", "0")) for axis in "TZC")
         unit = SECONDS.get(plane.get("DeltaTUnit", "s"), np.nan)
         if 0 <= k < frames:
             time_s[int(k)] = _number(plane.get("DeltaT", "")) * unit
@@ -197,10 +210,10 @@ class StampsOfPages:
         self._fractions |= fraction > 0
         self._date[k] = (whole - datetime(2000, 1, 1)).total_seconds() + fraction
 
-    def found(self) -> Stamps | None:
-        """The stamps of all pages, NaN where one has none; None where they have none."""
-        if np.isfinite(self._elapsed).any():
-            return Stamps("MicroManager ElapsedTime-ms", self._elapsed)
+    def found(self, frames: int) -> Stamps | None:
+        """The stamps of the first pages, NaN where one has none; None where they have none."""
+        if np.isfinite(self._elapsed[:frames]).any():
+            return Stamps("MicroManager ElapsedTime-ms", self._elapsed[:frames])
         if self._fractions:  # whole seconds are no times of frames
-            return Stamps("DateTime of the pages", self._date)
+            return Stamps("DateTime of the pages", self._date[:frames])
         return None

@@ -10,20 +10,43 @@ import logging
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from mtpipe.errors import RecordingError
+from mtpipe.ingest.announced import check_announced
 
 if TYPE_CHECKING:
     from tifffile import TiffFile, TiffPage
 
 TIFF_MAGICS = (b"II*\x00", b"MM\x00*", b"II+\x00", b"MM\x00+")
-GREY = (0, 1, 32803)  # white is zero, black is zero, raw sensor
-COPY_AGAIN = "Copy the file again, or wait until the film has been written."
-# Height, width, type as numpy writes it, and bits (0: fractions) of a page.
-Kind = tuple[int, int, str, int]
+WHITE_IS_ZERO = 0
+GREY = (WHITE_IS_ZERO, 1, 32803)  # the others: black is zero, raw sensor
+TAKE = 'To take what is there, write incomplete = "take" into [tracking].'
+COPY_AGAIN = f"Copy the file again, or wait until the film has been written. {TAKE}"
+
+
+class Kind(NamedTuple):
+    """What all pages of a film have in common; `dtype` as numpy writes it, `bits` 0: fractions."""
+
+    height: int
+    width: int
+    dtype: str
+    bits: int
+    white_is_zero: bool
+
+    @property
+    def nbytes(self) -> int:
+        """Bytes of a frame as it is read."""
+        return self.height * self.width * np.dtype(self.dtype).itemsize
+
+    def in_words(self) -> str:
+        """Size and type of a page, as a user would say it."""
+        levels = f"{self.bits} bit" if self.bits else np.dtype(self.dtype).name
+        said = f"{self.width} x {self.height} pixels of {levels}"
+        return f"{said} (white is zero)" if self.white_is_zero else said
 
 
 class _Complaints(logging.Handler):
@@ -68,7 +91,7 @@ def _tiff_file(tifffile: Any, path: Path, ome: bool) -> TiffFile:
     except OSError as error:
         raise RecordingError(f"cannot be read ({error.strerror})", where=str(path)) from None
     except Exception as error:  # a damaged file raises anything
-        raise cut_off(path, 0, str(error).splitlines()[0][:200]) from None
+        raise cut_off(path, 0, reason_of(error)) from None
     if not magic:
         raise RecordingError("is empty", where=str(path))
     raise RecordingError(
@@ -95,12 +118,11 @@ def page_of(tif: TiffFile, k: int, where: str) -> TiffPage:
         page: TiffPage = tif.pages.get(k, validate=False, aspage=True)  # type: ignore[assignment]
         return page
     except Exception as error:  # a damaged page raises anything
-        reason = str(error).splitlines()[0][:200] if str(error) else type(error).__name__
-        raise RecordingError(f"is damaged ({reason})", where=where) from None
+        raise RecordingError(f"is damaged ({reason_of(error)})", where=where) from None
 
 
 def kind_of_page(page: TiffPage, where: str) -> Kind:
-    """Height, width, type and bits of a page.
+    """What a page is.
 
     Raises
     ------
@@ -122,26 +144,70 @@ def kind_of_page(page: TiffPage, where: str) -> Kind:
     if page.bitspersample < 8:
         raise RecordingError(f"has {page.bitspersample} bit per pixel, no grey image", where=where)
     bits = page.bitspersample if page.dtype.kind == "u" else 0
-    return page.imagelength, page.imagewidth, page.dtype.str, bits
+    white_is_zero = page.photometric == WHITE_IS_ZERO
+    if white_is_zero and not bits:
+        raise RecordingError(
+            f"says that white is zero of {page.dtype.name}, which have no other end",
+            where=where,
+            mend="Save the film in 8 or 16 bit.",
+        )
+    return Kind(page.imagelength, page.imagewidth, page.dtype.str, bits, white_is_zero)
 
 
 def check_data(page: TiffPage, where: str, size: int) -> None:
-    """Raise RecordingError if a page has no pixels or they lie beyond the file's `size`."""
-    if sum(page.databytecounts) == 0:
+    """Raise RecordingError if a page's pixels are not all in the file, which has `size` bytes."""
+    offsets, counts = page.dataoffsets, page.databytecounts
+    if not counts or sum(counts) == 0:
         raise RecordingError("is empty: it has a header but no pixels", where=where)
-    ends = [a + n for a, n in zip(page.dataoffsets, page.databytecounts, strict=True)]
+    if len(offsets) != len(counts) or min(offsets) < 0 or min(counts) < 0:
+        said = f"is damaged ({len(offsets)} pieces of pixels, and sizes of {len(counts)})"
+        raise RecordingError(said, where=where, mend=COPY_AGAIN)
+    ends = [a + n for a, n in zip(offsets, counts, strict=True)]
     if max(ends) > size:
         raise RecordingError(
             f"is cut off: {max(ends) - size} bytes are missing",
             where=where,
             mend=COPY_AGAIN,
         )
+    pixels = page.imagelength * page.imagewidth
+    check_announced(pixels * page.bitspersample // 8, sum(counts), page.compression != 1, where)
 
 
-def kind_in_words(kind: Kind) -> str:
-    """Size and type of a page, as a user would say it."""
-    height, width, dtype, bits = kind
-    return f"{width} x {height} pixels of {f'{bits} bit' if bits else np.dtype(dtype).name}"
+def image_at(tif: TiffFile, k: int, offset: int | None, kind: Kind, where: str) -> NDArray[Any]:
+    """Frame k (from 0), (height, width), as it stands in the file.
+
+    Parameters
+    ----------
+    offset : of the first frame, where frames follow one another unpacked under one header.
+
+    Raises
+    ------
+    RecordingError : it cannot be decoded.
+    """
+    try:
+        if offset is None:
+            return page_of(tif, k, where).asarray()
+        dtype = np.dtype(kind.dtype).newbyteorder(tif.byteorder)
+        handle = tif.filehandle
+        handle.seek(offset + k * kind.nbytes)
+        image: NDArray[Any] = handle.read_array(dtype, kind.height * kind.width)
+        return image.reshape(kind.height, kind.width)
+    except RecordingError:
+        raise
+    except Exception as error:  # a damaged page raises anything
+        raise RecordingError(f"cannot be decoded ({reason_of(error)})", where=where) from None
+
+
+def reason_of(error: Exception) -> str:
+    """What a library says of damage, in one line; its kind where it says nothing."""
+    lines = str(error).splitlines() or [""]
+    return f"{type(error).__name__}: {lines[0][:200]}".removesuffix(": ")
+
+
+def damaged(path: Path, error: Exception) -> RecordingError:
+    """The error for a file of which a library says something odd."""
+    said = f"is damaged ({reason_of(error)})"
+    return RecordingError(said, where=str(path), mend="Copy the file again.")
 
 
 def cut_off(path: Path, pages: int, reason: str) -> RecordingError:

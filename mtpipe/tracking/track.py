@@ -25,6 +25,7 @@ from mtpipe.tracking.find_beads import Region
 from mtpipe.tracking.positions import DEFAULT_METHOD, METHODS
 from mtpipe.tracking.regions import regions_of, tables_of
 from mtpipe.tracking.stack import Stack, open_stack
+from mtpipe.tracking.stack_look import Reading
 from mtpipe.tracking.stack_times import frame_times
 from mtpipe.tracking.track_files import Rows, check_out, recording_written_whole
 
@@ -76,9 +77,15 @@ def track(
     stated = read_setup(setup_file)
     pixel_nm, method = _pixel_size_nm(stated, setup_file), _method(stated, setup_file)
     check_out(out)
-    opened = open_stack(path, lambda done, total: say("looking at the stack", done, total))
+    opened = open_stack(
+        path,
+        lambda done, total: say("looking at the stack", done, total),
+        Reading.chosen(stated.tracking),
+    )
+    rate_hz = stated.camera.frame_rate_hz.value
+    put_aside = stated.tracking.times == "setup"
     try:
-        time_s, timed = frame_times(opened.stamps, opened.frames, stated.camera.frame_rate_hz.value)
+        time_s, timed = frame_times(opened.stamps, opened.frames, rate_hz, put_aside=put_aside)
     except RecordingError as error:
         error.where = f"{path}{f', {error.where}' if error.where else ''}"
         raise

@@ -19,6 +19,7 @@ from typing import IO, TYPE_CHECKING, Any, cast
 import numpy as np
 
 from mtpipe.errors import MtpipeError
+from mtpipe.files import clear_leftovers
 from mtpipe.ingest.tracked import COMMENT, PARQUET_KEY, Notes
 from mtpipe.recording import AXES, FloatArray
 
@@ -74,6 +75,7 @@ def check_out(out: Path) -> None:
         )
     with _told(out):
         out.parent.mkdir(parents=True, exist_ok=True)
+        clear_leftovers(out.parent, out.name)
         trial = _beside(out)
         trial.touch()
         trial.unlink()

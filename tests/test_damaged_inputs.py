@@ -1,0 +1,247 @@
+"""Look-up tables, HDF5 and MATLAB files that are damaged or foreign: one sentence, and no more."""
+
+import io
+import json
+import shutil
+import subprocess
+import sys
+from pathlib import Path
+
+import h5py
+import numpy as np
+import pandas as pd
+import pytest
+import scipy.io
+
+import mtpipe
+from mtpipe.errors import MtpipeError, RecordingError
+from mtpipe.ingest import announced
+from mtpipe.ingest.announced import HARMLESS_BYTES, check_announced, check_fits
+from mtpipe.ingest.arrays import open_arrays
+from mtpipe.ingest.matlab_check import check_matlab
+from mtpipe.ingest.parquet import open_parquet
+from mtpipe.tracking.lookup_table import LookUpTable
+from mtpipe.tracking.stack import open_stack
+from tests.ingest_recordings import magscope_batches, magscope_positions, preset, write_magscope
+
+FAULTS = Path(__file__).parents[2] / "shared" / "cases" / "faults"
+ODD = (None, -1, 0, 3.5, "odd", [], [1, 2, 3], {}, True, 1e99)
+
+
+def said(read):
+    """What is said against a file; empty where it is read."""
+    try:
+        read()
+    except MtpipeError as error:
+        assert "\n" not in str(error)  # noqa: PT017
+        return str(error)
+    return ""
+
+
+# ------------------------------------------------------------------ look-up tables
+
+
+def test_a_look_up_table_with_any_other_metadata_is_read_or_told(scan, tmp_path):
+    with np.load(scan / "bead1.npz") as file:
+        content = dict(file)
+    metadata = json.loads(str(content["metadata"]))
+    path = tmp_path / "odd.npz"
+    told = 0
+    for key in metadata:
+        for odd in (*ODD, "del"):
+            changed = {k: v for k, v in metadata.items() if k != key or odd != "del"}
+            if odd != "del":
+                changed[key] = odd
+            np.savez(path, **content | {"metadata": np.array(json.dumps(changed))})
+            message = said(lambda: LookUpTable.load(path).check_region(metadata["region_size_px"]))
+            told += bool(message)
+            assert not message or "odd.npz" in message or "cannot be compared" in message
+    assert told > 0.7 * len(metadata) * (len(ODD) + 1)
+
+
+def test_a_look_up_table_with_any_other_arrays_is_told(scan, tmp_path):
+    with np.load(scan / "bead1.npz") as file:
+        content = dict(file)
+    path = tmp_path / "odd.npz"
+    n, rings = content["profiles"].shape
+    for name, odd in {
+        "z_nm": [np.zeros(n), np.arange(n)[::-1], np.full(n, np.nan), np.arange(n + 1), "words"],
+        "profiles": [np.zeros((n, rings)), np.full((n, rings), np.nan), np.zeros((n, rings + 1)),
+                     np.zeros(n), np.zeros((0, 0))],
+        "noise": [np.full(n, -1.0), np.full(n, np.inf), np.zeros((n, 2)), np.array(1.0)],
+    }.items():  # fmt: skip
+        for array in odd:
+            np.savez(path, **content | {name: array})
+            assert "not a look-up table of mtpipe" in said(lambda: LookUpTable.load(path)), name
+
+
+def test_a_look_up_table_with_any_byte_changed_is_read_or_told(scan, tmp_path):
+    whole = (scan / "bead1.npz").read_bytes()
+    path = tmp_path / "odd.npz"
+    random = np.random.default_rng(1)
+    told = 0
+    for at in random.integers(len(whole), size=300):
+        path.write_bytes(whole[:at] + bytes([whole[at] ^ 0xFF]) + whole[at + 1 :])
+        told += bool(said(lambda: LookUpTable.load(path)))
+    assert told > 150
+
+
+# ------------------------------------------------------------------ HDF5
+
+
+def odd_arrays(values):
+    """Other datasets than a file should have."""
+    yield values[:, None] if values.ndim == 1 else values[:, :2]
+    yield values[:-1]
+    yield np.array(values.flat[0])
+    yield np.array([b"odd"] * len(values))
+    yield np.zeros(0)
+    yield values.astype(float) + np.nan
+
+
+def test_a_magscope_file_with_any_other_dataset_is_told(tmp_path):
+    path = write_magscope(tmp_path / "whole.h5", magscope_batches(magscope_positions()))
+    odd = tmp_path / "Tracking Data 1.h5"
+    with h5py.File(path) as file:
+        names = [
+            name for name in file["tracking"] if isinstance(file["tracking"][name], h5py.Dataset)
+        ]
+        arrays = {name: file["tracking"][name][()] for name in names}
+    told = 0
+    for name in names:
+        for other in (*odd_arrays(arrays[name]), "group", "nothing"):
+            shutil.copy(path, odd)
+            with h5py.File(odd, "a") as file:
+                del file["tracking"][name]
+                if isinstance(other, np.ndarray):
+                    file["tracking"][name] = other
+                elif other == "group":
+                    file["tracking"].create_group(name)
+            told += bool(said(lambda: mtpipe.load(odd, preset({"preset": "magscope-hdf5"}))))
+    assert told > 0.7 * 8 * len(names)
+
+
+def test_a_header_may_announce_no_more_than_its_file_holds(tmp_path):
+    check_announced(100, 100, packed=False, where="a")
+    check_announced(HARMLESS_BYTES, 1, packed=True, where="a")
+    for packed in (False, True):
+        with pytest.raises(RecordingError, match=r"a: announces 1e\+15 bytes"):
+            check_announced(10**15, 1000, packed=packed, where="a")
+    path = write_magscope(tmp_path / "whole.h5", magscope_batches(magscope_positions()))
+    with h5py.File(path, "a") as file:
+        del file["tracking/bead_ids"]
+        file["tracking"].create_dataset("bead_ids", (10**12,), "i4", chunks=(1000,))
+    assert "announces" in said(lambda: mtpipe.load(path, preset({"preset": "magscope-hdf5"})))
+
+
+def test_what_does_not_fit_into_the_memory_is_told_before_it_is_read(tmp_path, monkeypatch):
+    monkeypatch.setattr(announced, "memory_bytes", lambda: 1 << 20)
+    check_fits(1 << 16, "a")
+    with pytest.raises(RecordingError, match=r"a: unfolds to 6\.55e\+04 numbers"):
+        check_fits((1 << 16) + 1, "a")
+    same = pd.DataFrame({"time_s": np.zeros(100_000), "b1_x_nm": np.zeros(100_000)})
+    same.to_parquet(tmp_path / "small.parquet")
+    with pytest.raises(RecordingError, match=r"small\.parquet: unfolds to 2e\+05 numbers"):
+        next(open_parquet(tmp_path / "small.parquet").batches([0, 1]))
+    np.savez_compressed(tmp_path / "small.npz", a=np.zeros(100_000))
+    with pytest.raises(RecordingError, match=r"small\.npz: unfolds to 1e\+05 numbers"):
+        next(open_arrays(tmp_path / "small.npz", "npz").batches([0]))
+    monkeypatch.setattr(announced, "memory_bytes", lambda: None)
+    check_fits(1 << 60, "a")
+
+
+def test_the_memory_of_a_container_bounds_that_of_the_computer(tmp_path, monkeypatch):
+    bound = tmp_path / "memory.max"
+    monkeypatch.setattr(announced, "BOUND_OF_CONTAINER", bound)
+    whole = announced.memory_bytes()
+    for told, expected in (("1000000\n", 1_000_000), ("max\n", whole)):
+        bound.write_text(told)
+        assert announced.memory_bytes() == expected
+
+
+# ------------------------------------------------------------------ MATLAB
+
+CONTENT = {
+    "time": np.arange(60.0)[:, None],
+    "complex": np.ones((5, 2)) + 1j,
+    "struct": {"a": 1.0, "b": np.ones((3, 3)), "text": "text"},
+    "cell": np.array([np.arange(3), "x", np.zeros((0, 0))], dtype=object),
+    "sparse": scipy.sparse.csc_matrix(np.eye(4)),
+    "short": np.arange(4, dtype=np.int16),
+    "empty": np.zeros((0, 3)),
+    "truth": np.array([True, False]),
+}
+
+
+def matlab(packed, content=CONTENT):
+    stream = io.BytesIO()
+    scipy.io.savemat(stream, content, do_compression=packed)
+    return stream.getvalue()
+
+
+@pytest.mark.parametrize("packed", [False, True])
+def test_whatever_scipy_writes_is_sound(packed):
+    stream = io.BytesIO(matlab(packed))
+    check_matlab(stream)
+    assert stream.tell() == 0
+    assert set(scipy.io.loadmat(stream)) >= set(CONTENT)
+    check_matlab(io.BytesIO(matlab(packed, {"long": np.zeros((200_000, 3))})))
+
+
+def test_an_array_that_is_called_complex_and_is_not_is_told_before_scipy_reads_it():
+    data = bytearray(matlab(False, {"time": np.arange(300.0), "magnet": np.arange(300.0)}))
+    flags = 128 + 8 + 8  # the file's header, the array's tag, the tag of its flags
+    data[flags + 1] |= 0x08
+    with pytest.raises(RecordingError, match="is damaged or cut off: it has"):
+        check_matlab(io.BytesIO(bytes(data)))
+
+
+MUTATE = """
+import io, sys, numpy as np, scipy.io
+from mtpipe.errors import RecordingError
+from mtpipe.ingest.matlab_check import check_matlab
+whole = sys.stdin.buffer.read()
+random = np.random.default_rng(7)
+for _ in range(400):
+    data = bytearray(whole)
+    for at in random.integers(len(data), size=int(random.integers(1, 4))):
+        data[at] = int(random.choice([0, 1, 8, 14, 15, 255, data[at] ^ 1, data[at] ^ 64]))
+    stream = io.BytesIO(bytes(data))
+    try:
+        check_matlab(stream)
+    except RecordingError:
+        continue
+    try:
+        scipy.io.loadmat(stream)
+    except Exception:
+        pass
+print("alive")
+"""
+
+
+def test_what_is_let_through_does_not_end_the_process():
+    done = subprocess.run(
+        [sys.executable, "-W", "ignore", "-c", MUTATE],
+        input=matlab(False),
+        capture_output=True,
+        check=False,
+    )
+    assert (done.returncode, done.stdout) == (0, b"alive\n"), done.stderr[-500:]
+
+
+# ------------------------------------------------------------------ the cases
+
+
+@pytest.mark.skipif(not FAULTS.is_dir(), reason="needs ../shared/cases/faults")
+@pytest.mark.parametrize(
+    "kind", ["lut", "magscope", "calisto", "calisto_bytes", "matlab", "matlab_segv", "tiff"]
+)
+def test_the_damaged_files_of_the_cases_are_told(kind):
+    setups = {"matlab": "matlab_segv"}
+    setup = FAULTS / setups.get(kind, kind) / "setup.toml"
+    readers = {"lut": LookUpTable.load, "tiff": open_stack}
+    files = [file for file in (FAULTS / kind).iterdir() if file.suffix != ".toml"]
+    assert files
+    for file in files:
+        read = readers.get(kind, lambda path: mtpipe.load(path, setup))
+        assert file.name in said(lambda read=read, file=file: read(file)), file.name
