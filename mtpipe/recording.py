@@ -54,8 +54,8 @@ class ReferenceUse:
 class StageCourse:
     """Motion of the stage along z that stays in the traces of all beads.
 
-    A random walk of so many nm in a second (growing with the root of time), with standard error,
-    and a steady motion whose rate is about 0 within `steady_nm_per_s`.
+    A random walk, given by its standard deviation after one second (it grows with the root of
+    time) with the standard error of that, and a steady motion whose rate is about 0 within `steady_nm_per_s`.
     """
 
     random_nm_per_root_s: float

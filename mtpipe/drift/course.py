@@ -86,8 +86,8 @@ def piece_of(z_nm: Sequence[FloatArray], frame_s: float) -> Piece | None:
 def fit_course(pieces: Sequence[Piece]) -> StageCourse | None:
     """Strength of the course that is in all pieces; None where they are too short to tell.
 
-    The strength squared is its mean over what is likely, every strength being as likely beforehand
-    as any other: what is not known of it is in it. Of the steady rate it is the size that explains
+    The squared strength is its posterior mean under a flat prior, so that its own uncertainty is in
+    it. Of the steady rate it is the size that explains
     best what the plateaus show beyond a walk, 0 where they hardly do.
     """
     if sum(len(piece.walk_s) for piece in pieces) < FEWEST_COEFFICIENTS:

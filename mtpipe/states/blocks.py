@@ -10,13 +10,13 @@ from scipy import fft, ndimage
 
 from mtpipe.recording import FloatArray
 
-# Blocks of so many relaxation times are nearly independent of one another.
+# Relaxation times per block: means of blocks this long are nearly independent of one another.
 RELAXATIONS_PER_BLOCK = 4.0
 # More blocks place a step no better: it is placed frame by frame afterwards.
 MOST_BLOCKS = 400
-# However slow a bead is, its stretch is cut into at least so many blocks.
+# Blocks at least, however slow a bead is: with fewer no noise can be told from a step.
 LEAST_BLOCKS = 24
-# Sideways motion slower than so many blocks is drift and no thermal motion.
+# Blocks over which sideways motion counts as drift and no longer as thermal motion.
 SLOW_BLOCKS = 8
 
 
@@ -70,7 +70,7 @@ def block_means(column: FloatArray, width: int) -> FloatArray | None:
 
 
 def block_width(relaxation_frames: float, frames: int) -> int:
-    """Frames per block for beads whose slowest relaxes within so many frames."""
+    """Frames per block, given the relaxation time of the slowest bead in frames."""
     wanted = max(RELAXATIONS_PER_BLOCK * relaxation_frames, frames / MOST_BLOCKS, 1.0)
     return max(1, int(min(wanted, frames / LEAST_BLOCKS)))
 

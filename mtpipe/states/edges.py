@@ -89,7 +89,7 @@ class EdgeLag:
 
     @property
     def probability(self) -> FloatArray:
-        """(n,) of each lag, all lags alike beforehand."""
+        """(n,) of each lag, all lags having the same prior probability."""
         weight = np.exp(self.log_likelihood - self.log_likelihood.max())
         return np.asarray(weight / weight.sum())
 

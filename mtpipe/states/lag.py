@@ -15,15 +15,16 @@ from mtpipe.states.coarse import likely_shift
 from mtpipe.states.edges import Edge, EdgeLag, edge_lag
 from mtpipe.states.motion import Motion
 
-# A shift of the whole log is looked at from so many nats; chance gives a tenth of it.
+# Gain in ln likelihood (nats) from which a shift of the whole log is considered; chance gives a
+# tenth of it.
 SHIFT_NATS = 20.0
-# A lag is certain from so many standard errors: by chance in one of 16 000 recordings.
+# Standard errors from which a lag is certain: chance reaches them in one of 16 000 recordings.
 SIGMAS = 4.0
 # Nats by which an edge has to contradict the common lag to have its own.
 OWN_NATS = 12.0
 # An edge is looked for within this time of where the whole log puts it.
 WIDEST_S = 30.0
-# A slope of the lag is asked for from so many edges.
+# Edges from which a lag that grows with time (another clock) is fitted.
 FEWEST_FOR_CLOCK = 5
 # Edges with errors of more than this many times the median do not count for a common lag.
 EXACT = 3.0

@@ -14,7 +14,7 @@ from mtpipe.recording import FloatArray, Recording
 from mtpipe.states.blocks import block_means, block_width, relaxation_frames
 from mtpipe.states.level import FEWEST_BLOCKS, fit_noise_about_step
 
-# A stretch's noise is known well enough from so many frames of its middle.
+# Frames of a stretch's middle from which its noise is estimated; more make it no better.
 MOST_FRAMES = 16_384
 # The focus is moved within this time, and by this many times what the stage usually does in it.
 FOCUS_S, FOCUS_TIMES = 1.5, 4.0
@@ -41,7 +41,7 @@ class Motion:
     focus_nm: FloatArray
 
     def rows_s(self, rows: float) -> float:
-        """Seconds that so many rows last."""
+        """Duration of a number of rows in seconds."""
         return rows * self.frame_s
 
 
