@@ -55,7 +55,8 @@ class StageCourse:
     """Motion of the stage along z that stays in the traces of all beads.
 
     A random walk, given by its standard deviation after one second (it grows with the root of
-    time) with the standard error of that, and a steady motion whose rate is about 0 within `steady_nm_per_s`.
+    time) with the standard error of that, and a steady motion whose rate is about 0 within
+    `steady_nm_per_s`.
     """
 
     random_nm_per_root_s: float
