@@ -92,6 +92,21 @@ def test_a_lag_is_found_and_plateaus_are_cut_where_the_beads_change(lag_s):
         assert plateau.stop - plateau.start > 0.8 * DWELL_S / FRAME_S
 
 
+def test_a_move_before_the_first_plateau_has_the_lag_too():
+    """By an early log the first dwell is too short for a plateau, and the next begins in it."""
+    truth = simulated((0.4, 0.9, 2.0, 4.5, 10.0, 1.5), dwells_s=(7.0, 12.0, 12.0, 12.0, 12.0, 12.0))
+    found = examined(late(truth, 4.0))
+    assert len(late(truth, 4.0).plateaus) == len(truth.plateaus) - 1
+    assert "magnet_log_lag" in codes(found)
+    for plateau in found.plateaus:
+        inside = [
+            real
+            for real in truth.plateaus
+            if real.start <= plateau.start + 12 and plateau.stop <= real.stop + 12
+        ]
+        assert len(inside) == 1
+
+
 def test_a_lag_longer_than_a_dwell_is_found():
     # dwells of one length would fit a lag less by one dwell too
     dwells_s = (7.0, 8.5, 6.0, 9.0, 7.0, 8.0)
