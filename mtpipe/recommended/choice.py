@@ -2,10 +2,9 @@
 
 Without a cross-check it is the force of the spectra of x and y. With one it is that of the
 configured experiment, with what was named, if recording and simulation then agree. If they do not,
-it comes from the determination that does not contradict itself: the spectra of x and y if their
-shape, their friction and each other's forces agree; else the heights, if the forces they ask for
-are near those fitted; else the spectra all the same. What a determination contradicts itself by is
-in its error.
+it is that of the configured experiment where its heights stand and the spectra either agree with
+it or are those of no tethered bead; else that of the spectra. What a determination contradicts
+itself by is in its error.
 """
 
 from __future__ import annotations
