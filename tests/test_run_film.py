@@ -67,4 +67,4 @@ def test_noise_by_images_is_stated_and_what_motion_hides_is_not(finished):
         assert np.isnan(bead[f"noise_floor_{axis}_nm"])
     assert "noise_above_images" not in [n.code for n in run.notices]
     page = (out / "report" / "bead-bead2.html").read_text(encoding="utf-8")
-    assert "nm by its images, not told by its spectra" in page
+    assert "nm by its images, not determined by its spectra" in page
