@@ -187,8 +187,9 @@ def test_a_bend_of_the_heights_is_told_with_its_place_and_what_it_does_to_the_fo
     before = np.log(check.case.fit.force_pN / truth)
     assert np.abs(np.log(mended / truth)).max() < 0.5 * np.abs(before).max()
     assert re.search(
-        r" Heights are as if there were a scale of z that is .* % larger above \d+ nm, which gains "
-        r"\d+ nats; forces would then be up to .* % (higher|lower) \(plateau \d\)\. ",
+        r" Heights are as if there were a scale of z that is .* % larger above \d+ nm, which "
+        r"raises ln likelihood by \d+; forces would then be up to .* % (higher|lower) "
+        r"\(plateau \d\)\. ",
         left.sentence,
     )
 
