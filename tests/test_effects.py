@@ -244,13 +244,14 @@ NAMES = [
 
 
 def test_names_are_those_of_the_data_contract():
+    """The contract also names effects that the catalogue does not hold yet."""
     assert {effect.name for effect in OWN} <= set(NAMES)
     formats = Path(__file__).parents[2] / "shared" / "FORMATS.md"
     if not formats.exists():
         pytest.skip("the data contract is not beside this checkout")
     section = formats.read_text().split("## 5.")[1].split("## 6.")[0]
     rows = [line.split("`")[1] for line in section.splitlines() if line.startswith("| `")]
-    assert sorted(rows) == sorted(NAMES)
+    assert set(NAMES) <= set(rows)
 
 
 @each_effect
