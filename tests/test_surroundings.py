@@ -107,11 +107,20 @@ def at_work(tmp_path):
     script = tmp_path / "work.py"
     script.write_text(WORKS)
     with subprocess.Popen(
-        [sys.executable, str(script), "work"], stdout=subprocess.PIPE, stderr=subprocess.PIPE
+        [sys.executable, str(script), "work"],
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        preexec_fn=_hear_signals,
     ) as process:
         workers = [int(process.stdout.readline()) for _ in range(2)]
         yield process, workers
         process.kill()
+
+
+def _hear_signals():
+    """Under nohup tests inherit an ignored SIGHUP, which mtpipe leaves ignored, as it should."""
+    for name in ("SIGINT", "SIGTERM", "SIGHUP"):
+        signal.signal(getattr(signal, name), signal.SIG_DFL)
 
 
 def gone(workers, patience_s=20.0):
