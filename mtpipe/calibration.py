@@ -40,11 +40,13 @@ class Calibration:
     conditions : what is known of buffer, beads, field and camera (nm, s, pN).
     beads : results of every tethered bead, by plateau and axis.
     notices : what was assumed, or is wrong, in words.
+    unbelieved : numbers of plateaus whose logged magnet position is not to be believed.
     """
 
     conditions: Conditions
     beads: tuple[BeadResult, ...]
     notices: tuple[Notice, ...]
+    unbelieved: frozenset[int] = frozenset()
 
     @property
     def forces(self) -> dict[str, BeadForces]:
@@ -118,7 +120,7 @@ def calibrate(
         *_estimated_radii(conditions, results),
         *_shared_viscosity(conditions, conditions_by_bead),
     )
-    return Calibration(conditions, results, notices)
+    return Calibration(conditions, results, notices, recording.states.unbelieved)
 
 
 def _shared_viscosity(conditions: Conditions, by_bead: Sequence[Conditions]) -> list[Notice]:

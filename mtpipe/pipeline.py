@@ -318,13 +318,8 @@ def _title(path: Path, name: str) -> str:
 def _write_tables(result: Run, raw: Recording, out: Path, title: str) -> None:
     identity = uuid.uuid4().hex  # every file of the run carries it
     calibration = result.calibration
-    states = result.recording.states
     forces = tables.forces_table(
-        calibration,
-        result.forces,
-        result.flags,
-        result.others,
-        () if states is None else states.unbelieved,
+        calibration, result.forces, result.flags, result.others, calibration.unbelieved
     )
     tracked = result.recording.tracked
     beads = tables.beads_table(calibration, result.forces, result.verdicts, result.curves, tracked)

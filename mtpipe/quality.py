@@ -95,7 +95,8 @@ def trace_flags(
     difference = _force_difference(plateau)
     if difference is not None:
         flag("fx_fy", "caution", difference)
-    known = _known_force(plateau, setup)
+    believed = plateau.plateau.number not in calibration.unbelieved
+    known = _known_force(plateau, setup) if believed else None
     if known is not None:
         flag("known_force", "caution", known)
     return tuple(found)

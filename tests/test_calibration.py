@@ -366,6 +366,10 @@ def test_a_known_force_that_is_contradicted_is_said():
     ]
     assert "known_force" not in named[0]
     assert "known_force" in named[1]
+    # a position that the beads contradict says nothing of the force
+    unbelieved = dataclasses.replace(calibration, unbelieved=frozenset({1}))
+    codes = {n.code for n in trace_flags(unbelieved, bead, bead.plateaus[1], setup)}
+    assert "known_force" not in codes
 
 
 def test_a_reference_that_steps_between_plateaus_is_said():
