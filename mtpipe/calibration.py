@@ -134,10 +134,10 @@ def _shared_viscosity(conditions: Conditions, by_bead: Sequence[Conditions]) -> 
         Notice(
             "viscosity_shared",
             "info",
-            f"The viscosity, {stated[0]:.3f} ± {stated[1]:.3f} mPa s by the setup, was taken for "
-            f"each bead as the friction of the others tells it: {low:.3f} to {high:.3f} ± "
-            f"{max(stderr for _, stderr in taken):.3f} mPa s. Frictions and effective radii are "
-            "relative to that.",
+            f"The viscosity, {stated[0]:.3f} ± {stated[1]:.3f} mPa s by the setup, was replaced "
+            f"for each bead by what the friction of the other beads gives: {low:.3f} to "
+            f"{high:.3f} ± {max(stderr for _, stderr in taken):.3f} mPa s. Frictions and "
+            "effective radii are relative to that.",
         )
     ]
 

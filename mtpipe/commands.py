@@ -227,7 +227,7 @@ def lut(
     low, high = table.z_nm[0], table.z_nm[-1]
     say(
         f"Look-up table of {table.bead}: {out} ({len(table.z_nm)} heights, {low:.0f} to "
-        f"{high:.0f} nm; one image tells z to {float(table.precision_nm.min()):.1f} to "
+        f"{high:.0f} nm; one image gives z to {float(table.precision_nm.min()):.1f} to "
         f"{float(table.precision_nm.max()):.1f} nm)"
     )
 

@@ -57,7 +57,7 @@ def estimate_exposure(
         reason = (
             "without a reference bead it cannot be told from tracking noise"
             if noise is None
-            else "no trace moves fast enough to tell it"
+            else "no bead moves fast enough for blur to show it"
         )
         assumed = Notice(
             "exposure_assumed",

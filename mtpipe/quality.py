@@ -85,7 +85,7 @@ def trace_flags(
             flag(
                 "unlike_the_series",
                 "caution",
-                "This trace contradicts the bead's others and was fitted by itself.",
+                "This trace contradicts the bead's other traces and was fitted separately.",
                 one.axis,
             )
         for code, grade, message in _axis_flags(one, calibration.conditions):

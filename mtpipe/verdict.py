@@ -221,7 +221,7 @@ def _why_short(
 
 NOT_KNOWN = "stiffness is not known in any plateau: not identified, or not converged"
 NO_FORCE = {
-    "zero_force": "no plateau gives a force that can be told from none",
+    "zero_force": "no plateau gives a force that can be told from zero",
     "not_one_state": "every plateau mixes several states",
 }
 FLAG_WORDS = {
@@ -232,7 +232,7 @@ FLAG_WORDS = {
     "short_trace": "traces short against the relaxation time",
     "not_identified": "stiffness not identified",
     "not_converged": "posterior not converged",
-    "zero_force": "force that cannot be told from none",
+    "zero_force": "force that cannot be told from zero",
     "not_one_state": "several states mixed",
     "poor_fit": "spectrum unlike the model",
     "drift": "slow motion left in the trace",

@@ -147,7 +147,7 @@ def run(forces: pd.DataFrame) -> dict[str, Any]:
     for row in forces[forces["flags"] != ""].to_dict("records"):
         where = row["bead"], row["plateau"], row["axis"]
         if (*where,) == LEFT_OUT:
-            text = "This trace contradicts the bead's others and was fitted by itself."
+            text = "This trace contradicts the bead's other traces and was fitted separately."
             notices.append(notice("unlike_the_series", "caution", text, *where))
             continue
         notices += [

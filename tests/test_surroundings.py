@@ -34,7 +34,8 @@ from mtpipe.processes import executor
 from mtpipe import commands
 
 def busy(_):
-    print(os.getpid(), flush=True)
+    # one write: two workers' lines may not mix
+    os.write(1, f"{os.getpid()}\\n".encode())
     time.sleep(60)
 
 @commands.app.command()

@@ -151,14 +151,14 @@ def model_with(
 
     Raises
     ------
-    FitError : one does not apply beside the others.
+    FitError : one does not apply together with the others.
     """
     model, formula = fit.model, without_stretching(start.model.experiment.chain.formula)
     model = replace(model, experiment=by_formula(model.experiment, formula))
     for one in chosen:
         hypotheses = one.effect.hypotheses(model.experiment, one.evidence)
         if not hypotheses:
-            raise FitError(f"{one.effect.name} does not apply beside the others")
+            raise FitError(f"{one.effect.name} does not apply together with the others")
         hypothesis = hypotheses[min(one.index, len(hypotheses) - 1)]
         model = replace(
             model,

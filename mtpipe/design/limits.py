@@ -200,5 +200,5 @@ def _bias(plan: Plan, method: Method, axis: str) -> str:
     if axis == ACROSS and plan.experiment.bead.turns:
         parts = [*parts, "the bead's rotation"]
     if plan.knowledge.noise_factor is None and any(plan.experiment.tracker.noise_nm[:2]):
-        parts = [*parts, "tracking noise, which nothing tells"]
+        parts = [*parts, "tracking noise, which nothing here measures"]
     return "not corrected: " + ", ".join(parts)

@@ -44,9 +44,9 @@ def left_notice(recording: Recording, course: StageCourse | None) -> Notice | No
         return None
     if course is None:
         text = (
-            "how far the stage moves along z is unknown: the plateaus are too short to tell, and "
-            "no reference bead took it off; errors of extensions and of the tether's lengths are "
-            "without that motion, and longer plateaus or a reference bead would mend it"
+            "how far the stage moves along z is unknown: there is no reference bead, and the "
+            "plateaus are too short to measure it. Errors of extensions and of the tether's "
+            "lengths do not include this motion. Record longer plateaus or a reference bead"
         )
         return Notice("drift_unknown", "caution", text, axis="z")
     covariance = covariance_of_means(course, _spans_s(recording), float(recording.time_s[0]))

@@ -34,7 +34,7 @@ def _cause(experiment: Experiment) -> str:
     x, y, z = experiment.stage.unsubtracted_nm_per_root_s
     return (
         f"the bead's position drifts by {x:.2g}, {y:.2g} and {z:.2g} nm per root second in x, y "
-        "and z beside the reference"
+        "and z relative to the reference"
     )
 
 

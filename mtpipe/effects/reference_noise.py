@@ -61,8 +61,8 @@ def _hypotheses(experiment: Experiment, evidence: Evidence) -> list[Hypothesis]:
 def _cause(experiment: Experiment) -> str:
     x, y, z = experiment.stage.reference_nm
     return (
-        f"the reference bead moves by itself, {x:.1f}, {y:.1f} and {z:.1f} nm in x, y and z within "
-        f"{experiment.stage.reference_s:.2g} s, and subtraction carries that into the trace"
+        f"the reference bead moves on its own, {x:.1f}, {y:.1f} and {z:.1f} nm in x, y and z "
+        f"within {experiment.stage.reference_s:.2g} s, and subtraction carries that into the trace"
     )
 
 

@@ -88,7 +88,7 @@ def experiment_of(
         assumed.append(Notice("stage_assumed", "info", said))
     if len(_known_forces(setup)) < 2:
         said = (
-            "Magnet positions are those of a typical magnet: [[magnet]] does not tell two forces."
+            "Magnet positions are those of a typical magnet: [[magnet]] does not state two forces."
         )
         assumed.append(Notice("magnet_assumed", "info", said))
     if not setup.camera.exposure_s.known:

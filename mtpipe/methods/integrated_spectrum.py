@@ -113,7 +113,7 @@ def fit_arctangent(method: str, arguments: TraceArguments, correction: Correctio
         notes.append("No arctangent fits the integral of the corrected spectrum.")
         return without_values(method, tuple(notes))
     if not result.converged:
-        notes.append(f"The alias correction did not come to rest in {result.rounds} rounds.")
+        notes.append(f"The alias correction did not converge in {result.rounds} rounds.")
     to_stiffness = np.array([[-1.0, 0.0], [-1.0, -1.0]])
     ln_values = to_stiffness @ result.fit
     ln_values += math.log(arguments.thermal_energy_pN_nm)

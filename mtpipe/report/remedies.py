@@ -35,7 +35,7 @@ FAULTS: Mapping[str, str] = {
     "off_center_attachment under [model] effects to have it in every fit.",
     "z_crosstalk": "check the focus and the illumination: the image is tilted or lopsided.",
     "bead_turning": "use a smoother bead, or take heights only from means over a long time.",
-    "bead_rocking": "expect it of a bead that is attached beside its lowest point.",
+    "bead_rocking": "expect it of a bead whose tether is not attached at its lowest point.",
     "force_tilt": "centre the magnets above the field of view.",
     "z_response": "record the focus scan again, over the whole range of heights.",
     "magnet_log_lag": "synchronise the clocks of camera and magnets.",

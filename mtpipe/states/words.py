@@ -19,7 +19,9 @@ from mtpipe.states.trend import MOST_BIAS, Trend
 LAG, HIDDEN, LEFT_OUT = "magnet_log_lag", "hidden_step", "plateau_left_out"
 HEIGHT, ALONE, LONE, TREND = "height_step", "bead_changes", "lone_change", "force_trend"
 ALONE_REASON = "the bead changes within the plateau while the others do not"
-LONE_REASON = "the bead changes within the plateau, and no other bead tells whether the force does"
+LONE_REASON = (
+    "the bead changes within the plateau, and no other bead shows whether the force changes"
+)
 TREND_REASON = "the force drifts so far within the plateau that no one force is its"
 Rows = tuple[int, int]
 
@@ -66,7 +68,10 @@ def lag_notices(
     gone = [before for before, after in zip(recording.plateaus, moved, strict=True) if not after]
     return notices + [
         _left_out(
-            motion, one.start, one.stop, "the beads change while the log has the magnets rest"
+            motion,
+            one.start,
+            one.stop,
+            "the beads change while the log says that the magnets stand still",
         )
         for one in gone
     ]
@@ -96,7 +101,7 @@ def part_notices(
         if heights_contradicted(motion, slice(*before), slice(*after)):
             told = (
                 f"The heights of all beads change together at {motion.time_s[change.row]:.2f} s, "
-                "and their sideways motion does not as for a change of the force "
+                "but their sideways motion does not change as a force would make it "
                 f"({100 * math.expm1(ratio):+.0f} ± {100 * error * math.exp(ratio):.0f} %): focus "
                 f"or reference moved. The plateau{position} is cut there; forces of both parts "
                 "rest on their own heights."
@@ -144,8 +149,8 @@ def lone_notice(motion: Motion, bead: str, plateau: int, changes: Sequence[Chang
     """The only bead of a recording changes within a plateau."""
     times = " and ".join(f"{motion.time_s[change.row]:.2f} s" for change in changes)
     told = (
-        f"It changes at {times}, and no other bead tells whether the force does. Its force in this "
-        "plateau is not to be used unless the cross-check says what changes."
+        f"The bead changes at {times}, and no other bead shows whether the force changes. Do not "
+        "use its force in this plateau unless the cross-check names what changes."
     )
     return Notice(LONE, "caution", told, bead=bead, plateau=plateau)
 
@@ -154,7 +159,7 @@ def trend_notice(trend: Trend) -> Notice:
     """A force that drifts within a plateau."""
     told = (
         f"The force drifts by {100 * math.expm1(trend.log_change):+.0f} ± "
-        f"{100 * trend.stderr:.0f} % during the plateau, as the beads' sideways motion tells."
+        f"{100 * trend.stderr:.0f} % during the plateau, by the beads' sideways motion."
     )
     if trend.bias > MOST_BIAS:
         told += " Its force is not to be used unless the cross-check says what changes."

@@ -59,7 +59,10 @@ def _sizes(effect: dict[str, Any]) -> str:
 
 
 def _forces(content: dict[str, Any], value: str, stderr: str) -> str:
-    return ", ".join(f"{one[value]:.3g} ± {one[stderr]:.1g}" for one in content["forces"])
+    return ", ".join(
+        "–" if one[value] is None else f"{one[value]:.3g} ± {one[stderr]:.1g}"
+        for one in content["forces"]
+    )
 
 
 def _left(found: Mismatch) -> list[str]:
