@@ -309,7 +309,7 @@ def test_diverging_correction_is_told():
     result = fit("arctangent", x)
     assert not result.converged
     assert result.stiffness.status == "not_converged"
-    assert "did not come to rest" in result.notes[-1]
+    assert "did not converge" in result.notes[-1]
 
 
 def test_arctangent_errors_are_its_scatter():
