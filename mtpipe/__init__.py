@@ -19,51 +19,51 @@ from typing import TYPE_CHECKING, Any
 __version__ = "0.1.0"
 
 if TYPE_CHECKING:
-    from mtpipe.calibration import Calibration, calibrate
-    from mtpipe.crosschecking.recording import CrossCheck, crosscheck
+    from mtpipe.calibration.calibration import Calibration, calibrate
+    from mtpipe.crosschecking.crosscheck import CrossCheck, crosscheck
+    from mtpipe.curves.tether_curves import force_extension
     from mtpipe.diagnosis.mismatch import Mismatch, diagnose
     from mtpipe.drift import subtract_drift
-    from mtpipe.errors import FitError, MtpipeError, RecordingError, SetupError
-    from mtpipe.estimate import Estimate
     from mtpipe.fit.posterior import Posterior, sample_posterior
     from mtpipe.fit.trace import TraceFit, fit_trace
+    from mtpipe.ground.errors import FitError, MtpipeError, RecordingError, SetupError
+    from mtpipe.ground.estimate import Estimate
     from mtpipe.ingest import load
     from mtpipe.methods import METHODS, fit_by_method
-    from mtpipe.pipeline import Run, run
-    from mtpipe.recording import Plateau, Recording
-    from mtpipe.setup import Setup, read_setup
-    from mtpipe.simulation.recording import simulate
-    from mtpipe.tether_curves import force_extension
+    from mtpipe.pipeline.run import Run, run
+    from mtpipe.recording.recording import Plateau, Recording
+    from mtpipe.setup.setup import Setup, read_setup
+    from mtpipe.simulation.simulate import simulate
     from mtpipe.tracking.track import TrackedStack, track
 
 _HOME = {
     "METHODS": "methods",
     "Mismatch": "diagnosis.mismatch",
-    "Calibration": "calibration",
-    "Estimate": "estimate",
-    "FitError": "errors",
-    "MtpipeError": "errors",
-    "Plateau": "recording",
+    "Calibration": "calibration.calibration",
+    "Estimate": "ground.estimate",
+    "FitError": "ground.errors",
+    "MtpipeError": "ground.errors",
+    "Plateau": "recording.recording",
     "Posterior": "fit.posterior",
-    "Recording": "recording",
-    "RecordingError": "errors",
-    "Run": "pipeline",
-    "Setup": "setup",
-    "SetupError": "errors",
+    "Recording": "recording.recording",
+    "RecordingError": "ground.errors",
+    "Run": "pipeline.run",
+    "Setup": "setup.setup",
+    "SetupError": "ground.errors",
     "TraceFit": "fit.trace",
     "TrackedStack": "tracking.track",
-    "CrossCheck": "crosschecking.recording",
-    "calibrate": "calibration",
-    "crosscheck": "crosschecking.recording",
+    "CrossCheck": "crosschecking.crosscheck",
+    "calibrate": "calibration.calibration",
+    "crosscheck": "crosschecking.crosscheck",
     "diagnose": "diagnosis.mismatch",
     "fit_by_method": "methods",
     "fit_trace": "fit.trace",
-    "force_extension": "tether_curves",
+    "force_extension": "curves.tether_curves",
     "load": "ingest",
-    "read_setup": "setup",
-    "run": "pipeline",
+    "read_setup": "setup.setup",
+    "run": "pipeline.run",
     "sample_posterior": "fit.posterior",
-    "simulate": "simulation.recording",
+    "simulate": "simulation.simulate",
     "subtract_drift": "drift",
     "track": "tracking.track",
 }

@@ -5,7 +5,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from mtpipe.setup import Setup, parse_setup
+from mtpipe.setup.setup import Setup, parse_setup
 
 RATE = 100.0
 N = 400

@@ -7,11 +7,11 @@ import tomllib
 
 import numpy as np
 
-from mtpipe.setup import Setup, parse_setup
+from mtpipe.setup.setup import Setup, parse_setup
 from mtpipe.simulation.bead_image import BeadImage, BeadOptics
 from mtpipe.simulation.images import Sensor, draw
 from mtpipe.tracking.lookup_table import LookUpTable
-from mtpipe.tracking.positions import DEFAULT_METHOD
+from mtpipe.tracking.measured import DEFAULT_METHOD
 
 PIXEL_NM, SIZE_PX = 100.0, 64
 MIDDLE_PX = (SIZE_PX - 1) / 2

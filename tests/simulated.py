@@ -9,9 +9,9 @@ from mtpipe.physics.camera import Camera
 from mtpipe.physics.friction import parallel_wall_factor, stokes_pN_s_per_nm
 from mtpipe.physics.langevin import simulate_axis
 from mtpipe.physics.tether import Chain, mean_extension_nm, stiffness_pN_per_nm
-from mtpipe.plateaus import find_plateaus
-from mtpipe.recording import Recording
-from mtpipe.setup import Setup, parse_setup
+from mtpipe.recording.plateaus import find_plateaus
+from mtpipe.recording.recording import Recording
+from mtpipe.setup.setup import Setup, parse_setup
 
 RATE_HZ = 120.0
 TEMPERATURE_K = 298.15

@@ -6,12 +6,12 @@ from typing import Any
 
 import numpy as np
 
-from mtpipe.crosschecking.case import Case, prepare
 from mtpipe.crosschecking.lines import with_lines_apart
+from mtpipe.crosschecking.prepared_bead import Case, prepare
 from mtpipe.drift import subtract_drift
-from mtpipe.recording import Recording
-from mtpipe.setup import Setup, parse_setup
-from mtpipe.simulation.recording import simulate
+from mtpipe.recording.recording import Recording
+from mtpipe.setup.setup import Setup, parse_setup
+from mtpipe.simulation.simulate import simulate
 
 FORCES_PN = (0.6, 2.0, 7.0)
 FRAMES, NOISE_NM = 2048, (2.0, 2.0, 3.0)

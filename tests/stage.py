@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 from scipy.signal import lfilter
 
-from mtpipe.recording import Plateau, Recording
-from mtpipe.setup import parse_setup
+from mtpipe.recording.recording import Plateau, Recording
+from mtpipe.setup.setup import parse_setup
 
 RATE_HZ = 120.0
 N = 16384

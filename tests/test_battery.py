@@ -12,9 +12,9 @@ from scipy import signal, stats
 
 from mtpipe.battery import shape, spectral, temporal
 from mtpipe.battery.observed import Observed, bridged, whitened
-from mtpipe.configured.data import plateau_data, whitening
-from mtpipe.configured.expectation import Expectation
 from mtpipe.crosschecking.nulls import Nulls, alikeness, of_those_looked_at_again, together
+from mtpipe.joint_fit.data import plateau_data, whitening
+from mtpipe.joint_fit.expectation import Expectation
 from tests.small_case import generator
 
 FRAME_S = 0.01

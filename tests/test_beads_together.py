@@ -11,11 +11,12 @@ import numpy as np
 import pytest
 
 import mtpipe
-from mtpipe.bead_results import BeadResult
+from mtpipe.calibration.bead_results import BeadResult
 from mtpipe.crosschecking.beads import bead_generator, check_of
-from mtpipe.crosschecking.case import FORMULAS
+from mtpipe.crosschecking.prepared_bead import FORMULAS
 from mtpipe.diagnosis.beads_together import beads_together
 from mtpipe.diagnosis.explain import explain
+from mtpipe.diagnosis.forces_to_quote import bead_forces
 from mtpipe.diagnosis.mismatch import Mismatch
 from mtpipe.diagnosis.pooled import (
     ANOTHER,
@@ -33,9 +34,8 @@ from mtpipe.diagnosis.pooled import (
 from mtpipe.diagnosis.sentence import sentence
 from mtpipe.effects.catalogue import OWN
 from mtpipe.experiment.from_setup import experiment_of
-from mtpipe.recommended.choice import bead_forces
-from mtpipe.setup import parse_setup
-from mtpipe.simulation.recording import simulate_experiment
+from mtpipe.setup.setup import parse_setup
+from mtpipe.simulation.simulate import simulate_experiment
 from tests.simulated import RADIUS_NM, VISCOSITY_MPA_S, setup_content
 
 PENALTY = 5.0

@@ -9,16 +9,16 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from mtpipe.configured.data import whitening
-from mtpipe.configured.fit import fit_configured
-from mtpipe.configured.hypotheses import best_of
-from mtpipe.configured.model import ConfiguredModel
 from mtpipe.crosschecking.check import ENOUGH
 from mtpipe.diagnosis import explain
 from mtpipe.diagnosis.bent_scale import Instead, bend_beside, bend_instead
-from mtpipe.diagnosis.place import LEAST_P, bent_heights
+from mtpipe.diagnosis.location import LEAST_P, bent_heights
 from mtpipe.experiment.changes import with_optics
 from mtpipe.experiment.description import Optics
+from mtpipe.joint_fit.data import whitening
+from mtpipe.joint_fit.fit import fit_configured
+from mtpipe.joint_fit.hypotheses import best_of
+from mtpipe.joint_fit.model import ConfiguredModel
 from tests.test_effects import (
     BASE,
     EVIDENCE,

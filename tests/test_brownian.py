@@ -22,11 +22,11 @@ from mtpipe.physics import friction, tether, tethered_bead
 from mtpipe.physics.buffer import thermal_energy_pN_nm
 from mtpipe.physics.camera import Camera
 from mtpipe.physics.modes import SINGLE_MODE
-from mtpipe.setup import parse_setup
+from mtpipe.setup.setup import parse_setup
 from mtpipe.simulation.brownian import BrownianBead, longest_time_step_s, simulate_bead
 from mtpipe.simulation.chain_table import ChainTable, tabulate
 from mtpipe.simulation.equilibrium import draw_state
-from mtpipe.simulation.recording import simulate_experiment
+from mtpipe.simulation.simulate import simulate_experiment
 from mtpipe.simulation.springs import simulate_path, simulate_springs
 from mtpipe.simulation.steps import divide_frame, emulate_camera
 from tests.simulated import setup_content

@@ -8,13 +8,13 @@ import pytest
 from scipy import stats
 
 import mtpipe
-from mtpipe import refusal
-from mtpipe.calibration import calibrate
+from mtpipe.calibration import refusal
+from mtpipe.calibration.calibration import calibrate
+from mtpipe.calibration.quality import trace_flags
+from mtpipe.curves.tether_curves import extension_points, tether_curves
 from mtpipe.physics.tether import Chain, mean_extension_nm
-from mtpipe.quality import trace_flags
-from mtpipe.setup import parse_setup
-from mtpipe.tether_curves import extension_points, tether_curves
-from mtpipe.verdict import bead_verdict, bead_verdicts
+from mtpipe.setup.setup import parse_setup
+from mtpipe.verdicts.verdict import bead_verdict, bead_verdicts
 from tests import simulated
 from tests.simulated import CHAIN, RATE_HZ, bead_nm, recording, setup_content
 

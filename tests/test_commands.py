@@ -15,11 +15,11 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from mtpipe import pipeline
-from mtpipe.commands import main
+from mtpipe.cli.commands import main
 from mtpipe.design import figure, guide, show
-from mtpipe.errors import MtpipeError, writing
 from mtpipe.fit.trace import fit_trace
+from mtpipe.ground.errors import MtpipeError, writing
+from mtpipe.pipeline import run as pipeline
 from tests.ingest_recordings import canonical_lines, motion, write
 from tests.stack_images import setup_text
 

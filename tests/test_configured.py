@@ -13,21 +13,11 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from mtpipe.configured import fit as fit_module
-from mtpipe.configured import spectra
-from mtpipe.configured.data import plateau_data
-from mtpipe.configured.expectation import Subtraction
-from mtpipe.configured.fit import STUCK, fit_configured, gradient_of, nearby_fit, slopes
-from mtpipe.configured.model import ConfiguredModel
-from mtpipe.configured.spectra import edges_about, matrix_periodogram, quick_length
-from mtpipe.configured.three_axes import inverses
-from mtpipe.configured.walk import line_of, sees_walks
-from mtpipe.crosschecking.case import described, prepare
+from mtpipe.crosschecking.prepared_bead import described, prepare
 from mtpipe.crosschecking.twin import TwinMaker
 from mtpipe.drift import subtract_drift
 from mtpipe.effects.catalogue import OWN
 from mtpipe.effects.effect import Evidence
-from mtpipe.errors import FitError
 from mtpipe.experiment.changes import with_stage
 from mtpipe.experiment.description import (
     Clock,
@@ -39,9 +29,19 @@ from mtpipe.experiment.description import (
     Tracker,
 )
 from mtpipe.experiment.parameter import Parameter
+from mtpipe.ground.errors import FitError
+from mtpipe.joint_fit import fit as fit_module
+from mtpipe.joint_fit import spectra
+from mtpipe.joint_fit.data import plateau_data
+from mtpipe.joint_fit.expectation import Subtraction
+from mtpipe.joint_fit.fit import STUCK, fit_configured, gradient_of, nearby_fit, slopes
+from mtpipe.joint_fit.model import ConfiguredModel
+from mtpipe.joint_fit.random_walk import line_of, sees_walks
+from mtpipe.joint_fit.spectra import edges_about, matrix_periodogram, quick_length
+from mtpipe.joint_fit.three_axes import inverses
 from mtpipe.physics.camera import Camera
 from mtpipe.simulation.readout import recorded
-from mtpipe.spectrum import bin_edges, periodogram
+from mtpipe.spectra.spectrum import bin_edges, periodogram
 from tests.small_case import FORCES_PN, NOISE_NM, case, generator, raw, setup
 
 FRAME_S = 1 / 120

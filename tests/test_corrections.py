@@ -13,9 +13,9 @@ from mtpipe.corrections.correction import Correction
 from mtpipe.corrections.surface_sticking import bound_stretches
 from mtpipe.crosschecking.check import BeadCheck, check_bead
 from mtpipe.crosschecking.nulls import Together
-from mtpipe.diagnosis import corrected as corrected_module
-from mtpipe.plateaus import find_plateaus
-from mtpipe.recording import Recording
+from mtpipe.diagnosis import time_corrections as corrected_module
+from mtpipe.recording.plateaus import find_plateaus
+from mtpipe.recording.recording import Recording
 from tests import small_case
 
 RATE_HZ, PERIOD_NM = 120.0, 100.0

@@ -12,7 +12,6 @@ import pytest
 
 import mtpipe
 from mtpipe.crosschecking.beads import bead_generator
-from mtpipe.crosschecking.case import described, prepare
 from mtpipe.crosschecking.check import (
     ENOUGH,
     FAR_OFF,
@@ -21,17 +20,18 @@ from mtpipe.crosschecking.check import (
     foreseen_p_value,
 )
 from mtpipe.crosschecking.check import ROUNDS as ROUNDS_OF
+from mtpipe.crosschecking.crosscheck import COLUMNS
 from mtpipe.crosschecking.curves import KINDS
-from mtpipe.crosschecking.recording import COLUMNS
+from mtpipe.crosschecking.prepared_bead import described, prepare
 from mtpipe.crosschecking.twin import TwinMaker
 from mtpipe.diagnosis.evidence import evidence_of
 from mtpipe.drift import subtract_drift
-from mtpipe.errors import RecordingError
 from mtpipe.experiment.changes import with_magnets
 from mtpipe.experiment.description import ForceCourse
-from mtpipe.plateaus import find_plateaus
-from mtpipe.setup import Setup
-from mtpipe.tables import crosscheck_curves, crosscheck_table
+from mtpipe.ground.errors import RecordingError
+from mtpipe.pipeline.tables import crosscheck_curves, crosscheck_table
+from mtpipe.recording.plateaus import find_plateaus
+from mtpipe.setup.setup import Setup
 from tests.small_case import FORCES_PN, FRAMES, case, generator, raw, setup
 
 ROUNDS = (26,)

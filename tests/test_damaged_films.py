@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 import tifffile
 
-from mtpipe.errors import MtpipeError
+from mtpipe.ground.errors import MtpipeError
 from mtpipe.tracking.stack import open_stack
 from mtpipe.tracking.stack_look import Reading
 

@@ -14,7 +14,7 @@ import pytest
 import scipy.io
 
 import mtpipe
-from mtpipe.errors import MtpipeError, RecordingError
+from mtpipe.ground.errors import MtpipeError, RecordingError
 from mtpipe.ingest import announced
 from mtpipe.ingest.announced import HARMLESS_BYTES, check_announced, check_fits
 from mtpipe.ingest.arrays import open_arrays

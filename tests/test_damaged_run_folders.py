@@ -9,7 +9,7 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from mtpipe.errors import MtpipeError
+from mtpipe.ground.errors import MtpipeError
 from mtpipe.report import pages
 from mtpipe.report.contents import RunContent
 from mtpipe.report.folder import (

@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 from typer.testing import CliRunner
 
-from mtpipe.commands import app
+from mtpipe.cli.commands import app
 from mtpipe.design.arctangent import expected_arctangent
 from mtpipe.design.changes import KINDS, Variant, change, reaches
 from mtpipe.design.figure import design_figure, write_figure
@@ -22,13 +22,13 @@ from mtpipe.design.methods import METHODS
 from mtpipe.design.motion import AxisMotion, axis_motion
 from mtpipe.design.plan import Knowledge, Plan, plan_of
 from mtpipe.design.show import design_frame
-from mtpipe.errors import MtpipeError, SetupError
 from mtpipe.experiment.state import expected_spectrum
 from mtpipe.fit.estimates import inverse_information
+from mtpipe.ground.errors import MtpipeError, SetupError
 from mtpipe.methods.integrated_spectrum import Correction, fit_spectrum
 from mtpipe.physics.camera import Camera, power_spectrum
 from mtpipe.physics.modes import SINGLE_MODE
-from mtpipe.setup import Setup, parse_setup
+from mtpipe.setup.setup import Setup, parse_setup
 
 ROOT = Path(__file__).parents[1]
 SETUP = """schema = 1

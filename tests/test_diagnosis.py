@@ -14,10 +14,9 @@ import numpy as np
 import pytest
 
 import mtpipe
-from mtpipe.configured.hypotheses import Tried, best_of, together
 from mtpipe.crosschecking.beads import bead_generator
-from mtpipe.crosschecking.case import FORMULAS, prepare
 from mtpipe.crosschecking.check import check_bead
+from mtpipe.crosschecking.prepared_bead import FORMULAS, prepare
 from mtpipe.diagnosis.before_after import content_of
 from mtpipe.diagnosis.evidence import BLOCK_S, noise_between_blocks_nm2, reference_moves
 from mtpipe.diagnosis.explain import (
@@ -30,7 +29,8 @@ from mtpipe.diagnosis.explain import (
     without_unclear_third,
 )
 from mtpipe.diagnosis.explanation import Alternative, Explanation, Named, agrees
-from mtpipe.diagnosis.misfit import halves_of
+from mtpipe.diagnosis.forces_to_quote import diagnosed_forces
+from mtpipe.diagnosis.heldout import halves_of
 from mtpipe.diagnosis.mismatch import Mismatch
 from mtpipe.diagnosis.refit import other_formulas
 from mtpipe.diagnosis.unexplained import Rejected
@@ -38,9 +38,9 @@ from mtpipe.drift.lowpass import low_pass
 from mtpipe.effects.catalogue import OWN
 from mtpipe.effects.effect import Evidence
 from mtpipe.experiment.from_setup import experiment_of
-from mtpipe.recommended.choice import diagnosed_forces
-from mtpipe.setup import parse_setup
-from mtpipe.simulation.recording import simulate_experiment
+from mtpipe.joint_fit.hypotheses import Tried, best_of, together
+from mtpipe.setup.setup import parse_setup
+from mtpipe.simulation.simulate import simulate_experiment
 from tests.simulated import VISCOSITY_MPA_S, setup_content
 
 FORCES_PN, FRAMES = (0.8, 3.0, 10.0), 4096

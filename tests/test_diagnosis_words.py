@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from mtpipe.diagnosis.sentence import consequence
-from mtpipe.diagnosis.words import compared, factor, percent
+from mtpipe.diagnosis.size_words import compared, factor, percent
 
 
 @pytest.mark.parametrize(

@@ -12,8 +12,8 @@ import pytest
 
 from mtpipe.drift import reference_noise_nm, subtract_drift
 from mtpipe.drift.lowpass import low_pass
-from mtpipe.recording import Plateau, Recording
-from mtpipe.setup import DriftChoice, parse_setup
+from mtpipe.recording.recording import Plateau, Recording
+from mtpipe.setup.setup import DriftChoice, parse_setup
 from tests.stage import RATE_HZ, N, codes, ou, recording_of, walk
 
 SHARED = Path(__file__).resolve().parents[2] / "shared" / "challenge"
@@ -358,7 +358,7 @@ CASES = ["rec_202540ed", "rec_b3eb60e5", "rec_cd3c3323", "rec_d425caec"]
 def test_reference_noise_of_an_independent_simulator(case):
     import json
 
-    from mtpipe.plateaus import find_plateaus
+    from mtpipe.recording.plateaus import find_plateaus
 
     folder = SHARED / "cases" / case
     setup = parse_setup(tomllib.loads((folder / "setup.toml").read_text()))

@@ -15,26 +15,11 @@ import numpy as np
 import pytest
 from scipy import signal, stats
 
-from mtpipe.configured import hypotheses
-from mtpipe.configured.data import plateau_data, whitening
-from mtpipe.configured.expectation import Subtraction
-from mtpipe.configured.fit import fit_configured
-from mtpipe.configured.hypotheses import (
-    Tried,
-    best_of,
-    gained_by_motion,
-    looking_ahead,
-    promised_gains,
-    try_effects,
-    with_hypothesis,
-)
-from mtpipe.configured.model import ConfiguredModel
 from mtpipe.diagnosis.explanation import ALIKE_NATS
 from mtpipe.diagnosis.heights import gained_by_scatter, wanders
 from mtpipe.drift.lowpass import low_pass
 from mtpipe.effects.catalogue import OWN, catalogue
 from mtpipe.effects.effect import Evidence
-from mtpipe.errors import FitError, SetupError
 from mtpipe.experiment.description import (
     Bead,
     Experiment,
@@ -48,9 +33,24 @@ from mtpipe.experiment.description import (
     Tracker,
 )
 from mtpipe.experiment.state import bead_state
+from mtpipe.ground.errors import FitError, SetupError
+from mtpipe.joint_fit import hypotheses
+from mtpipe.joint_fit.data import plateau_data, whitening
+from mtpipe.joint_fit.expectation import Subtraction
+from mtpipe.joint_fit.fit import fit_configured
+from mtpipe.joint_fit.hypotheses import (
+    Tried,
+    best_of,
+    gained_by_motion,
+    looking_ahead,
+    promised_gains,
+    try_effects,
+    with_hypothesis,
+)
+from mtpipe.joint_fit.model import ConfiguredModel
 from mtpipe.physics.camera import Camera
 from mtpipe.physics.tether import Chain
-from mtpipe.setup import parse_setup
+from mtpipe.setup.setup import parse_setup
 from mtpipe.simulation.linear import simulate_motion
 from mtpipe.simulation.readout import (
     force_pieces,

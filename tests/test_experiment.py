@@ -9,7 +9,6 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from mtpipe.errors import FitError, SetupError
 from mtpipe.experiment.description import (
     Allowance,
     Bead,
@@ -23,11 +22,12 @@ from mtpipe.experiment.description import (
 from mtpipe.experiment.from_setup import experiment_of, magnets_mm
 from mtpipe.experiment.state import bead_state, bead_states, expected_spectrum
 from mtpipe.experiment.tethers import _tethers
+from mtpipe.ground.errors import FitError, SetupError
 from mtpipe.physics.camera import Camera, power_spectrum
 from mtpipe.physics.modes import rotating_bead
 from mtpipe.physics.tether import Chain, mean_extension_nm, moments
 from mtpipe.physics.tethered_bead import friction_pN_s_per_nm, turning_modes
-from mtpipe.setup import parse_setup
+from mtpipe.setup.setup import parse_setup
 from tests.simulated import setup_content
 
 FORCES = (0.3, 2.0, 15.0)

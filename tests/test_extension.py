@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from scipy import signal
 
-from mtpipe.extension import mean_with_stderr
+from mtpipe.calibration.extension import mean_with_stderr
 
 
 def ornstein_uhlenbeck(rng, traces, frames, tau_frames, noise=0.0):

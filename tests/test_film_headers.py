@@ -7,8 +7,8 @@ import numpy as np
 import pytest
 import tifffile
 
-from mtpipe.errors import RecordingError, SetupError
-from mtpipe.setup import read_setup
+from mtpipe.ground.errors import RecordingError, SetupError
+from mtpipe.setup.setup import read_setup
 from mtpipe.tracking.stack import find_files, open_stack
 from mtpipe.tracking.stack_look import Reading
 from mtpipe.tracking.stack_times import frame_times

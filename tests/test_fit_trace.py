@@ -6,14 +6,14 @@ import numpy as np
 import pytest
 from scipy import stats
 
-from mtpipe.errors import FitError
 from mtpipe.fit.model import TraceModel
 from mtpipe.fit.trace import fit_trace
+from mtpipe.ground.errors import FitError
 from mtpipe.physics.buffer import thermal_energy_pN_nm
 from mtpipe.physics.camera import Camera
 from mtpipe.physics.langevin import simulate_axis
 from mtpipe.physics.modes import rotating_bead
-from mtpipe.spectrum import periodogram
+from mtpipe.spectra.spectrum import periodogram
 
 RATE, TEMPERATURE, FRICTION = 120.0, 298.15, 2.3e-5
 KT = float(thermal_energy_pN_nm(TEMPERATURE))

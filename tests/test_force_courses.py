@@ -8,12 +8,6 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from mtpipe.configured.courses import force_courses
-from mtpipe.configured.data import plateau_data, whitening
-from mtpipe.configured.expectation import Subtraction
-from mtpipe.configured.fit import fit_configured, gradient_of, slopes
-from mtpipe.configured.hypotheses import best_of
-from mtpipe.configured.model import ConfiguredModel
 from mtpipe.effects.catalogue import OWN
 from mtpipe.effects.effect import Evidence
 from mtpipe.experiment.changes import with_magnets, with_stage
@@ -29,6 +23,12 @@ from mtpipe.experiment.description import (
 )
 from mtpipe.experiment.readout import force_course, hopping_moments
 from mtpipe.experiment.state import bead_state
+from mtpipe.joint_fit.courses import force_courses
+from mtpipe.joint_fit.data import plateau_data, whitening
+from mtpipe.joint_fit.expectation import Subtraction
+from mtpipe.joint_fit.fit import fit_configured, gradient_of, slopes
+from mtpipe.joint_fit.hypotheses import best_of
+from mtpipe.joint_fit.model import ConfiguredModel
 from mtpipe.physics.camera import Camera
 from mtpipe.physics.tether import Chain
 from mtpipe.simulation.linear import simulate_motion

@@ -5,7 +5,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from mtpipe.errors import FitError
+from mtpipe.ground.errors import FitError
 from mtpipe.physics.buffer import (
     thermal_energy_pN_nm,
     viscosity_pN_s_per_nm2,

@@ -4,10 +4,10 @@ import numpy as np
 import pytest
 from scipy import interpolate
 
-from mtpipe.configured.data import plateau_data
-from mtpipe.configured.height_course import Course, CourseSlopes, played
 from mtpipe.experiment.description import ForceCourse
 from mtpipe.experiment.readout import force_course
+from mtpipe.joint_fit.data import plateau_data
+from mtpipe.joint_fit.height_course import Course, CourseSlopes, played
 
 FRAME_S, FRAMES = 0.01, 3000
 COURSES = [

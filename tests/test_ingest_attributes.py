@@ -8,9 +8,9 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 import pytest
 
-from mtpipe.errors import RecordingError, SetupError
+from mtpipe.ground.errors import RecordingError, SetupError
 from mtpipe.ingest import load
-from mtpipe.ingest.stated import stated_by
+from mtpipe.ingest.column_attributes import stated_by
 from mtpipe.ingest.units import unit_in_name, unit_of
 from tests.ingest_recordings import (
     N,

@@ -13,9 +13,9 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
-from mtpipe.errors import MtpipeError, RecordingError, SetupError
+from mtpipe.ground.errors import MtpipeError, RecordingError, SetupError
 from mtpipe.ingest import load
-from mtpipe.recording import Recording
+from mtpipe.recording.recording import Recording
 from tests.ingest_recordings import RATE, canonical_lines, codes, motion, setup_of, write
 
 QUICK = settings(max_examples=25, deadline=None, suppress_health_check=list(HealthCheck))

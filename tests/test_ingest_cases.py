@@ -6,9 +6,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from mtpipe.errors import RecordingError
+from mtpipe.ground.errors import RecordingError
 from mtpipe.ingest import load
-from mtpipe.setup import read_setup
+from mtpipe.setup.setup import read_setup
 
 CASES = Path(__file__).resolve().parents[2] / "shared" / "cases"
 FILES = CASES / "files"

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from mtpipe.errors import RecordingError, SetupError
+from mtpipe.ground.errors import RecordingError, SetupError
 from mtpipe.ingest import load
 from tests.ingest_recordings import RATE, canonical_lines, codes, motion, setup_of, write
 

@@ -9,7 +9,7 @@ import pyarrow.parquet as pq
 import pytest
 import scipy.io
 
-from mtpipe.errors import RecordingError
+from mtpipe.ground.errors import RecordingError
 from mtpipe.ingest import load
 from tests.ingest_recordings import FIVE, RATE, assert_plain, five_columns, five_setup, write
 

@@ -10,7 +10,7 @@ import pyarrow.parquet as pq
 import pytest
 import scipy.io
 
-from mtpipe.errors import MtpipeError, RecordingError
+from mtpipe.ground.errors import MtpipeError, RecordingError
 from mtpipe.ingest import load
 from mtpipe.ingest.last_row import last_row_fault
 from tests.ingest_recordings import FIVE, N, assert_plain, codes, five_columns, five_setup, write

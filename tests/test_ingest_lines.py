@@ -8,11 +8,11 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from mtpipe.errors import RecordingError
+from mtpipe.ground.errors import RecordingError
 from mtpipe.ingest import lines, text
 from mtpipe.ingest.lines import line_blocks
-from mtpipe.ingest.source import Layout
 from mtpipe.ingest.text import open_text
+from mtpipe.setup.source_table import Layout
 
 LINES = st.lists(st.text("0123456789.,;µ", max_size=12), min_size=1, max_size=60)
 

@@ -7,7 +7,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 import mtpipe
-from mtpipe.errors import RecordingError
+from mtpipe.ground.errors import RecordingError
 from mtpipe.ingest.magscope import in_order, spread
 from tests.ingest_recordings import (
     RATE,

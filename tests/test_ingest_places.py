@@ -6,11 +6,11 @@ import sys
 import numpy as np
 import pytest
 
-from mtpipe.errors import MtpipeError, RecordingError
+from mtpipe.ground.errors import MtpipeError, RecordingError
+from mtpipe.ground.notice import Notice
 from mtpipe.ingest import load
-from mtpipe.notice import Notice
-from mtpipe.plateaus import find_plateaus
-from mtpipe.setup import Plateaus
+from mtpipe.recording.plateaus import find_plateaus
+from mtpipe.setup.setup import Plateaus
 from tests.ingest_recordings import RATE, N, canonical_lines, motion, setup_of, write
 
 

@@ -5,9 +5,9 @@ import numpy as np
 import pytest
 
 import mtpipe
-from mtpipe.errors import RecordingError, SetupError
-from mtpipe.ingest.presets import PRESETS
-from mtpipe.setup import Measured
+from mtpipe.ground.errors import RecordingError, SetupError
+from mtpipe.setup.presets import PRESETS
+from mtpipe.setup.setup import Measured
 from tests.ingest_recordings import (
     RATE,
     N,

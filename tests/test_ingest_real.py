@@ -6,9 +6,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from mtpipe.errors import RecordingError
+from mtpipe.ground.errors import RecordingError
 from mtpipe.ingest import load
-from mtpipe.setup import read_setup
+from mtpipe.setup.setup import read_setup
 from tests.ingest_recordings import codes
 
 ROOT = Path(__file__).parents[1]

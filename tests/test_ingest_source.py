@@ -5,7 +5,7 @@ import gzip
 import numpy as np
 import pytest
 
-from mtpipe.errors import MtpipeError, RecordingError, SetupError
+from mtpipe.ground.errors import MtpipeError, RecordingError, SetupError
 from mtpipe.ingest import load
 from tests.ingest_recordings import RATE, codes, motion, setup_of, write
 

@@ -7,11 +7,11 @@ import pytest
 from scipy.signal import lfilter
 from scipy.stats import norm
 
-from mtpipe.errors import RecordingError
+from mtpipe.ground.errors import RecordingError
 from mtpipe.ingest import load
 from mtpipe.ingest.edge import largest_noise_nm, lower_edge_nm
 from mtpipe.ingest.surface import put_surface_at_zero
-from mtpipe.recording import Drift
+from mtpipe.recording.recording import Drift
 from tests.ingest_recordings import RATE, codes, setup_of
 
 NOISE_NM = 5.0

@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from mtpipe.errors import RecordingError
+from mtpipe.ground.errors import RecordingError
 from mtpipe.ingest import load
 from mtpipe.ingest.cells import is_no_number, is_number
 from mtpipe.ingest.encodings import encoding_of

@@ -14,18 +14,18 @@ import numpy as np
 import pytest
 
 import mtpipe
+from mtpipe.calibration.extension import mean_with_stderr
+from mtpipe.curves.tether_curves import tether_curves
 from mtpipe.drift import subtract_drift
 from mtpipe.drift.course import fit_course, piece_of
 from mtpipe.drift.plateau_means import covariance_of_means
-from mtpipe.extension import mean_with_stderr
 from mtpipe.fit.tether import Assay, ExtensionPoints, expected_extension_nm, fit_tether
 from mtpipe.ingest.surface import z_zero_time_s
 from mtpipe.physics.tether import Chain
-from mtpipe.pipeline import _reference_warnings
-from mtpipe.recording import Plateau, StageCourse
-from mtpipe.setup import DriftChoice, parse_setup
-from mtpipe.simulation.recording import simulate
-from mtpipe.tether_curves import tether_curves
+from mtpipe.pipeline.run import _reference_warnings
+from mtpipe.recording.recording import Plateau, StageCourse
+from mtpipe.setup.setup import DriftChoice, parse_setup
+from mtpipe.simulation.simulate import simulate
 from tests.simulated import recording, setup_content
 from tests.small_case import setup
 from tests.stage import RATE_HZ, ou, recording_of

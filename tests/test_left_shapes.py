@@ -12,9 +12,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from mtpipe.battery.look import Look
-from mtpipe.crosschecking.case import prepare
+from mtpipe.battery.statistic import Look
 from mtpipe.crosschecking.check import check_bead, recorded_of
+from mtpipe.crosschecking.prepared_bead import prepare
 from mtpipe.diagnosis.left_in_distribution import independent_positions, left_in_distribution
 from mtpipe.diagnosis.left_in_time import left_in_time
 from mtpipe.diagnosis.smooth_curve import smooth_curve

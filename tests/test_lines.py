@@ -9,13 +9,13 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from mtpipe.configured.hypotheses import best_of
-from mtpipe.crosschecking.case import described, prepare
 from mtpipe.crosschecking.lines import apart, distinct_lines, strongest_lines, with_lines_apart
+from mtpipe.crosschecking.prepared_bead import described, prepare
 from mtpipe.diagnosis.explain import BESIDE_NATS
 from mtpipe.drift import subtract_drift
 from mtpipe.effects.catalogue import OWN
 from mtpipe.effects.effect import Evidence
+from mtpipe.joint_fit.hypotheses import best_of
 from tests.small_case import FRAMES, generator, raw
 
 RATE_HZ = 120.0

@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from mtpipe.errors import RecordingError
+from mtpipe.ground.errors import RecordingError
 from mtpipe.simulation.bead_image import BeadImage, BeadOptics
 from mtpipe.tracking.information import confused_with, longest_without
 from mtpipe.tracking.lookup_table import MIN_PLANES, LookUpTable

@@ -8,7 +8,7 @@ import pytest
 from scipy import linalg, optimize
 
 import mtpipe
-from mtpipe.errors import FitError
+from mtpipe.ground.errors import FitError
 from mtpipe.methods import METHODS, MethodFit, fit_by_method
 from mtpipe.methods.integrated_spectrum import Correction, fit_spectrum
 from mtpipe.methods.motion import SeenMotion

@@ -6,11 +6,11 @@ import math
 import pytest
 
 import mtpipe
-from mtpipe.noise_floor import noise_floor_nm, noise_notices
-from mtpipe.recording import Tracked
-from mtpipe.setup import parse_setup
-from mtpipe.tables import beads_table
-from mtpipe.verdict import BeadVerdict
+from mtpipe.calibration.noise_floor import noise_floor_nm, noise_notices
+from mtpipe.pipeline.tables import beads_table
+from mtpipe.recording.recording import Tracked
+from mtpipe.setup.setup import parse_setup
+from mtpipe.verdicts.verdict import BeadVerdict
 from tests.simulated import setup_content
 
 NOISE_NM = (20.0, 20.0, 20.0)

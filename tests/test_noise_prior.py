@@ -7,9 +7,9 @@ import numpy as np
 import pytest
 
 import mtpipe
-from mtpipe.noise_prior import expected_noise_nm
-from mtpipe.recording import Drift, ReferenceUse, Tracked
-from mtpipe.setup import parse_setup
+from mtpipe.calibration.noise_prior import expected_noise_nm
+from mtpipe.recording.recording import Drift, ReferenceUse, Tracked
+from mtpipe.setup.setup import parse_setup
 from tests.stack_images import setup_text
 
 NAN = math.nan

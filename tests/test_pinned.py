@@ -4,13 +4,13 @@ from dataclasses import replace
 
 import pytest
 
-from mtpipe.crosschecking.case import OTHER_FORMULA_NATS, described, preference, prepare
-from mtpipe.crosschecking.listed import with_listed
-from mtpipe.crosschecking.recording import crosscheck
+from mtpipe.crosschecking.crosscheck import crosscheck
+from mtpipe.crosschecking.prepared_bead import OTHER_FORMULA_NATS, described, preference, prepare
+from mtpipe.crosschecking.setup_effects import with_listed
 from mtpipe.diagnosis.refit import other_formulas
 from mtpipe.drift import subtract_drift
-from mtpipe.errors import SetupError
-from mtpipe.pipeline import not_simulated
+from mtpipe.ground.errors import SetupError
+from mtpipe.pipeline.run import not_simulated
 from tests.small_case import raw, setup
 
 KNOWN = ["wall_drag", "rotation_coupling", "tracking_noise"]

@@ -13,7 +13,7 @@ import pandas as pd
 import pytest
 
 import mtpipe
-from mtpipe.setup import parse_setup
+from mtpipe.setup.setup import parse_setup
 from tests.simulated import RATE_HZ, recording, setup_content
 
 CHECKOUT = Path(__file__).parents[1]

@@ -4,8 +4,8 @@ import numpy as np
 from hypothesis import given
 from hypothesis import strategies as st
 
-from mtpipe.plateaus import find_plateaus
-from mtpipe.setup import Plateaus
+from mtpipe.recording.plateaus import find_plateaus
+from mtpipe.setup.setup import Plateaus
 
 
 def spans(plateaus):

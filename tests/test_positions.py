@@ -10,11 +10,12 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from mtpipe.errors import RecordingError
+from mtpipe.ground.errors import RecordingError
 from mtpipe.simulation.bead_image import BeadImage, BeadOptics
 from mtpipe.simulation.images import Sensor
 from mtpipe.tracking.library import magtrack
-from mtpipe.tracking.positions import LOST_REASONS, METHODS, locate
+from mtpipe.tracking.measured import LOST_REASONS, METHODS
+from mtpipe.tracking.positions import locate
 from tests import rendered
 
 

@@ -5,9 +5,9 @@ import math
 import numpy as np
 import pytest
 
-from mtpipe.errors import FitError
 from mtpipe.fit.posterior import sample_posterior
 from mtpipe.fit.sampling import split_r_hat
+from mtpipe.ground.errors import FitError
 from tests.test_fit_trace import FRICTION, fit, simulate, stiffness_at
 
 

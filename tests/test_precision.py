@@ -8,7 +8,8 @@ import numpy as np
 import pytest
 
 from mtpipe.simulation.images import Sensor
-from mtpipe.tracking.positions import METHODS, locate
+from mtpipe.tracking.measured import METHODS
+from mtpipe.tracking.positions import locate
 from mtpipe.tracking.precision import pixel_noise, precision_nm
 from tests import rendered
 

@@ -3,7 +3,7 @@
 import threadpoolctl
 from scipy import linalg
 
-from mtpipe.processes import executor
+from mtpipe.ground.processes import executor
 
 
 def threads_of_linear_algebra():

@@ -18,7 +18,7 @@ import pytest
 from mtpipe.corrections.catalogue import CORRECTIONS
 from mtpipe.effects.catalogue import OWN
 from mtpipe.experiment.description import Line
-from mtpipe.setup import parse_setup
+from mtpipe.setup.setup import parse_setup
 
 CHECKOUT = Path(__file__).parents[1]
 CONCEALED = CHECKOUT / "sample_data" / "concealed"

@@ -11,15 +11,15 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from mtpipe.calibration import calibrate
-from mtpipe.conditions import conditions_of
+from mtpipe.calibration.calibration import calibrate
+from mtpipe.calibration.quality import trace_flags
 from mtpipe.drift import subtract_drift
 from mtpipe.ingest import load
 from mtpipe.ingest.surface import put_surface_at_zero
-from mtpipe.quality import trace_flags
-from mtpipe.recording import Plateau
-from mtpipe.setup import Measured, read_setup
-from mtpipe.verdict import bead_verdict
+from mtpipe.recording.recording import Plateau
+from mtpipe.setup.conditions import conditions_of
+from mtpipe.setup.setup import Measured, read_setup
+from mtpipe.verdicts.verdict import bead_verdict
 
 ROOT = Path(__file__).parents[1]
 RECORDINGS = ROOT.parent / "shared" / "recordings"

@@ -3,7 +3,7 @@
 from hypothesis import given
 from hypothesis import strategies as st
 
-from mtpipe.configured.recent import Recent
+from mtpipe.joint_fit.batch_cache import Recent
 
 
 @given(

@@ -8,15 +8,15 @@ import numpy as np
 import pytest
 
 import mtpipe
-from mtpipe.calibration import calibrate
-from mtpipe.estimate import Estimate
+from mtpipe.calibration.calibration import calibrate
+from mtpipe.calibration.scatter import scatter_beyond_errors
+from mtpipe.calibration.spectral_force import contradictions_of, of_ln, spectral_force
+from mtpipe.diagnosis.forces_from_heights import lever_ln_errors
+from mtpipe.diagnosis.forces_to_quote import bead_forces
+from mtpipe.ground.estimate import Estimate
 from mtpipe.physics.tether import Chain, mean_extension_nm
-from mtpipe.recommended.choice import bead_forces
-from mtpipe.recommended.heights import lever_ln_errors
-from mtpipe.recommended.scatter import scatter_beyond_errors
-from mtpipe.recommended.spectral import contradictions_of, of_ln, spectral_force
-from mtpipe.recommended.verdict import with_diagnosis
-from mtpipe.verdict import BeadVerdict
+from mtpipe.verdicts.diagnosed import with_diagnosis
+from mtpipe.verdicts.verdict import BeadVerdict
 from tests.simulated import recording
 
 FORCES_PN = (0.5, 2.0, 6.0)

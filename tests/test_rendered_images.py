@@ -9,7 +9,7 @@ import pytest
 import tifffile
 
 import mtpipe
-from mtpipe.errors import SetupError
+from mtpipe.ground.errors import SetupError
 from mtpipe.physics.camera import Camera
 from mtpipe.simulation.bead_image import BeadImage, BeadOptics
 from mtpipe.simulation.images import Sensor, optics_of, parts_of, render_stack

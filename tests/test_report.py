@@ -9,7 +9,7 @@ from pathlib import Path
 import pandas as pd
 import pytest
 
-from mtpipe.errors import MtpipeError
+from mtpipe.ground.errors import MtpipeError
 from mtpipe.report import write_report
 from mtpipe.report.folder import COLUMNS
 from mtpipe.report.pages import page_names

@@ -7,7 +7,7 @@ from pathlib import Path
 
 import pytest
 
-from mtpipe.files import folder_written_whole, write_atomically
+from mtpipe.ground.files import folder_written_whole, write_atomically
 
 
 def test_text_and_bytes_replace_what_was_there(tmp_path: Path) -> None:

@@ -9,12 +9,12 @@ from typing import Any
 import pandas as pd
 import pytest
 
+from mtpipe.cli.terminal import summary
 from mtpipe.effects.catalogue import catalogue
 from mtpipe.report import write_report
 from mtpipe.report.findings import Finding, bead_finding
 from mtpipe.report.folder import read_run_folder, records
 from mtpipe.report.remedies import remedy
-from mtpipe.terminal import summary
 from tests.report_folder import NASTY, NO_Z, REFUSED, UNEXPLAINED, write_run_folder
 from tests.report_page import Page
 

@@ -7,8 +7,8 @@ from typing import Any, cast
 
 import pytest
 
+from mtpipe.calibration.series_choice import SeriesChoice
 from mtpipe.report.fit_words import JointFit, fit_source, joint_fit
-from mtpipe.series_choice import SeriesChoice
 
 SHARED = "series of spectra: x and y share the force, friction expected from the setup"
 MEASURED = "series of spectra: x and y apart, friction measured on this bead"

@@ -9,7 +9,7 @@ from pathlib import Path
 import pytest
 
 from mtpipe.battery import spectral
-from mtpipe.battery.words import STATISTICS
+from mtpipe.battery.statistic_words import STATISTICS
 from mtpipe.report import crosscheck_words, words
 
 

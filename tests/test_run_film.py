@@ -7,8 +7,8 @@ import pandas as pd
 import pytest
 
 import mtpipe
-from mtpipe.demo_film import FORCES_PN, film_run
-from mtpipe.free_fits import NOISE_FACTOR
+from mtpipe.calibration.free_fits import NOISE_FACTOR
+from mtpipe.pipeline.demo_film import FORCES_PN, film_run
 
 # in reading order, and as they were simulated
 SIMULATED = {"bead1": "bead1", "bead2": "b1"}

@@ -7,9 +7,9 @@ from pathlib import Path
 
 import pytest
 
-from mtpipe.errors import MtpipeError
-from mtpipe.files import clear_leftovers, scratch_name
-from mtpipe.run_folder import RECORDING, RESULTS, RUN, finish, new_run, refuse_to_erase
+from mtpipe.ground.errors import MtpipeError
+from mtpipe.ground.files import clear_leftovers, scratch_name
+from mtpipe.report.run_folder import RECORDING, RESULTS, RUN, finish, new_run, refuse_to_erase
 
 FILES = (*RESULTS[:6], "details/a.parquet", "details/b.json", "report/index.html", RUN)
 AT = ("open", "os.rename", "os.remove", "os.mkdir", "os.rmdir")

@@ -16,12 +16,20 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from mtpipe.demo import SAMPLES, Sample, findings, recording_in, run_demo, sample_data, truth_of
+from mtpipe.calibration.extension import mean_with_stderr
 from mtpipe.drift import subtract_drift
-from mtpipe.extension import mean_with_stderr
 from mtpipe.ingest import load
-from mtpipe.mistracking import without_mistracked
-from mtpipe.recording import Recording
+from mtpipe.physics.mistracking import without_mistracked
+from mtpipe.pipeline.demo import (
+    SAMPLES,
+    Sample,
+    findings,
+    recording_in,
+    run_demo,
+    sample_data,
+    truth_of,
+)
+from mtpipe.recording.recording import Recording
 
 CHECKOUT = Path(__file__).parents[1]
 SHARED = CHECKOUT.parent / "shared"
@@ -134,8 +142,8 @@ def test_the_demo_compares_with_the_truth(tmp_path, monkeypatch):
     # a truth that is wrong by a factor of two in the second plateau must show as such
     forces[1] *= 2
     (case / "truth.json").write_text(json.dumps({"b1": bead | {"force_pN": forces}}))
-    monkeypatch.setattr("mtpipe.demo.sample_data", lambda: tmp_path / "data")
-    monkeypatch.setattr("mtpipe.demo.SAMPLES", (Sample("short", cross_check=False),))
+    monkeypatch.setattr("mtpipe.pipeline.demo.sample_data", lambda: tmp_path / "data")
+    monkeypatch.setattr("mtpipe.pipeline.demo.SAMPLES", (Sample("short", cross_check=False),))
     text = run_demo(tmp_path / "out", workers=1)
     assert (tmp_path / "out" / "short" / "report" / "index.html").is_file()
     row = next(line for line in text.splitlines() if line.startswith("short"))

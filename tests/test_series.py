@@ -8,25 +8,25 @@ import pytest
 from scipy import stats
 
 import mtpipe
-from mtpipe import series_choice
-from mtpipe.calibration import calibrate
-from mtpipe.conditions import conditions_of
-from mtpipe.estimate import Estimate
+from mtpipe.calibration import series_choice
+from mtpipe.calibration.calibration import calibrate
+from mtpipe.calibration.friction_prior import viscosity_from_others
+from mtpipe.calibration.series_choice import as_series_trace, choose_series
 from mtpipe.fit.model import TraceModel
 from mtpipe.fit.series import fit_series
 from mtpipe.fit.series_model import BeadPrior, SeriesModel, SeriesTrace
 from mtpipe.fit.series_posterior import sample_series
 from mtpipe.fit.trace import fit_model
-from mtpipe.friction_prior import viscosity_from_others
+from mtpipe.ground.estimate import Estimate
 from mtpipe.physics.buffer import thermal_energy_pN_nm
 from mtpipe.physics.camera import Camera
 from mtpipe.physics.langevin import simulate_axis
 from mtpipe.physics.modes import SINGLE_MODE, Modes
 from mtpipe.physics.tether import mean_extension_nm
 from mtpipe.physics.tethered_bead import friction_pN_s_per_nm, turning_modes
-from mtpipe.series_choice import as_series_trace, choose_series
-from mtpipe.setup import parse_setup
-from mtpipe.spectrum import periodogram
+from mtpipe.setup.conditions import conditions_of
+from mtpipe.setup.setup import parse_setup
+from mtpipe.spectra.spectrum import periodogram
 from tests.simulated import (
     CHAIN,
     RADIUS_NM,

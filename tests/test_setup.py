@@ -6,8 +6,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from mtpipe.errors import MtpipeError, NoSetupError, SetupError
-from mtpipe.setup import EFFECTS, parse_setup, read_setup
+from mtpipe.ground.errors import MtpipeError, NoSetupError, SetupError
+from mtpipe.setup.setup import EFFECTS, parse_setup, read_setup
 from tests.simulated import setup_content
 from tests.stack_images import setup_text
 

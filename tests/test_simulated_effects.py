@@ -5,18 +5,18 @@ import math
 import numpy as np
 import pytest
 
-from mtpipe.configured.fit import fit_configured
-from mtpipe.crosschecking.case import described, prepare
-from mtpipe.crosschecking.listed import with_listed
+from mtpipe.crosschecking.prepared_bead import described, prepare
+from mtpipe.crosschecking.setup_effects import with_listed
 from mtpipe.drift import subtract_drift
 from mtpipe.effects.catalogue import OWN
-from mtpipe.errors import SetupError
 from mtpipe.experiment.description import Line
 from mtpipe.experiment.from_setup import DESCRIBED, experiment_of
-from mtpipe.setup import parse_setup
+from mtpipe.ground.errors import SetupError
+from mtpipe.joint_fit.fit import fit_configured
+from mtpipe.setup.setup import parse_setup
 from mtpipe.simulation.images import render_stack
-from mtpipe.simulation.recording import simulate
-from mtpipe.simulation.stated import stated_experiment
+from mtpipe.simulation.setup_experiment import stated_experiment
+from mtpipe.simulation.simulate import simulate
 from tests.simulated import setup_content
 
 FORCES_PN = [1.0, 3.0, 9.0]

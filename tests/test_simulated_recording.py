@@ -11,13 +11,13 @@ import numpy as np
 import pytest
 
 import mtpipe
-from mtpipe.commands import main
-from mtpipe.errors import MtpipeError, SetupError
+from mtpipe.cli.commands import main
 from mtpipe.experiment.from_setup import experiment_of
 from mtpipe.experiment.state import bead_state
-from mtpipe.setup import parse_setup
-from mtpipe.simulation.files import canonical_csv, simulate_to_folder
-from mtpipe.simulation.recording import free_names, simulate, timetable
+from mtpipe.ground.errors import MtpipeError, SetupError
+from mtpipe.setup.setup import parse_setup
+from mtpipe.simulation.simulate import free_names, simulate, timetable
+from mtpipe.simulation.written import canonical_csv, simulate_to_folder
 from tests.simulated import setup_content
 
 SETUP = """# a comment that stays

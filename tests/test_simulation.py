@@ -24,9 +24,9 @@ from mtpipe.physics.camera import (
 )
 from mtpipe.physics.langevin import mode_path
 from mtpipe.physics.tether import Chain
-from mtpipe.setup import parse_setup
+from mtpipe.setup.setup import parse_setup
 from mtpipe.simulation.linear import _end_of_stretch, _stretch, simulate_motion
-from mtpipe.simulation.recording import SPACING_NM, simulate_experiment
+from mtpipe.simulation.simulate import SPACING_NM, simulate_experiment
 from tests.simulated import setup_content
 
 STANDARD_ERRORS = 5.0

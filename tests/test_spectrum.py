@@ -5,10 +5,10 @@ import itertools
 import numpy as np
 import pytest
 
-from mtpipe.errors import FitError
+from mtpipe.ground.errors import FitError
 from mtpipe.physics.camera import Camera, frame_variance, lag_one_covariance, power_spectrum
 from mtpipe.physics.langevin import simulate_mode
-from mtpipe.spectrum import (
+from mtpipe.spectra.spectrum import (
     bin_edges,
     expected_matrices,
     periodogram,

@@ -9,7 +9,7 @@ import pytest
 import tifffile
 
 import mtpipe
-from mtpipe.errors import RecordingError
+from mtpipe.ground.errors import RecordingError
 from mtpipe.tracking.stack import check_unchanged, is_stack, open_stack
 from mtpipe.tracking.stack_times import frame_times
 from tests.stack_images import setup_text

@@ -11,11 +11,11 @@ import pytest
 
 import mtpipe
 from mtpipe.experiment.description import Rest
-from mtpipe.plateaus import find_plateaus
-from mtpipe.recording import States
-from mtpipe.setup import parse_setup
-from mtpipe.simulation.recording import simulate_experiment
-from mtpipe.simulation.stated import stated_experiment
+from mtpipe.recording.plateaus import find_plateaus
+from mtpipe.recording.recording import States
+from mtpipe.setup.setup import parse_setup
+from mtpipe.simulation.setup_experiment import stated_experiment
+from mtpipe.simulation.simulate import simulate_experiment
 from mtpipe.states import with_states
 from mtpipe.states.level import step_scores
 from tests.simulated import setup_content

@@ -14,12 +14,12 @@ import pytest
 from scipy.signal import lfilter
 
 from mtpipe import fit_by_method, fit_trace, sample_posterior
-from mtpipe.bead_results import AxisResult, PlateauResult
-from mtpipe.comparison import MethodResult
-from mtpipe.estimate import Estimate
-from mtpipe.recording import Plateau
-from mtpipe.status import LEAST_RELAXATIONS, P_POOR, status_of
-from mtpipe.traces import Trace
+from mtpipe.calibration.bead_results import AxisResult, PlateauResult
+from mtpipe.calibration.comparison import MethodResult
+from mtpipe.ground.estimate import Estimate
+from mtpipe.ground.status import LEAST_RELAXATIONS, P_POOR, status_of
+from mtpipe.recording.recording import Plateau
+from mtpipe.recording.traces import Trace
 
 RATE_HZ, FRAMES, STEPS = 120.0, 2048, 16
 KT_PN_NM, FRICTION = 4.114, 2.4e-5

@@ -11,12 +11,12 @@ from pathlib import Path
 import pandas as pd
 import pytest
 
-from mtpipe.commands import _unforeseen
-from mtpipe.errors import MtpipeError
-from mtpipe.processes import executor
-from mtpipe.script_guard import check_guard
-from mtpipe.spreadsheets import as_csv
-from mtpipe.streams import visible
+from mtpipe.cli.commands import _unforeseen
+from mtpipe.ground.errors import MtpipeError
+from mtpipe.ground.processes import executor
+from mtpipe.ground.script_guard import check_guard
+from mtpipe.ground.spreadsheets import as_csv
+from mtpipe.ground.streams import visible
 
 posix = pytest.mark.skipif(os.name == "nt", reason="signals and descriptors as POSIX has them")
 PRINTS = """
@@ -170,7 +170,7 @@ def test_a_worker_that_is_killed_is_told_as_that(at_work):
     assert b"Traceback" not in errors
 
 
-CALLS = """from mtpipe.processes import executor
+CALLS = """from mtpipe.ground.processes import executor
 
 def work():
     with executor(2) as pool:
@@ -205,7 +205,7 @@ def test_code_is_compiled_where_it_cannot_be_kept(tmp_path):
     module.write_text(
         "import numba.core.caching as caching\n"
         "caching.FunctionCache._impl_class._locator_classes = []\n"
-        "from mtpipe.compiled import compiled\n"
+        "from mtpipe.ground.compiled import compiled\n"
         "@compiled\n"
         "def twice(x):\n    return 2 * x\n"
         "print(twice(21))\n"
@@ -220,7 +220,7 @@ def test_code_is_compiled_where_the_disc_is_full(tmp_path):
         "import numba.core.caching as caching\n"
         "def full(*_):\n    raise OSError(28, 'No space left on device')\n"
         "caching.IndexDataCacheFile.save = full\n"
-        "from mtpipe.compiled import compiled\n"
+        "from mtpipe.ground.compiled import compiled\n"
         "@compiled\n"
         "def twice(x):\n    return 2 * x\n"
         "print(twice(21))\n"

@@ -10,9 +10,9 @@ import pytest
 import tifffile
 
 import mtpipe
-from mtpipe.errors import MtpipeError, RecordingError, SetupError
+from mtpipe.ground.errors import MtpipeError, RecordingError, SetupError
 from mtpipe.ingest.tracked import read_notes
-from mtpipe.setup import read_setup
+from mtpipe.setup.setup import read_setup
 from mtpipe.tracking.find_beads import Region
 from mtpipe.tracking.follow import corner, cut, followed
 from mtpipe.tracking.scan import focus_positions_nm, table_from_scan

@@ -5,8 +5,8 @@ import pandas as pd
 from typer.testing import CliRunner
 
 import mtpipe
-from mtpipe.commands import app
-from mtpipe.errors import RecordingError
+from mtpipe.cli.commands import app
+from mtpipe.ground.errors import RecordingError
 from mtpipe.tracking.track import track
 from tests.stack_images import setup_text
 

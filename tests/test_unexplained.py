@@ -14,8 +14,8 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from mtpipe.crosschecking.case import prepare
 from mtpipe.crosschecking.check import check_bead
+from mtpipe.crosschecking.prepared_bead import prepare
 from mtpipe.diagnosis.explain import explain
 from mtpipe.diagnosis.smooth_correction import smooth_correction, spectra_of
 from mtpipe.diagnosis.smooth_fit import spline_basis

@@ -8,13 +8,13 @@ import numpy as np
 import pytest
 
 import mtpipe
-from mtpipe.calibration import calibrate
-from mtpipe.estimate import Estimate
-from mtpipe.notice import Notice
-from mtpipe.recommended.spectral import spectral_force
-from mtpipe.setup import parse_setup
-from mtpipe.status import P_POOR
-from mtpipe.verdict import bead_verdict, tether_reasons
+from mtpipe.calibration.calibration import calibrate
+from mtpipe.calibration.spectral_force import spectral_force
+from mtpipe.ground.estimate import Estimate
+from mtpipe.ground.notice import Notice
+from mtpipe.ground.status import P_POOR
+from mtpipe.setup.setup import parse_setup
+from mtpipe.verdicts.verdict import bead_verdict, tether_reasons
 from tests.simulated import recording, setup_content
 
 STATED_NM = (1200.0, 50.0)

@@ -5,13 +5,13 @@ from dataclasses import replace
 import numpy as np
 from scipy import linalg
 
-from mtpipe.configured.data import plateau_data, whitening
-from mtpipe.configured.expectation import LEAST_HEIGHT_STDERR_NM, Subtraction
-from mtpipe.configured.model import ConfiguredModel
 from mtpipe.experiment.changes import with_stage
 from mtpipe.experiment.from_setup import experiment_of
 from mtpipe.experiment.readout import readout
 from mtpipe.experiment.state import bead_state
+from mtpipe.joint_fit.data import plateau_data, whitening
+from mtpipe.joint_fit.expectation import LEAST_HEIGHT_STDERR_NM, Subtraction
+from mtpipe.joint_fit.model import ConfiguredModel
 from mtpipe.physics.camera import frame_variance, lag_one_covariance
 from tests.small_case import generator, setup
 

@@ -9,7 +9,6 @@ from scipy import optimize, special
 
 from mtpipe.effects.anharmonic_tether import EFFECT
 from mtpipe.effects.effect import Evidence
-from mtpipe.errors import FitError
 from mtpipe.experiment.description import (
     Allowance,
     Bead,
@@ -28,6 +27,7 @@ from mtpipe.experiment.state import (
 )
 from mtpipe.experiment.tethers import tethers_at
 from mtpipe.experiment.whole_motion import whole_motion
+from mtpipe.ground.errors import FitError
 from mtpipe.physics.camera import Camera, power_spectrum
 from mtpipe.physics.relaxation import modes_of_first, relaxation_matrices
 from mtpipe.physics.tether import Chain, log_distance_density, mean_extension_nm

@@ -11,10 +11,10 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from mtpipe.battery.look import Look, Values
 from mtpipe.battery.observed import Observed
+from mtpipe.battery.statistic import Look, Values
 from mtpipe.physics.camera import FloatArray
-from mtpipe.recording import AXES
+from mtpipe.recording.recording import AXES
 
 
 def projections(expected_changes: FloatArray, ordinates: FloatArray) -> FloatArray:

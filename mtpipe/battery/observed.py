@@ -8,8 +8,8 @@ from dataclasses import dataclass
 import numpy as np
 from scipy import fft
 
-from mtpipe.configured.data import PlateauData
-from mtpipe.configured.expectation import Expectation
+from mtpipe.joint_fit.data import PlateauData
+from mtpipe.joint_fit.expectation import Expectation
 from mtpipe.physics.camera import FloatArray
 
 

@@ -9,10 +9,10 @@ from collections.abc import Sequence
 import numpy as np
 from scipy import fft
 
-from mtpipe.battery.look import Look, Values
 from mtpipe.battery.observed import Observed
+from mtpipe.battery.statistic import Look, Values
 from mtpipe.physics.camera import FloatArray
-from mtpipe.recording import AXES
+from mtpipe.recording.recording import AXES
 
 GROWTH = 4
 AVERAGES = tuple(GROWTH**k for k in range(5))

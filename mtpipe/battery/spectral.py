@@ -9,10 +9,10 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import special
 
-from mtpipe.battery.look import Look, Values
 from mtpipe.battery.observed import Observed, Whitened
+from mtpipe.battery.statistic import Look, Values
 from mtpipe.physics.camera import FloatArray
-from mtpipe.recording import AXES
+from mtpipe.recording.recording import AXES
 
 BANDS = 6
 FEWEST_ORDINATES = 2.0

@@ -7,10 +7,10 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from mtpipe.battery.look import Look, Values
 from mtpipe.battery.observed import Observed
+from mtpipe.battery.statistic import Look, Values
 from mtpipe.physics.camera import FloatArray
-from mtpipe.recording import AXES
+from mtpipe.recording.recording import AXES
 
 WINDOWS = 16
 QUIET_S = 1.0

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from mtpipe.crosschecking.case import Case
+from mtpipe.crosschecking.prepared_bead import Case
 
 
 @dataclass(frozen=True)

@@ -22,7 +22,7 @@ from scipy import optimize, stats
 from mtpipe.corrections.correction import Correction, Strength
 from mtpipe.corrections.retraced import with_positions
 from mtpipe.crosschecking.check import BeadCheck
-from mtpipe.errors import FitError
+from mtpipe.ground.errors import FitError
 from mtpipe.physics.camera import FloatArray
 
 NAME = "pixel_locking"

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from dataclasses import replace
 
-from mtpipe.configured.data import plateau_data, whitening
-from mtpipe.crosschecking.case import Case, preferred_fit
+from mtpipe.crosschecking.prepared_bead import Case, preferred_fit
+from mtpipe.joint_fit.data import plateau_data, whitening
 from mtpipe.physics.camera import FloatArray
 
 

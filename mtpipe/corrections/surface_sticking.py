@@ -17,7 +17,7 @@ import numpy as np
 from mtpipe.corrections.correction import Correction, Strength
 from mtpipe.corrections.retraced import with_positions
 from mtpipe.crosschecking.check import BeadCheck
-from mtpipe.errors import FitError
+from mtpipe.ground.errors import FitError
 from mtpipe.physics.camera import FloatArray
 
 NAME = "surface_sticking"

@@ -13,13 +13,13 @@ from typing import TypeVar
 
 import numpy as np
 
-from mtpipe.crosschecking.case import prepare
 from mtpipe.crosschecking.check import BeadCheck, check_bead
 from mtpipe.crosschecking.lines import with_lines_apart
-from mtpipe.crosschecking.listed import with_listed
-from mtpipe.errors import MtpipeError
-from mtpipe.processes import executor
-from mtpipe.recording import Recording
+from mtpipe.crosschecking.prepared_bead import prepare
+from mtpipe.crosschecking.setup_effects import with_listed
+from mtpipe.ground.errors import MtpipeError
+from mtpipe.ground.processes import executor
+from mtpipe.recording.recording import Recording
 
 T = TypeVar("T")
 # What goes wrong with data; anything else is a fault of the program and is not hidden.

@@ -9,13 +9,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from mtpipe.battery import agreement, shape, spectral, temporal
-from mtpipe.battery.look import Look
 from mtpipe.battery.observed import Observed, whitened
-from mtpipe.configured.data import PlateauData, plateau_data
-from mtpipe.configured.expectation import Expectation, changed_spectra
-from mtpipe.configured.fit import nearby_fit
-from mtpipe.configured.known_forces import ln_off, relative_stderr
-from mtpipe.crosschecking.case import Case, described
+from mtpipe.battery.statistic import Look
 from mtpipe.crosschecking.curves import Curve, CurveSet
 from mtpipe.crosschecking.nulls import (
     SMALLEST_P,
@@ -25,7 +20,12 @@ from mtpipe.crosschecking.nulls import (
     of_those_looked_at_again,
     together,
 )
+from mtpipe.crosschecking.prepared_bead import Case, described
 from mtpipe.crosschecking.twin import Twin, TwinMaker
+from mtpipe.joint_fit.data import PlateauData, plateau_data
+from mtpipe.joint_fit.expectation import Expectation, changed_spectra
+from mtpipe.joint_fit.fit import nearby_fit
+from mtpipe.joint_fit.known_forces import ln_off, relative_stderr
 from mtpipe.physics.camera import FloatArray
 
 # The number of simulations grows through these until the answer is clear. Fewer than enough can

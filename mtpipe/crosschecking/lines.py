@@ -10,12 +10,12 @@ import numpy as np
 
 from mtpipe.battery.observed import whitened
 from mtpipe.battery.spectral import local_level, same_line
-from mtpipe.configured.data import plateau_data
-from mtpipe.configured.fit import fit_configured
-from mtpipe.crosschecking.case import Case
 from mtpipe.crosschecking.check import recorded_of
+from mtpipe.crosschecking.prepared_bead import Case
+from mtpipe.joint_fit.data import plateau_data
+from mtpipe.joint_fit.fit import fit_configured
 from mtpipe.physics.camera import FloatArray
-from mtpipe.recording import AXES
+from mtpipe.recording.recording import AXES
 
 MOST_LINES = 3
 # The slowest ordinates hold drift.

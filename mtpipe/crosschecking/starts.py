@@ -1,6 +1,6 @@
 """Where the fit of the configured experiment begins with what the laboratory does not know.
 
-A value that the setup calls "unknown" is free in the fit (`mtpipe.configured.parameters`), within a
+A value that the setup calls "unknown" is free in the fit (`mtpipe.joint_fit.parameters`), within a
 factor of 4.5 of these.
 """
 
@@ -13,7 +13,7 @@ import numpy as np
 from pydantic import BaseModel
 
 from mtpipe.physics.camera import FloatArray
-from mtpipe.setup import Measured, Setup
+from mtpipe.setup.setup import Measured, Setup
 
 # Between the two common sizes, 500 and 1400 nm.
 RADIUS_NM = 840.0

@@ -13,13 +13,13 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from mtpipe.configured.expectation import LEAST_HEIGHT_STDERR_NM
-from mtpipe.configured.known_forces import prior_scatter, relative_stderr
-from mtpipe.configured.parameters import UPWARD_FRICTION_STDERR, UPWARD_VARIANCE_STDERR
-from mtpipe.crosschecking.case import Case, described
+from mtpipe.crosschecking.prepared_bead import Case, described
 from mtpipe.drift.lowpass import low_pass
 from mtpipe.experiment.description import Allowance, Experiment
 from mtpipe.experiment.state import all_states
+from mtpipe.joint_fit.expectation import LEAST_HEIGHT_STDERR_NM
+from mtpipe.joint_fit.known_forces import prior_scatter, relative_stderr
+from mtpipe.joint_fit.parameters import UPWARD_FRICTION_STDERR, UPWARD_VARIANCE_STDERR
 from mtpipe.physics.camera import FloatArray
 from mtpipe.physics.normal_numbers import standard_normal
 from mtpipe.simulation.linear import simulate_motion

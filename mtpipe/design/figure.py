@@ -11,7 +11,7 @@ from mtpipe.design.guide import Design, error_curve
 from mtpipe.design.limits import ForceRange
 from mtpipe.design.methods import ACROSS, METHODS
 from mtpipe.design.plan import OVERSTRETCHING_PN
-from mtpipe.errors import MtpipeError
+from mtpipe.ground.errors import MtpipeError
 from mtpipe.report.plotly_json import GREY, PALETTE, Figure, axis, layout, log_axis
 
 POINTS = 60

@@ -11,10 +11,10 @@ from mtpipe.design.changes import Reach, Variant, reaches, variants
 from mtpipe.design.limits import ForceRange, all_ranges
 from mtpipe.design.methods import METHODS
 from mtpipe.design.plan import Plan, plan_of
-from mtpipe.errors import SetupError
-from mtpipe.notice import Notice
+from mtpipe.ground.errors import SetupError
+from mtpipe.ground.notice import Notice
 from mtpipe.physics.camera import FloatArray
-from mtpipe.setup import Setup
+from mtpipe.setup.setup import Setup
 
 DEFAULT_FRAMES = 16_384
 

@@ -14,7 +14,6 @@ from dataclasses import replace
 import numpy as np
 from scipy import optimize
 
-from mtpipe.conditions import FRICTION_ALLOWANCE
 from mtpipe.design.force_error import ForceError, excess
 from mtpipe.design.motion import AxisMotion, axis_motion, common_errors, empty_spectrum
 from mtpipe.design.plan import OVERSTRETCHING_PN, Plan
@@ -23,6 +22,7 @@ from mtpipe.fit.model import TraceModel
 from mtpipe.fit.series import SeriesFit
 from mtpipe.fit.series_model import BeadPrior, SeriesModel, SeriesTrace
 from mtpipe.physics.camera import FloatArray
+from mtpipe.setup.conditions import FRICTION_ALLOWANCE
 
 # A series covers its range: beside the plateau in question there are those at which the corner
 # frequency along the field is this share of the Nyquist frequency.

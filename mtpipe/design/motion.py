@@ -17,7 +17,7 @@ from mtpipe.experiment.state import expected_spectrum
 from mtpipe.fit.trace import LEAKAGE
 from mtpipe.physics.modes import Modes
 from mtpipe.physics.tethered_bead import lever_nm
-from mtpipe.spectrum import Spectrum, periodogram, prewhitening
+from mtpipe.spectra.spectrum import Spectrum, periodogram, prewhitening
 
 # Relaxation times this close share a prewhitening: any does that makes the spectrum about flat.
 PREWHITENING_STEP_LN = 1.5

@@ -8,16 +8,16 @@ from dataclasses import dataclass, replace
 
 from scipy import stats
 
-from mtpipe.conditions import FRICTION_ALLOWANCE, conditions_of
-from mtpipe.errors import SetupError
+from mtpipe.calibration.free_fits import NOISE_FACTOR
 from mtpipe.experiment.description import Experiment
 from mtpipe.experiment.from_setup import experiment_of
 from mtpipe.experiment.state import BeadState, bead_state
-from mtpipe.free_fits import NOISE_FACTOR
-from mtpipe.notice import Notice
+from mtpipe.ground.errors import SetupError
+from mtpipe.ground.notice import Notice
 from mtpipe.physics.buffer import thermal_energy_pN_nm
 from mtpipe.physics.tether import Chain, moments
-from mtpipe.setup import Setup
+from mtpipe.setup.conditions import FRICTION_ALLOWANCE, conditions_of
+from mtpipe.setup.setup import Setup
 
 # Below the force at which the bead would be under the surface for this share of the time, were
 # there none, the surface pushes the bead and kT L/F is no longer its variance.

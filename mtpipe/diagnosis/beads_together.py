@@ -16,8 +16,6 @@ from collections.abc import Callable, Mapping
 from concurrent.futures import Future
 from typing import TypeVar
 
-from mtpipe.configured.fit import ConfiguredFit
-from mtpipe.configured.hypotheses import Tried, best_of
 from mtpipe.crosschecking.beads import DATA_ERRORS, bead_generator
 from mtpipe.diagnosis.explanation import Explanation
 from mtpipe.diagnosis.pooled import (
@@ -31,9 +29,11 @@ from mtpipe.diagnosis.pooled import (
     also_in,
     settled,
 )
-from mtpipe.diagnosis.revised import Change, accounts, coordinate, revised
+from mtpipe.diagnosis.revision import Change, accounts, coordinate, revised
 from mtpipe.effects.effect import Effect, Evidence
-from mtpipe.processes import executor
+from mtpipe.ground.processes import executor
+from mtpipe.joint_fit.fit import ConfiguredFit
+from mtpipe.joint_fit.hypotheses import Tried, best_of
 
 T = TypeVar("T")
 Progress = Callable[[int, int], None]

@@ -8,10 +8,10 @@ from typing import Any
 
 import numpy as np
 
-from mtpipe.crosschecking.case import Case
+from mtpipe.crosschecking.prepared_bead import Case
 from mtpipe.diagnosis.explanation import Explanation
 from mtpipe.physics.camera import FloatArray
-from mtpipe.recording import AXES
+from mtpipe.recording.recording import AXES
 
 # Of a spectrum that is drawn, each of so many ordinates at least, and of a column of the map.
 POINTS, FEWEST_ORDINATES, BANDS = 36, 8, 10

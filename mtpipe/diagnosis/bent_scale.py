@@ -16,20 +16,15 @@ from dataclasses import dataclass, replace
 import numpy as np
 from scipy import stats
 
-from mtpipe.configured.fit import ConfiguredFit, fit_configured
-from mtpipe.configured.hypotheses import (
-    FIRST_ROUNDS,
-    TRIED_NATS,
-    Tried,
-    model_with,
-)
-from mtpipe.configured.model import ConfiguredModel
-from mtpipe.diagnosis.misfit import share_gone
-from mtpipe.diagnosis.words import compared
+from mtpipe.diagnosis.heldout import share_gone
+from mtpipe.diagnosis.size_words import compared
 from mtpipe.effects.effect import plain
-from mtpipe.errors import FitError
 from mtpipe.experiment.changes import with_optics
 from mtpipe.experiment.description import Experiment
+from mtpipe.ground.errors import FitError
+from mtpipe.joint_fit.fit import ConfiguredFit, fit_configured
+from mtpipe.joint_fit.hypotheses import FIRST_ROUNDS, TRIED_NATS, Tried, model_with
+from mtpipe.joint_fit.model import ConfiguredModel
 from mtpipe.physics.camera import FloatArray
 
 # Scales that differ by more are no matter of optics.

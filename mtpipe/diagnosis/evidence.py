@@ -4,12 +4,12 @@ from __future__ import annotations
 
 import numpy as np
 
-from mtpipe.configured.courses import force_courses
-from mtpipe.crosschecking.case import Case, described
 from mtpipe.crosschecking.check import BeadCheck
 from mtpipe.crosschecking.lines import distinct_lines
+from mtpipe.crosschecking.prepared_bead import Case, described
 from mtpipe.drift.lowpass import response
 from mtpipe.effects.effect import Evidence
+from mtpipe.joint_fit.courses import force_courses
 from mtpipe.physics.camera import FloatArray
 
 BLOCK_S = 1.0

@@ -16,16 +16,7 @@ from functools import partial
 
 import numpy as np
 
-from mtpipe.configured.fit import ConfiguredFit
-from mtpipe.configured.hypotheses import (
-    Tried,
-    gained_by_motion,
-    looking_ahead,
-    together,
-    try_effects,
-)
 from mtpipe.corrections.correction import Correction
-from mtpipe.crosschecking.case import Case
 from mtpipe.crosschecking.check import (
     CLEARLY_CONSISTENT,
     CLEARLY_NOT,
@@ -36,8 +27,8 @@ from mtpipe.crosschecking.check import (
     check_bead,
     comparable_p_values,
 )
+from mtpipe.crosschecking.prepared_bead import Case
 from mtpipe.diagnosis.bent_scale import Instead, bend_instead
-from mtpipe.diagnosis.corrected import corrected, late_corrections
 from mtpipe.diagnosis.evidence import evidence_of
 from mtpipe.diagnosis.explanation import (
     AGREES_P,
@@ -49,12 +40,21 @@ from mtpipe.diagnosis.explanation import (
     agrees,
 )
 from mtpipe.diagnosis.heights import gained_by_scatter, wanders
-from mtpipe.diagnosis.misfit import MOST_OF_IT, explained_share, heldout_gain
+from mtpipe.diagnosis.heldout import MOST_OF_IT, explained_share, heldout_gain
 from mtpipe.diagnosis.refit import begun_again, best_formula, with_forces_found
+from mtpipe.diagnosis.time_corrections import corrected, late_corrections
 from mtpipe.diagnosis.unexplained import Rejected
 from mtpipe.effects.catalogue import catalogue
 from mtpipe.effects.effect import Effect
-from mtpipe.errors import FitError
+from mtpipe.ground.errors import FitError
+from mtpipe.joint_fit.fit import ConfiguredFit
+from mtpipe.joint_fit.hypotheses import (
+    Tried,
+    gained_by_motion,
+    looking_ahead,
+    together,
+    try_effects,
+)
 
 # Net gain (nats, BIC) from which an effect is seen although the battery is silent, and from which
 # one is kept at all. With a penalty of 5 nats a gain of 8 is needed, which comes by chance once in

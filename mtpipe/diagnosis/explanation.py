@@ -5,14 +5,14 @@ from __future__ import annotations
 import functools
 from dataclasses import dataclass
 
-from mtpipe.configured.fit import ConfiguredFit
-from mtpipe.configured.hypotheses import Tried
 from mtpipe.corrections.correction import Correction
-from mtpipe.crosschecking.case import support
 from mtpipe.crosschecking.check import BeadCheck
+from mtpipe.crosschecking.prepared_bead import support
 from mtpipe.diagnosis.mixture import Mixture
 from mtpipe.diagnosis.refit import other_formulas
 from mtpipe.diagnosis.unexplained import Rejected, Unexplained, unexplained
+from mtpipe.joint_fit.fit import ConfiguredFit
+from mtpipe.joint_fit.hypotheses import Tried
 from mtpipe.physics.camera import FloatArray
 
 # Chance of a false alarm that is accepted per bead.

@@ -9,13 +9,13 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import replace
 
-from mtpipe.configured.fit import ConfiguredFit, exchanged, fit_configured
-from mtpipe.configured.hypotheses import TRIED_NATS, Tried
 from mtpipe.diagnosis.explanation import ALIKE_NATS
 from mtpipe.effects import drift
 from mtpipe.effects.effect import Evidence
-from mtpipe.errors import FitError
 from mtpipe.experiment.changes import with_stage
+from mtpipe.ground.errors import FitError
+from mtpipe.joint_fit.fit import ConfiguredFit, exchanged, fit_configured
+from mtpipe.joint_fit.hypotheses import TRIED_NATS, Tried
 
 # Sizes that are tried of what else mean heights may be off by.
 SCATTERS_NM = (1.0, 3.0, 10.0, 30.0)

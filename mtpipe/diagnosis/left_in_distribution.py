@@ -14,14 +14,14 @@ from typing import Literal
 import numpy as np
 from scipy import stats
 
-from mtpipe.battery.look import Look
 from mtpipe.battery.observed import Observed
+from mtpipe.battery.statistic import Look
 from mtpipe.crosschecking.check import BeadCheck, recorded_of
 from mtpipe.diagnosis.left_in_time import clearest_plateau
 from mtpipe.diagnosis.smooth_correction import WORTH_NATS
 from mtpipe.diagnosis.smooth_curve import SmoothCurve, smooth_curve
 from mtpipe.physics.camera import FloatArray
-from mtpipe.recording import AXES
+from mtpipe.recording.recording import AXES
 
 STATISTICS = ("skewness", "kurtosis")
 # Bins of the positions over their standard deviation; what is beyond is in the outermost.

@@ -9,17 +9,17 @@ from typing import Literal
 
 import numpy as np
 
-from mtpipe.battery.look import Look
+from mtpipe.battery.statistic import Look
 from mtpipe.battery.temporal import WINDOWS, in_windows, stderr_of_windows
-from mtpipe.configured.fit import fit_configured
-from mtpipe.crosschecking.case import Case
 from mtpipe.crosschecking.check import BeadCheck, recorded_of
-from mtpipe.diagnosis.misfit import halves_of
+from mtpipe.crosschecking.prepared_bead import Case
+from mtpipe.diagnosis.heldout import halves_of
 from mtpipe.diagnosis.smooth_correction import WORTH_NATS
 from mtpipe.diagnosis.smooth_curve import SmoothCurve, smooth_curve
-from mtpipe.errors import FitError
+from mtpipe.ground.errors import FitError
+from mtpipe.joint_fit.fit import fit_configured
 from mtpipe.physics.camera import FloatArray
-from mtpipe.recording import AXES
+from mtpipe.recording.recording import AXES
 
 Kind = Literal["mean", "variance"]
 KINDS: dict[str, Kind] = {

@@ -9,21 +9,21 @@ from typing import Any
 
 import numpy as np
 
-from mtpipe.configured.hypotheses import Tried
+from mtpipe.calibration.recommended_force import BeadForces
 from mtpipe.corrections.correction import Strength
 from mtpipe.crosschecking.beads import DATA_ERRORS, bead_generator, check_of, per_bead
-from mtpipe.crosschecking.recording import CrossCheck
+from mtpipe.crosschecking.crosscheck import CrossCheck
 from mtpipe.diagnosis import before_after, unexplained_content
 from mtpipe.diagnosis.beads_together import beads_together
 from mtpipe.diagnosis.explain import explain
 from mtpipe.diagnosis.explanation import Explanation, Named
-from mtpipe.diagnosis.place import MOST_PLACES, bent_heights, located
+from mtpipe.diagnosis.forces_to_quote import diagnosed_forces
+from mtpipe.diagnosis.location import MOST_PLACES, bent_heights, located
 from mtpipe.diagnosis.sentence import sentence
 from mtpipe.diagnosis.unexplained import Unexplained
-from mtpipe.processes import in_one_thread
-from mtpipe.recommended.choice import diagnosed_forces
-from mtpipe.recommended.force import BeadForces
-from mtpipe.recording import Recording
+from mtpipe.ground.processes import in_one_thread
+from mtpipe.joint_fit.hypotheses import Tried
+from mtpipe.recording.recording import Recording
 from mtpipe.states import with_states
 
 SCHEMA = "mtpipe.mismatch/1"

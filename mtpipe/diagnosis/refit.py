@@ -4,13 +4,13 @@ from __future__ import annotations
 
 from dataclasses import replace
 
-from mtpipe.configured.courses import force_courses
-from mtpipe.configured.fit import ConfiguredFit, first_guess, fit_configured
-from mtpipe.configured.hypotheses import Tried, together
-from mtpipe.crosschecking.case import FORMULAS, preference
 from mtpipe.crosschecking.check import BeadCheck
-from mtpipe.errors import FitError
+from mtpipe.crosschecking.prepared_bead import FORMULAS, preference
 from mtpipe.experiment.changes import by_formula
+from mtpipe.ground.errors import FitError
+from mtpipe.joint_fit.courses import force_courses
+from mtpipe.joint_fit.fit import ConfiguredFit, first_guess, fit_configured
+from mtpipe.joint_fit.hypotheses import Tried, together
 from mtpipe.physics.tether import without_stretching
 
 

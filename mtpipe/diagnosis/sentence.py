@@ -7,14 +7,14 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
-from mtpipe.battery.look import Look
-from mtpipe.configured.hypotheses import Tried
+from mtpipe.battery.statistic import Look
 from mtpipe.crosschecking.check import BeadCheck
 from mtpipe.diagnosis.explanation import Explanation, Named
-from mtpipe.diagnosis.place import concerned
-from mtpipe.diagnosis.words import capital, factor, is_large, percent
+from mtpipe.diagnosis.location import concerned
+from mtpipe.diagnosis.size_words import capital, factor, is_large, percent
+from mtpipe.joint_fit.hypotheses import Tried
 from mtpipe.physics.camera import FloatArray
-from mtpipe.recording import AXES
+from mtpipe.recording.recording import AXES
 
 # Forces that change by less are said not to change: less than any calibration of magnetic tweezers
 # knows a force to, as radius and viscosity are seldom known to better than a percent.

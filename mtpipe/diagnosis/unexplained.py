@@ -18,13 +18,13 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from mtpipe.battery.words import STATISTICS
-from mtpipe.configured.hypotheses import Tried
+from mtpipe.battery.statistic_words import STATISTICS
 from mtpipe.crosschecking.check import BeadCheck
 from mtpipe.diagnosis.bent_scale import Bend, Beside, bend_beside
+from mtpipe.diagnosis.heldout import MOST_OF_IT, share_gone
 from mtpipe.diagnosis.left_in_distribution import LeftInDistribution, left_in_distribution
 from mtpipe.diagnosis.left_in_time import LeftInTime, left_in_time
-from mtpipe.diagnosis.misfit import MOST_OF_IT, share_gone
+from mtpipe.diagnosis.size_words import capital, compared
 from mtpipe.diagnosis.smooth_correction import (
     AxisCorrection,
     Place,
@@ -33,9 +33,9 @@ from mtpipe.diagnosis.smooth_correction import (
     spectra_of,
 )
 from mtpipe.diagnosis.smooth_fit import Spectra
-from mtpipe.diagnosis.words import capital, compared
+from mtpipe.joint_fit.hypotheses import Tried
 from mtpipe.physics.camera import FloatArray
-from mtpipe.recording import AXES
+from mtpipe.recording.recording import AXES
 
 # Statistics that a smooth correction of the spectrum is about.
 SPECTRAL = (

@@ -17,7 +17,7 @@ from mtpipe.diagnosis.smooth_correction import (
     SmoothCorrection,
 )
 from mtpipe.diagnosis.unexplained import CLEAR, Unexplained, ln_force_bounds, strongest
-from mtpipe.recording import AXES
+from mtpipe.recording.recording import AXES
 
 # Recorded power is drawn in so many bands.
 POINTS = 36

@@ -7,7 +7,7 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from mtpipe.recording import FloatArray
+from mtpipe.recording.recording import FloatArray
 
 OFFSET_BLOCK_S = 1.0
 QUIETEST = 0.01

@@ -8,8 +8,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mtpipe.drift.lowpass import coefficients, stretches
-from mtpipe.errors import RecordingError
-from mtpipe.recording import FloatArray, Recording
+from mtpipe.ground.errors import RecordingError
+from mtpipe.recording.recording import FloatArray, Recording
 
 # No drift is bridged over a longer gap, so a longer one (a pause of hours) takes no memory.
 LONGEST_GAP_S = 100.0

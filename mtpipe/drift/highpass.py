@@ -12,7 +12,7 @@ import numpy as np
 
 from mtpipe.drift.grid import Grid
 from mtpipe.drift.lowpass import low_pass
-from mtpipe.recording import FloatArray, Recording
+from mtpipe.recording.recording import FloatArray, Recording
 
 
 def slow_motion_nm(recording: Recording, grid: Grid, bead: str, cutoff_hz: float) -> FloatArray:

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from mtpipe.recording import FloatArray, StageCourse
+from mtpipe.recording.recording import FloatArray, StageCourse
 
 
 def covariance_of_means(course: StageCourse, spans_s: FloatArray, origin_s: float) -> FloatArray:

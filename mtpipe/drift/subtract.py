@@ -12,7 +12,6 @@ from mtpipe.drift.combine import combined
 from mtpipe.drift.fast_z import FastShare, beyond_shared_nm, fast_share
 from mtpipe.drift.grid import Grid, grid_of, piece_coefficients
 from mtpipe.drift.highpass import slow_motion_nm
-from mtpipe.drift.left import course_left, left_notice
 from mtpipe.drift.lowpass import (
     Cutoff,
     PowerBins,
@@ -24,9 +23,10 @@ from mtpipe.drift.lowpass import (
 )
 from mtpipe.drift.noise import OWN_MOTION_HZ
 from mtpipe.drift.references import Assessment, assess
-from mtpipe.notice import Notice, Severity
-from mtpipe.recording import AXES, Drift, FloatArray, Recording
-from mtpipe.setup import DriftChoice
+from mtpipe.drift.uncorrected import course_left, left_notice
+from mtpipe.ground.notice import Notice, Severity
+from mtpipe.recording.recording import AXES, Drift, FloatArray, Recording
+from mtpipe.setup.setup import DriftChoice
 
 LOST_CAUTION = 0.01
 # Frame by frame a single frame is no place to start from: its noise would shift the trace.

@@ -17,12 +17,15 @@ def _hypotheses(experiment: Experiment, evidence: Evidence) -> list[Hypothesis]:
     return [Hypothesis(replace(experiment, anharmonic=True), ())]
 
 
-EFFECT = Effect(
-    "anharmonic_tether",
-    _hypotheses,
-    lambda experiment: (
+def _cause(experiment: Experiment) -> str:
+    return (
         "at low force the bead wanders through the whole of the tether's potential, down to the "
         "surface, and not only close to its mean"
-    ),
-    lambda experiment: [],
-)
+    )
+
+
+def _strengths(experiment: Experiment) -> list[tuple[str, float, str]]:
+    return []
+
+
+EFFECT = Effect("anharmonic_tether", _hypotheses, _cause, _strengths)

@@ -22,9 +22,12 @@ def _hypotheses(experiment: Experiment, evidence: Evidence) -> list[Hypothesis]:
     ]
 
 
-EFFECT = Effect(
-    "axial_scale",
-    _hypotheses,
-    lambda experiment: f"z is recorded {experiment.optics.axial_scale:.3f} times as large as it is",
-    lambda experiment: [("factor", experiment.optics.axial_scale, "")],
-)
+def _cause(experiment: Experiment) -> str:
+    return f"z is recorded {experiment.optics.axial_scale:.3f} times as large as it is"
+
+
+def _strengths(experiment: Experiment) -> list[tuple[str, float, str]]:
+    return [("factor", experiment.optics.axial_scale, "")]
+
+
+EFFECT = Effect("axial_scale", _hypotheses, _cause, _strengths)

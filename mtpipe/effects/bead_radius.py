@@ -11,9 +11,12 @@ def _hypotheses(experiment: Experiment, evidence: Evidence) -> list[Hypothesis]:
     return [Hypothesis(experiment, (factor("bead radius over configured", scaled_radius),))]
 
 
-EFFECT = Effect(
-    "bead_radius",
-    _hypotheses,
-    lambda experiment: f"the bead's radius is {experiment.bead.radius_nm:.0f} nm",
-    lambda experiment: [("radius_nm", experiment.bead.radius_nm, "nm")],
-)
+def _cause(experiment: Experiment) -> str:
+    return f"the bead's radius is {experiment.bead.radius_nm:.0f} nm"
+
+
+def _strengths(experiment: Experiment) -> list[tuple[str, float, str]]:
+    return [("radius_nm", experiment.bead.radius_nm, "nm")]
+
+
+EFFECT = Effect("bead_radius", _hypotheses, _cause, _strengths)

@@ -30,7 +30,7 @@ from mtpipe.effects import (
     wall_drag,
 )
 from mtpipe.effects.effect import Effect
-from mtpipe.setup import EFFECTS_GROUP
+from mtpipe.setup.setup import EFFECTS_GROUP
 
 OWN: tuple[Effect, ...] = tuple(
     module.EFFECT

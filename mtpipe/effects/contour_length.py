@@ -19,9 +19,12 @@ def _hypotheses(experiment: Experiment, evidence: Evidence) -> list[Hypothesis]:
     ]
 
 
-EFFECT = Effect(
-    "contour_length",
-    _hypotheses,
-    lambda experiment: f"the tether's contour is {experiment.chain.contour_length_nm:.0f} nm long",
-    lambda experiment: [("contour_length_nm", experiment.chain.contour_length_nm, "nm")],
-)
+def _cause(experiment: Experiment) -> str:
+    return f"the tether's contour is {experiment.chain.contour_length_nm:.0f} nm long"
+
+
+def _strengths(experiment: Experiment) -> list[tuple[str, float, str]]:
+    return [("contour_length_nm", experiment.chain.contour_length_nm, "nm")]
+
+
+EFFECT = Effect("contour_length", _hypotheses, _cause, _strengths)

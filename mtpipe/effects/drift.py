@@ -38,12 +38,11 @@ def _cause(experiment: Experiment) -> str:
     )
 
 
-EFFECT = Effect(
-    "drift",
-    _hypotheses,
-    _cause,
-    lambda experiment: [
+def _strengths(experiment: Experiment) -> list[tuple[str, float, str]]:
+    return [
         (f"walk_{a}_nm_per_root_s", v, "nm/√s")
         for a, v in zip("xyz", experiment.stage.unsubtracted_nm_per_root_s, strict=True)
-    ],
-)
+    ]
+
+
+EFFECT = Effect("drift", _hypotheses, _cause, _strengths)

@@ -17,12 +17,14 @@ def _hypotheses(experiment: Experiment, evidence: Evidence) -> list[Hypothesis]:
     return [Hypothesis(experiment, (share,))]
 
 
-EFFECT = Effect(
-    "dropped_frames",
-    _hypotheses,
-    lambda experiment: (
+def _cause(experiment: Experiment) -> str:
+    return (
         f"{experiment.clock.dropped_share:.1%} of the frames are missing without a gap in the file"
-    ),
-    lambda experiment: [("share", experiment.clock.dropped_share, "")],
-    shared=True,
-)
+    )
+
+
+def _strengths(experiment: Experiment) -> list[tuple[str, float, str]]:
+    return [("share", experiment.clock.dropped_share, "")]
+
+
+EFFECT = Effect("dropped_frames", _hypotheses, _cause, _strengths, shared=True)

@@ -64,6 +64,8 @@ class Hypothesis:
 class Effect:
     """One entry of the catalogue.
 
+    Its functions are defined in a module, by name: a lambda cannot be sent to other processes.
+
     Attributes
     ----------
     name : as FORMATS section 5 has it.
@@ -84,18 +86,6 @@ class Effect:
     strengths: Callable[[Experiment], Sequence[tuple[str, float, str]]]
     shared: bool = False
     still: Callable[[Experiment], Hypothesis] | None = None
-
-    def __reduce__(self) -> tuple[Callable[[int], Effect], tuple[int]]:
-        """Sent to other processes by its place in the catalogue: its functions may be lambdas."""
-        from mtpipe.effects.catalogue import catalogue
-
-        return _of_catalogue, (catalogue().index(self),)
-
-
-def _of_catalogue(place: int) -> Effect:
-    from mtpipe.effects.catalogue import catalogue
-
-    return catalogue()[place]
 
 
 def factor(name: str, change: Change, *, start: float = 0.0, width: float = 1.5) -> Parameter:

@@ -32,13 +32,15 @@ def _hypotheses(experiment: Experiment, evidence: Evidence) -> list[Hypothesis]:
     ]  # fmt: skip
 
 
-EFFECT = Effect(
-    "exposure",
-    _hypotheses,
-    lambda experiment: (
+def _cause(experiment: Experiment) -> str:
+    return (
         f"the camera exposes for {1e3 * experiment.camera.exposure_s:.3g} ms of each "
         f"{1e3 * experiment.camera.frame_s:.3g} ms"
-    ),
-    lambda experiment: [("exposure_s", experiment.camera.exposure_s, "s")],
-    shared=True,
-)
+    )
+
+
+def _strengths(experiment: Experiment) -> list[tuple[str, float, str]]:
+    return [("exposure_s", experiment.camera.exposure_s, "s")]
+
+
+EFFECT = Effect("exposure", _hypotheses, _cause, _strengths, shared=True)

@@ -24,12 +24,15 @@ def _hypotheses(experiment: Experiment, evidence: Evidence) -> list[Hypothesis]:
     return [Hypothesis(experiment, (softness,))]
 
 
-EFFECT = Effect(
-    "extensible_tether",
-    _hypotheses,
-    lambda experiment: (
+def _cause(experiment: Experiment) -> str:
+    return (
         "the tether itself stretches, with a modulus of "
         f"{experiment.chain.stretch_modulus_pN or 0.0:.0f} pN"
-    ),
-    lambda experiment: [("stretch_modulus_pN", experiment.chain.stretch_modulus_pN or 0.0, "pN")],
-)
+    )
+
+
+def _strengths(experiment: Experiment) -> list[tuple[str, float, str]]:
+    return [("stretch_modulus_pN", experiment.chain.stretch_modulus_pN or 0.0, "pN")]
+
+
+EFFECT = Effect("extensible_tether", _hypotheses, _cause, _strengths)

@@ -22,13 +22,15 @@ def _hypotheses(experiment: Experiment, evidence: Evidence) -> list[Hypothesis]:
     ]
 
 
-EFFECT = Effect(
-    "field_rotation",
-    _hypotheses,
-    lambda experiment: (
+def _cause(experiment: Experiment) -> str:
+    return (
         "the camera's axes are turned against the field's by "
         f"{abs(math.degrees(experiment.optics.angle_rad)):.1f}°"
-    ),
-    lambda experiment: [("angle_deg", math.degrees(experiment.optics.angle_rad), "°")],
-    shared=True,
-)
+    )
+
+
+def _strengths(experiment: Experiment) -> list[tuple[str, float, str]]:
+    return [("angle_deg", math.degrees(experiment.optics.angle_rad), "°")]
+
+
+EFFECT = Effect("field_rotation", _hypotheses, _cause, _strengths, shared=True)

@@ -33,12 +33,15 @@ def _hypotheses(experiment: Experiment, evidence: Evidence) -> list[Hypothesis]:
     return [Hypothesis(experiment, (share,))]
 
 
-EFFECT = Effect(
-    "hydrodynamic_memory",
-    _hypotheses,
-    lambda experiment: (
+def _cause(experiment: Experiment) -> str:
+    return (
         "the fluid that the bead has set in motion drags it along (hydrodynamic memory, "
         f"{experiment.fluid.memory:.2g} of that far from any surface)"
-    ),
-    lambda experiment: [("share_of_bulk", experiment.fluid.memory, "")],
-)
+    )
+
+
+def _strengths(experiment: Experiment) -> list[tuple[str, float, str]]:
+    return [("share_of_bulk", experiment.fluid.memory, "")]
+
+
+EFFECT = Effect("hydrodynamic_memory", _hypotheses, _cause, _strengths)

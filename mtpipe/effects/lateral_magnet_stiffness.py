@@ -24,14 +24,15 @@ def _hypotheses(experiment: Experiment, evidence: Evidence) -> list[Hypothesis]:
     ]
 
 
-EFFECT = Effect(
-    "lateral_magnet_stiffness",
-    _hypotheses,
-    lambda experiment: (
+def _cause(experiment: Experiment) -> str:
+    return (
         "the magnets hold the bead sideways, with a stiffness of the force over "
         f"{1 / max(experiment.magnets.sideways_per_nm, 1e-12) / 1e3:.3g} µm"
-    ),
-    lambda experiment: [
-        ("stiffness_over_force_per_mm", experiment.magnets.sideways_per_nm / PER_NM, "1/mm")
-    ],
-)
+    )
+
+
+def _strengths(experiment: Experiment) -> list[tuple[str, float, str]]:
+    return [("stiffness_over_force_per_mm", experiment.magnets.sideways_per_nm / PER_NM, "1/mm")]
+
+
+EFFECT = Effect("lateral_magnet_stiffness", _hypotheses, _cause, _strengths)

@@ -11,12 +11,12 @@ def _hypotheses(experiment: Experiment, evidence: Evidence) -> list[Hypothesis]:
     return [Hypothesis(experiment, (factor("recorded over true x and y", scaled_x_and_y),))]
 
 
-EFFECT = Effect(
-    "lateral_scale",
-    _hypotheses,
-    lambda experiment: (
-        f"x and y are recorded {experiment.optics.lateral_scale:.3f} times as large as they are"
-    ),
-    lambda experiment: [("factor", experiment.optics.lateral_scale, "")],
-    shared=True,
-)
+def _cause(experiment: Experiment) -> str:
+    return f"x and y are recorded {experiment.optics.lateral_scale:.3f} times as large as they are"
+
+
+def _strengths(experiment: Experiment) -> list[tuple[str, float, str]]:
+    return [("factor", experiment.optics.lateral_scale, "")]
+
+
+EFFECT = Effect("lateral_scale", _hypotheses, _cause, _strengths, shared=True)

@@ -28,14 +28,15 @@ def _hypotheses(experiment: Experiment, evidence: Evidence) -> list[Hypothesis]:
     ]  # fmt: skip
 
 
-EFFECT = Effect(
-    "magnetic_alignment",
-    _hypotheses,
-    lambda experiment: (
+def _cause(experiment: Experiment) -> str:
+    return (
         "the field holds the bead's axis with a torque stiffness of only "
         f"{experiment.magnets.alignment_pN_nm or 0.0:.2g} pN nm/rad"
-    ),
-    lambda experiment: [
-        ("torque_stiffness_pN_nm", experiment.magnets.alignment_pN_nm or 0.0, "pN nm/rad")
-    ],
-)
+    )
+
+
+def _strengths(experiment: Experiment) -> list[tuple[str, float, str]]:
+    return [("torque_stiffness_pN_nm", experiment.magnets.alignment_pN_nm or 0.0, "pN nm/rad")]
+
+
+EFFECT = Effect("magnetic_alignment", _hypotheses, _cause, _strengths)

@@ -21,14 +21,15 @@ def _hypotheses(experiment: Experiment, evidence: Evidence) -> list[Hypothesis]:
     return [Hypothesis(experiment, (number,))]
 
 
-EFFECT = Effect(
-    "multiple_tethers",
-    _hypotheses,
-    lambda experiment: (
+def _cause(experiment: Experiment) -> str:
+    return (
         "more than one molecule holds the bead: the tether is as stiff as if its persistence "
         f"length were {experiment.chain.persistence_length_nm:.1f} nm"
-    ),
-    lambda experiment: [
-        ("equivalent_persistence_length_nm", experiment.chain.persistence_length_nm, "nm")
-    ],
-)
+    )
+
+
+def _strengths(experiment: Experiment) -> list[tuple[str, float, str]]:
+    return [("equivalent_persistence_length_nm", experiment.chain.persistence_length_nm, "nm")]
+
+
+EFFECT = Effect("multiple_tethers", _hypotheses, _cause, _strengths)

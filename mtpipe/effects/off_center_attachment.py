@@ -24,12 +24,15 @@ def _hypotheses(experiment: Experiment, evidence: Evidence) -> list[Hypothesis]:
     return [Hypothesis(experiment, (lost,))]
 
 
-EFFECT = Effect(
-    "off_center_attachment",
-    _hypotheses,
-    lambda experiment: (
+def _cause(experiment: Experiment) -> str:
+    return (
         f"the tether is attached {experiment.bead.offset_nm:.0f} nm off the bead's axis, so that "
         f"the recorded height lacks {experiment.bead.radius_nm - experiment.bead.lever_nm:.0f} nm"
-    ),
-    lambda experiment: [("offset_nm", experiment.bead.offset_nm, "nm")],
-)
+    )
+
+
+def _strengths(experiment: Experiment) -> list[tuple[str, float, str]]:
+    return [("offset_nm", experiment.bead.offset_nm, "nm")]
+
+
+EFFECT = Effect("off_center_attachment", _hypotheses, _cause, _strengths)

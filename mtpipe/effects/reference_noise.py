@@ -66,15 +66,11 @@ def _cause(experiment: Experiment) -> str:
     )
 
 
-EFFECT = Effect(
-    "reference_noise",
-    _hypotheses,
-    _cause,
-    lambda experiment: (
-        [
-            (f"motion_{a}_nm", v, "nm")
-            for a, v in zip("xyz", experiment.stage.reference_nm, strict=True)
-        ]
-        + [("relaxation_s", experiment.stage.reference_s, "s")]
-    ),
-)
+def _strengths(experiment: Experiment) -> list[tuple[str, float, str]]:
+    return [
+        (f"motion_{a}_nm", v, "nm")
+        for a, v in zip("xyz", experiment.stage.reference_nm, strict=True)
+    ] + [("relaxation_s", experiment.stage.reference_s, "s")]
+
+
+EFFECT = Effect("reference_noise", _hypotheses, _cause, _strengths)

@@ -13,9 +13,12 @@ def _hypotheses(experiment: Experiment, evidence: Evidence) -> list[Hypothesis]:
     return [Hypothesis(with_bead(experiment, turns=True), ())]
 
 
-EFFECT = Effect(
-    "rotation_coupling",
-    _hypotheses,
-    lambda experiment: "the bead's rotation couples to its motion across the field",
-    lambda experiment: [],
-)
+def _cause(experiment: Experiment) -> str:
+    return "the bead's rotation couples to its motion across the field"
+
+
+def _strengths(experiment: Experiment) -> list[tuple[str, float, str]]:
+    return []
+
+
+EFFECT = Effect("rotation_coupling", _hypotheses, _cause, _strengths)

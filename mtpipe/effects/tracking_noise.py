@@ -21,11 +21,10 @@ def _cause(experiment: Experiment) -> str:
     return f"the tracker adds white noise of {x:.1f}, {y:.1f} and {z:.1f} nm in x, y and z"
 
 
-EFFECT = Effect(
-    "tracking_noise",
-    _hypotheses,
-    _cause,
-    lambda experiment: [
+def _strengths(experiment: Experiment) -> list[tuple[str, float, str]]:
+    return [
         (f"noise_{a}_nm", v, "nm") for a, v in zip("xyz", experiment.tracker.noise_nm, strict=True)
-    ],
-)
+    ]
+
+
+EFFECT = Effect("tracking_noise", _hypotheses, _cause, _strengths)

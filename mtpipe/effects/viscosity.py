@@ -11,10 +11,12 @@ def _hypotheses(experiment: Experiment, evidence: Evidence) -> list[Hypothesis]:
     return [Hypothesis(experiment, (factor("viscosity over configured", scaled_viscosity),))]
 
 
-EFFECT = Effect(
-    "viscosity",
-    _hypotheses,
-    lambda experiment: f"the buffer's viscosity is {experiment.fluid.viscosity_mPa_s:.3g} mPa s",
-    lambda experiment: [("viscosity_mPa_s", experiment.fluid.viscosity_mPa_s, "mPa s")],
-    shared=True,
-)
+def _cause(experiment: Experiment) -> str:
+    return f"the buffer's viscosity is {experiment.fluid.viscosity_mPa_s:.3g} mPa s"
+
+
+def _strengths(experiment: Experiment) -> list[tuple[str, float, str]]:
+    return [("viscosity_mPa_s", experiment.fluid.viscosity_mPa_s, "mPa s")]
+
+
+EFFECT = Effect("viscosity", _hypotheses, _cause, _strengths, shared=True)

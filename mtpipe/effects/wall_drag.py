@@ -13,9 +13,12 @@ def _hypotheses(experiment: Experiment, evidence: Evidence) -> list[Hypothesis]:
     return [Hypothesis(with_fluid(experiment, wall=True), ())]
 
 
-EFFECT = Effect(
-    "wall_drag",
-    _hypotheses,
-    lambda experiment: "the surface raises the bead's friction, the more the lower it hangs",
-    lambda experiment: [],
-)
+def _cause(experiment: Experiment) -> str:
+    return "the surface raises the bead's friction, the more the lower it hangs"
+
+
+def _strengths(experiment: Experiment) -> list[tuple[str, float, str]]:
+    return []
+
+
+EFFECT = Effect("wall_drag", _hypotheses, _cause, _strengths)

@@ -4,7 +4,7 @@ Dynamics (tether, bead, fluid, field) → exposure of a frame → stage and refe
 tracker → clock. Expected spectra, simulators and the design of experiments all read an
 `Experiment`, so they cannot be given different physics; an effect is a change of it
 (`dataclasses.replace`). What is only estimated, with its standard error, lives in
-`mtpipe.conditions`; here every value is exact.
+`mtpipe.setup.conditions`; here every value is exact.
 """
 
 from __future__ import annotations

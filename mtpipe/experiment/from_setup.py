@@ -11,8 +11,6 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from mtpipe.conditions import conditions_of
-from mtpipe.errors import SetupError
 from mtpipe.experiment.description import (
     Bead,
     Experiment,
@@ -22,10 +20,12 @@ from mtpipe.experiment.description import (
     Tracker,
     Triple,
 )
-from mtpipe.notice import Notice
+from mtpipe.ground.errors import SetupError
+from mtpipe.ground.notice import Notice
 from mtpipe.physics.camera import Camera
 from mtpipe.physics.tether import Chain, Formula
-from mtpipe.setup import Measured, Setup
+from mtpipe.setup.conditions import conditions_of
+from mtpipe.setup.setup import Measured, Setup
 
 TYPICAL_NOISE_NM: Triple = (2.0, 2.0, 3.0)
 TYPICAL_STAGE = Stage(random_nm_per_root_s=(1.0, 1.0, 1.5))

@@ -5,8 +5,8 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-from mtpipe.notice import Notice
-from mtpipe.setup import Setup
+from mtpipe.ground.notice import Notice
+from mtpipe.setup.setup import Setup
 
 # Positions are stored to a nanometre.
 ROUNDING_MM = 1e-6

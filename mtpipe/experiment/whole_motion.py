@@ -22,10 +22,10 @@ from dataclasses import dataclass, replace
 import numpy as np
 from scipy.stats import qmc
 
-from mtpipe.errors import FitError
 from mtpipe.experiment.description import Allowance, Experiment
 from mtpipe.experiment.frictions import LEAST_HEIGHT_NM, frictions_at
 from mtpipe.experiment.tethers import Tether
+from mtpipe.ground.errors import FitError
 from mtpipe.physics.camera import FloatArray
 from mtpipe.physics.relaxation import modes_of_first, relaxation_matrices
 

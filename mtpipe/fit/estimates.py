@@ -10,8 +10,8 @@ import math
 
 import numpy as np
 
-from mtpipe.estimate import Estimate, Status
 from mtpipe.fit.model import PRIOR_HALF_WIDTH
+from mtpipe.ground.estimate import Estimate, Status
 from mtpipe.physics.camera import FloatArray
 
 # A parameter known to a factor of no better than e is not called a measurement.

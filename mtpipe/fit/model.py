@@ -16,7 +16,7 @@ from scipy import special, stats
 
 from mtpipe.physics.camera import FloatArray
 from mtpipe.physics.modes import SINGLE_MODE, Modes
-from mtpipe.spectrum import Spectrum
+from mtpipe.spectra.spectrum import Spectrum
 
 COORDINATES = ("ln_stiffness", "ln_friction", "noise")
 # Half-width of the flat priors in ln k and ln γ about the start. Where noise explains everything

@@ -7,7 +7,6 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from mtpipe.estimate import Estimate
 from mtpipe.fit.estimates import NOT_IDENTIFIED_LN, tied
 from mtpipe.fit.ridge import (
     NoiseCoordinate,
@@ -17,8 +16,9 @@ from mtpipe.fit.ridge import (
 )
 from mtpipe.fit.sampling import sample
 from mtpipe.fit.trace import TraceFit
+from mtpipe.ground.estimate import Estimate
+from mtpipe.ground.status import status_of
 from mtpipe.physics.camera import FloatArray
-from mtpipe.status import status_of
 
 METHOD = "spectrum, posterior"
 DERIVATIVE_STEP = 1e-4

@@ -18,7 +18,7 @@ from typing import Protocol
 import numpy as np
 from scipy import special
 
-from mtpipe.errors import FitError
+from mtpipe.ground.errors import FitError
 from mtpipe.physics.camera import FloatArray
 
 STUDENT_DEGREES = 5.0

@@ -12,11 +12,11 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from mtpipe.estimate import Estimate
 from mtpipe.fit.estimates import inverse_information, logarithmic
 from mtpipe.fit.model import PRIOR_HALF_WIDTH, TraceModel
 from mtpipe.fit.series_model import SeriesModel, SeriesTrace
 from mtpipe.fit.trace import TraceFit, describe
+from mtpipe.ground.estimate import Estimate
 from mtpipe.physics.camera import FloatArray
 from mtpipe.physics.modes import Modes
 

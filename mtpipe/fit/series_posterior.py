@@ -14,7 +14,6 @@ from dataclasses import dataclass, replace
 import numpy as np
 from scipy.interpolate import CubicSpline
 
-from mtpipe.estimate import Estimate
 from mtpipe.fit.posterior import Posterior
 from mtpipe.fit.ridge import (
     NoiseCoordinate,
@@ -25,6 +24,7 @@ from mtpipe.fit.ridge import (
 from mtpipe.fit.sampling import Chain, sample
 from mtpipe.fit.series import SeriesFit
 from mtpipe.fit.series_model import SeriesTrace
+from mtpipe.ground.estimate import Estimate
 from mtpipe.physics.camera import FloatArray
 
 METHOD = "series of spectra, posterior"

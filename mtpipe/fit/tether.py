@@ -34,9 +34,9 @@ from numpy.typing import ArrayLike, NDArray
 from scipy.interpolate import CubicSpline
 from scipy.special import chdtrc
 
-from mtpipe.errors import FitError
-from mtpipe.estimate import Estimate, Status
 from mtpipe.fit.errors_in_both import signed_distances
+from mtpipe.ground.errors import FitError
+from mtpipe.ground.estimate import Estimate, Status
 from mtpipe.physics import tether
 from mtpipe.physics.buffer import thermal_energy_pN_nm
 from mtpipe.physics.tether import Chain, Formula

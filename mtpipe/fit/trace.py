@@ -15,7 +15,6 @@ from typing import Literal
 import numpy as np
 from numpy.typing import ArrayLike
 
-from mtpipe.estimate import Estimate
 from mtpipe.fit.arguments import check_arguments
 from mtpipe.fit.estimates import (
     NOT_IDENTIFIED_LN,
@@ -28,10 +27,11 @@ from mtpipe.fit.estimates import (
 )
 from mtpipe.fit.model import COORDINATES, PRIOR_HALF_WIDTH, TraceModel
 from mtpipe.fit.profile import is_parabola, profile_reach
+from mtpipe.ground.estimate import Estimate
+from mtpipe.ground.status import status_of
 from mtpipe.physics.camera import FloatArray
 from mtpipe.physics.modes import SINGLE_MODE, Modes
-from mtpipe.spectrum import Spectrum, periodogram, prewhitening
-from mtpipe.status import status_of
+from mtpipe.spectra.spectrum import Spectrum, periodogram, prewhitening
 
 # Standard error of a ln stiffness that the data do not tell.
 NOT_TOLD_LN = 2.0

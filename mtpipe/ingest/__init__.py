@@ -14,8 +14,8 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
-    from mtpipe.recording import Recording
-    from mtpipe.setup import Setup
+    from mtpipe.recording.recording import Recording
+    from mtpipe.setup.setup import Setup
 
 
 def load(path: Path | str, setup: Path | str | Setup | None = None) -> Recording:

@@ -9,15 +9,15 @@ from __future__ import annotations
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
-from mtpipe.errors import RecordingError
+from mtpipe.ground.errors import RecordingError
+from mtpipe.ground.notice import Notice
 from mtpipe.ingest.clock import FASTEST_HZ, RATE_TOLERANCE, SLOWEST_HZ
 from mtpipe.ingest.collect import OpenTable
+from mtpipe.ingest.column_attributes import Stated
 from mtpipe.ingest.columns import Assignment
-from mtpipe.ingest.source import UNKNOWN_UNIT, Source
-from mtpipe.ingest.stated import Stated
 from mtpipe.ingest.units import unit_of
-from mtpipe.notice import Notice
-from mtpipe.recording import AXES
+from mtpipe.recording.recording import AXES
+from mtpipe.setup.source_table import UNKNOWN_UNIT, Source
 
 ASIDE = 'If the file is wrong, write attributes = "setup" into [source].'
 # What programs write that do not know the time between frames.

@@ -9,7 +9,7 @@ from __future__ import annotations
 import os
 from pathlib import Path
 
-from mtpipe.errors import RecordingError
+from mtpipe.ground.errors import RecordingError
 
 # deflate makes at most 1032 bytes of one; other packings make more only of what has no content
 MOST_UNPACKED = 1032

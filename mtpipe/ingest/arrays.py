@@ -16,13 +16,13 @@ from typing import Any, BinaryIO
 
 from numpy.typing import NDArray
 
-from mtpipe.errors import RecordingError
-from mtpipe.files import as_text
+from mtpipe.ground.errors import RecordingError
+from mtpipe.ground.files import as_text
 from mtpipe.ingest.announced import check_fits
+from mtpipe.ingest.column_attributes import NOTHING, Stated
 from mtpipe.ingest.contents import BLOCK_BYTES, Array, Contents, values_of
-from mtpipe.ingest.files import is_packed, open_stream
-from mtpipe.ingest.source import TAKE, Format, Layout
-from mtpipe.ingest.stated import NOTHING, Stated
+from mtpipe.ingest.data_files import is_packed, open_stream
+from mtpipe.setup.source_table import TAKE, Format, Layout
 
 # Formats whose index is at the end: of a file that is cut off nothing can be found.
 INDEX_LAST: dict[Format, bytes] = {"npz": b"PK\x05\x06"}

@@ -12,10 +12,10 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from mtpipe.errors import RecordingError, SetupError
-from mtpipe.notice import Notice, Severity
-from mtpipe.recording import AXES, FloatArray
-from mtpipe.setup import Setup
+from mtpipe.ground.errors import RecordingError, SetupError
+from mtpipe.ground.notice import Notice, Severity
+from mtpipe.recording.recording import AXES, FloatArray
+from mtpipe.setup.setup import Setup
 
 WIDEST_NM = 10_000.0
 QUIETEST_NM = 0.5

@@ -14,11 +14,11 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from mtpipe.errors import RecordingError
+from mtpipe.ground.errors import RecordingError
+from mtpipe.ground.notice import Notice
 from mtpipe.ingest.collect import Collected
-from mtpipe.ingest.source import Source
-from mtpipe.notice import Notice
-from mtpipe.recording import FloatArray
+from mtpipe.recording.recording import FloatArray
+from mtpipe.setup.source_table import Source
 
 RATE_TOLERANCE = 0.005
 # Recordings of beads have more frames than one per second, and no camera a million.

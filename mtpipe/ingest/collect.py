@@ -15,12 +15,12 @@ from typing import Any, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from mtpipe.errors import RecordingError
+from mtpipe.ground.errors import RecordingError
+from mtpipe.ingest.column_attributes import Stated
 from mtpipe.ingest.columns import Assignment
 from mtpipe.ingest.instants import since
-from mtpipe.ingest.source import Lost, Rows
-from mtpipe.ingest.stated import Stated
-from mtpipe.recording import FloatArray
+from mtpipe.recording.recording import FloatArray
+from mtpipe.setup.source_table import Lost, Rows
 
 FIRST_ROWS = 1 << 16
 FARTHEST_NM = 1e12  # a kilometre: what is beyond is as good as infinite

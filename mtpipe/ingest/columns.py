@@ -13,9 +13,13 @@ import re
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 
-from mtpipe.errors import RecordingError, SetupError
+from mtpipe.ground.errors import RecordingError, SetupError
+from mtpipe.ingest.column_attributes import Stated
 from mtpipe.ingest.names import plain
-from mtpipe.ingest.source import (
+from mtpipe.ingest.units import unit_of
+from mtpipe.recording.recording import AXES
+from mtpipe.setup.setup import Setup
+from mtpipe.setup.source_table import (
     NM_PER_UNIT,
     NUMBER,
     SECONDS_PER_UNIT,
@@ -24,10 +28,6 @@ from mtpipe.ingest.source import (
     BeadColumns,
     Source,
 )
-from mtpipe.ingest.stated import Stated
-from mtpipe.ingest.units import unit_of
-from mtpipe.recording import AXES
-from mtpipe.setup import Setup
 
 QUALITY_NAME = re.compile(r"(?P<bead>.+)_quality")
 # Columns of one array are listed one by one up to this number.

@@ -16,8 +16,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from mtpipe.ingest.column_attributes import NOTHING, Stated, stated_by
 from mtpipe.ingest.instants import are_instants, instants_of
-from mtpipe.ingest.stated import NOTHING, Stated, stated_by
 
 NUMERIC, TIMES, TEXT = "biuf", "mM", "SUO"
 BLOCK_BYTES = 1 << 26

@@ -16,8 +16,8 @@ import h5py
 import numpy as np
 
 from mtpipe.ingest.announced import check_announced
+from mtpipe.ingest.column_attributes import NOTHING, Stated, stated_by
 from mtpipe.ingest.contents import Contents
-from mtpipe.ingest.stated import NOTHING, Stated, stated_by
 
 # Chunks are kept unpacked up to this size, so that the next block of rows finds them.
 CACHE_BYTES = 1 << 26

@@ -13,15 +13,15 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from mtpipe.errors import RecordingError
+from mtpipe.ground.errors import RecordingError
+from mtpipe.ground.notice import Notice, Severity
 from mtpipe.ingest.arrays import open_arrays
 from mtpipe.ingest.clock import RATE_TOLERANCE
-from mtpipe.ingest.files import Found, data_files
+from mtpipe.ingest.data_files import Found, data_files
 from mtpipe.ingest.kinds import kind_of
-from mtpipe.ingest.presets import CALISTO_HDF5, CALISTO_TEXT, DEKKER_TEXT, SHON_TEXT
-from mtpipe.ingest.source import BeadColumns, Layout, Magnet, Rotation, Source
 from mtpipe.ingest.text import open_text
-from mtpipe.notice import Notice, Severity
+from mtpipe.setup.presets import CALISTO_HDF5, CALISTO_TEXT, DEKKER_TEXT, SHON_TEXT
+from mtpipe.setup.source_table import BeadColumns, Layout, Magnet, Rotation, Source
 
 MOTOR_COLUMNS = (3, 4)  # frame, time stamp, magnet, and rotation in some
 NO_MAGNET = "or write magnet = false if they rested all the time"

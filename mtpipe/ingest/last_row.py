@@ -12,8 +12,8 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 from mtpipe.ingest.cells import is_no_number
-from mtpipe.ingest.source import Delimiter
 from mtpipe.ingest.text_layout import split_line
+from mtpipe.setup.source_table import Delimiter
 
 ROWS = 100
 FEWEST = 3

@@ -16,12 +16,14 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.ndimage import maximum_filter1d, minimum_filter1d
 
-from mtpipe.errors import RecordingError
+from mtpipe.ground.errors import RecordingError
+from mtpipe.ground.notice import Notice
 from mtpipe.ingest.agreement import Use, check_uses
 from mtpipe.ingest.collect import Collected, OpenTable, RowChoice
 from mtpipe.ingest.columns import Names
 from mtpipe.ingest.instants import since
-from mtpipe.ingest.source import (
+from mtpipe.recording.recording import FloatArray
+from mtpipe.setup.source_table import (
     NM_PER_UNIT,
     SECONDS_PER_UNIT,
     TURNS_PER_UNIT,
@@ -29,8 +31,6 @@ from mtpipe.ingest.source import (
     Rotation,
     Source,
 )
-from mtpipe.notice import Notice
-from mtpipe.recording import FloatArray
 
 
 @dataclass(frozen=True)

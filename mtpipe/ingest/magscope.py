@@ -19,11 +19,11 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from mtpipe.errors import RecordingError
+from mtpipe.ground.errors import RecordingError
 from mtpipe.ingest.announced import check_announced
-from mtpipe.ingest.files import is_packed, open_stream
-from mtpipe.ingest.stated import NOTHING, Stated
-from mtpipe.recording import AXES, FloatArray
+from mtpipe.ingest.column_attributes import NOTHING, Stated
+from mtpipe.ingest.data_files import is_packed, open_stream
+from mtpipe.recording.recording import AXES, FloatArray
 
 GROUP = "tracking"
 SCHEMA = 1

@@ -20,11 +20,11 @@ import pyarrow.compute as pc
 import pyarrow.parquet as pq
 from numpy.typing import NDArray
 
-from mtpipe.errors import RecordingError
+from mtpipe.ground.errors import RecordingError
 from mtpipe.ingest.announced import check_fits
+from mtpipe.ingest.column_attributes import NOTHING, Stated, stated_by
 from mtpipe.ingest.instants import are_instants, instants_of
-from mtpipe.ingest.source import Layout
-from mtpipe.ingest.stated import NOTHING, Stated, stated_by
+from mtpipe.setup.source_table import Layout
 
 BLOCK_ROWS = 1 << 17
 END_MARKS = (b"PAR1", b"PARE")

@@ -12,7 +12,8 @@ import numpy as np
 from numpy.typing import NDArray
 from pydantic import ValidationError
 
-from mtpipe.errors import MtpipeError, RecordingError, SetupError
+from mtpipe.ground.errors import MtpipeError, RecordingError, SetupError
+from mtpipe.ground.notice import Notice
 from mtpipe.ingest.agreement import (
     StatedRate,
     check_columns,
@@ -25,22 +26,21 @@ from mtpipe.ingest.checks import check_beads, check_gaps
 from mtpipe.ingest.clock import Clock, read_clock
 from mtpipe.ingest.collect import Collected, OpenTable, RowChoice, collect
 from mtpipe.ingest.columns import Assignment, Names, canonical_columns, source_columns
-from mtpipe.ingest.files import Found, describe, find_recording
+from mtpipe.ingest.data_files import Found, describe, find_recording
 from mtpipe.ingest.instruments import look_at
 from mtpipe.ingest.kinds import kind_of
 from mtpipe.ingest.magnets import read_magnets
 from mtpipe.ingest.magscope import open_magscope
 from mtpipe.ingest.parquet import open_parquet
-from mtpipe.ingest.presets import MAGSCOPE_HDF5
 from mtpipe.ingest.repeats import check_repeats
-from mtpipe.ingest.source import Format, Layout, Lost, Source
 from mtpipe.ingest.surface import find_surface
 from mtpipe.ingest.text import TextTable, open_text
 from mtpipe.ingest.tracked import read_tracked
-from mtpipe.notice import Notice
-from mtpipe.plateaus import find_plateaus
-from mtpipe.recording import Recording
-from mtpipe.setup import Camera, Measured, Setup
+from mtpipe.recording.plateaus import find_plateaus
+from mtpipe.recording.recording import Recording
+from mtpipe.setup.presets import MAGSCOPE_HDF5
+from mtpipe.setup.setup import Camera, Measured, Setup
+from mtpipe.setup.source_table import Format, Layout, Lost, Source
 
 
 def read_recording(path: Path, setup: Path | str | Setup | None) -> Recording:

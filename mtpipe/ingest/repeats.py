@@ -12,7 +12,7 @@ from collections.abc import Callable, Mapping
 import numpy as np
 from numpy.typing import NDArray
 
-from mtpipe.notice import Notice
+from mtpipe.ground.notice import Notice
 from mtpipe.physics.camera import FloatArray
 
 # A block is so many frames in a row. Coarse positions may come back by chance: no block is believed

@@ -12,12 +12,12 @@ import math
 
 import numpy as np
 
-from mtpipe.errors import RecordingError
+from mtpipe.ground.errors import RecordingError
+from mtpipe.ground.notice import Notice
 from mtpipe.ingest.collect import RowChoice
 from mtpipe.ingest.edge import lower_edge_nm
-from mtpipe.ingest.source import Source, ZZero
-from mtpipe.notice import Notice
-from mtpipe.recording import FloatArray, Recording
+from mtpipe.recording.recording import FloatArray, Recording
+from mtpipe.setup.source_table import Source, ZZero
 
 START_S = 1.0
 # What separates the edge of a distribution from the surface beyond statistics: the estimate of the

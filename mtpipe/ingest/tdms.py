@@ -18,8 +18,8 @@ import nptdms
 import numpy as np
 from nptdms.log import log_manager
 
+from mtpipe.ingest.column_attributes import stated_by
 from mtpipe.ingest.contents import Contents
-from mtpipe.ingest.stated import stated_by
 
 SCALES = {
     "Polynomial", "Linear", "RTD", "Strain", "Table", "Thermistor", "Thermocouple", "Add",

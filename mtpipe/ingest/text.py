@@ -19,14 +19,13 @@ import pyarrow as pa
 import pyarrow.csv as arrow_csv
 from numpy.typing import NDArray
 
-from mtpipe.errors import RecordingError
+from mtpipe.ground.errors import RecordingError
 from mtpipe.ingest.cells import COMMON, is_number, is_value, values_of_cells
+from mtpipe.ingest.column_attributes import Stated
+from mtpipe.ingest.data_files import DAMAGE, open_stream, read_begin
 from mtpipe.ingest.encodings import encoding_of
-from mtpipe.ingest.files import DAMAGE, open_stream, read_begin
 from mtpipe.ingest.last_row import last_row_fault
 from mtpipe.ingest.lines import line_blocks
-from mtpipe.ingest.source import TAKE, Delimiter, Layout
-from mtpipe.ingest.stated import Stated
 from mtpipe.ingest.text_layout import (
     MARKS,
     count_of,
@@ -35,6 +34,7 @@ from mtpipe.ingest.text_layout import (
     split_line,
     wrong_width,
 )
+from mtpipe.setup.source_table import TAKE, Delimiter, Layout
 
 HEAD_LINES = 500
 HEAD_BYTES = 1 << 16

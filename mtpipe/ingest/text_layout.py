@@ -13,12 +13,12 @@ from collections import Counter
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
-from mtpipe.errors import RecordingError
+from mtpipe.ground.errors import RecordingError
 from mtpipe.ingest.cells import is_number, is_value
+from mtpipe.ingest.column_attributes import NOTHING, Stated
 from mtpipe.ingest.names import plain
-from mtpipe.ingest.source import NUMBER, Delimiter, Layout
-from mtpipe.ingest.stated import NOTHING, Stated
 from mtpipe.ingest.units import is_row_of_units, unit_in_name
+from mtpipe.setup.source_table import NUMBER, Delimiter, Layout
 
 MARKS: dict[Delimiter, str] = {"comma": ",", "tab": "\t", "semicolon": ";", "whitespace": "\t"}
 # Excel's first line, which says what separates the columns.

@@ -14,11 +14,11 @@ from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
 
-from mtpipe.errors import RecordingError
-from mtpipe.ingest.files import open_stream
+from mtpipe.ground.errors import RecordingError
+from mtpipe.ground.notice import Notice
+from mtpipe.ingest.data_files import open_stream
 from mtpipe.ingest.kinds import kind_of
-from mtpipe.notice import Notice
-from mtpipe.recording import Tracked
+from mtpipe.recording.recording import Tracked
 
 SCHEMA = "mtpipe.tracking/1"
 COMMENT = f"# {SCHEMA} "

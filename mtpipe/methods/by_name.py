@@ -12,7 +12,7 @@ from mtpipe.fit.arguments import TraceArguments, check_arguments
 from mtpipe.methods.integrated_spectrum import Correction, fit_arctangent
 from mtpipe.methods.result import MethodFit
 from mtpipe.methods.variances import fit_allan, fit_equipartition, fit_hadamard
-from mtpipe.spectrum import frames_present
+from mtpipe.spectra.spectrum import frames_present
 
 _FITS: dict[str, Callable[[str, TraceArguments], MethodFit]] = {
     "equipartition": fit_equipartition,

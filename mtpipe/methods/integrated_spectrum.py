@@ -21,9 +21,9 @@ from dataclasses import dataclass
 import numpy as np
 from scipy import fft
 
-from mtpipe.errors import FitError
 from mtpipe.fit.arguments import TraceArguments
 from mtpipe.fit.estimates import known_noise
+from mtpipe.ground.errors import FitError
 from mtpipe.methods.result import MethodFit, describe, without_values
 from mtpipe.physics.camera import FloatArray
 

@@ -7,10 +7,10 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from mtpipe.estimate import Estimate, Status
 from mtpipe.fit.estimates import logarithmic
+from mtpipe.ground.estimate import Estimate, Status
+from mtpipe.ground.status import status_of
 from mtpipe.physics.camera import FloatArray
-from mtpipe.status import status_of
 
 
 @dataclass(frozen=True)

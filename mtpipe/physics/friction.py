@@ -16,7 +16,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from mtpipe.errors import FitError
+from mtpipe.ground.errors import FitError
 from mtpipe.physics.buffer import viscosity_pN_s_per_nm2
 
 FloatArray = NDArray[np.float64]

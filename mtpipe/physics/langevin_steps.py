@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from mtpipe.compiled import compiled
+from mtpipe.ground.compiled import compiled
 from mtpipe.physics.camera import FloatArray
 
 

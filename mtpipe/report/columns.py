@@ -7,7 +7,7 @@ from collections.abc import Sequence
 import numpy as np
 import pandas as pd
 
-from mtpipe.recording import AXES
+from mtpipe.recording.recording import AXES
 from mtpipe.report.contents import DIAGNOSES, LARGEST
 from mtpipe.report.words import MODEL, VERDICT_MARK
 

@@ -46,7 +46,7 @@ class SubtractedDrift(Content):
 
 
 class SaidNotice(Content):
-    """A notice, as in `mtpipe.notice`."""
+    """A notice, as in `mtpipe.ground.notice`."""
 
     code: str
     severity: Literal["info", "caution", "warning"]

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Any
 
-from mtpipe.battery.words import STATISTICS
+from mtpipe.battery.statistic_words import STATISTICS
 from mtpipe.report import words
 
 CONSISTENT, MISMATCH = 0.05, 0.01

@@ -1,8 +1,8 @@
 """Which fit describes the spectra of a bead, in words, and why not a more informed one.
 
-Read from `series` and `method` of the run folder, in the words of `mtpipe.series_choice`, and from
-what the setup knows. The most informed fit: one of all spectra of the bead, in which x and y of a
-plateau share the force and the friction is the one expected.
+Read from `series` and `method` of the run folder, in the words of `calibration.series_choice`, and
+from what the setup knows. The most informed fit: one of all spectra of the bead, in which x and y
+of a plateau share the force and the friction is the one expected.
 """
 
 from __future__ import annotations

@@ -16,10 +16,10 @@ import pandas as pd
 from pyarrow.fs import LocalFileSystem
 from pydantic import ValidationError
 
-from mtpipe.errors import MtpipeError, SetupError
+from mtpipe.ground.errors import MtpipeError, SetupError
+from mtpipe.ground.notice import Notice
 from mtpipe.methods import METHODS
-from mtpipe.notice import Notice
-from mtpipe.recording import AXES
+from mtpipe.recording.recording import AXES
 from mtpipe.report.columns import check
 from mtpipe.report.contents import (
     BeforeAfterContent,
@@ -28,8 +28,8 @@ from mtpipe.report.contents import (
     RunContent,
     UnexplainedContent,
 )
-from mtpipe.run_folder import finish
-from mtpipe.setup import Setup, parse_setup
+from mtpipe.report.run_folder import finish
+from mtpipe.setup.setup import Setup, parse_setup
 
 
 class RunFolderError(MtpipeError):

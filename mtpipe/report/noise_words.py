@@ -8,7 +8,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Any
 
-from mtpipe.recording import AXES
+from mtpipe.recording.recording import AXES
 from mtpipe.report import words
 
 

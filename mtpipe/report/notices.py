@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Collection, Iterable
 from dataclasses import dataclass
 
-from mtpipe.notice import Notice
+from mtpipe.ground.notice import Notice
 from mtpipe.report import words
 
 # Findings about the recording, which come before all others whatever their severity.

@@ -15,7 +15,7 @@ from typing import Any
 import pandas as pd
 from jinja2 import Environment, PackageLoader, StrictUndefined
 
-from mtpipe.files import folder_written_whole
+from mtpipe.ground.files import folder_written_whole
 from mtpipe.report import rows, rows_crosscheck, rows_drift, rows_methods, rows_plateaus, words
 from mtpipe.report.captions import agreement_caption, trace_captions
 from mtpipe.report.figures_agreement import agreement_figure

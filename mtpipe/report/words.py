@@ -11,7 +11,7 @@ import re
 from collections.abc import Sequence
 from typing import Any
 
-from mtpipe.setup import Measured, Setup
+from mtpipe.setup.setup import Measured, Setup
 
 EMPTY = "—"
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from mtpipe.compiled import compiled
+from mtpipe.ground.compiled import compiled
 from mtpipe.physics.camera import FloatArray
 
 

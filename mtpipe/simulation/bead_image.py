@@ -13,7 +13,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from mtpipe.compiled import compiled
+from mtpipe.ground.compiled import compiled
 from mtpipe.physics.camera import FloatArray
 from mtpipe.tracking.library import optics
 

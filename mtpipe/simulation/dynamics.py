@@ -16,7 +16,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from mtpipe.compiled import compiled
+from mtpipe.ground.compiled import compiled
 from mtpipe.physics import friction
 from mtpipe.physics.camera import FloatArray
 from mtpipe.simulation.bead import BrownianBead

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from mtpipe.compiled import compiled
+from mtpipe.ground.compiled import compiled
 from mtpipe.physics.camera import FloatArray
 
 

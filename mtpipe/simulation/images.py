@@ -17,15 +17,15 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from mtpipe.errors import SetupError
 from mtpipe.experiment.description import Clock, Experiment
+from mtpipe.ground.errors import SetupError
 from mtpipe.physics.camera import Camera, FloatArray
-from mtpipe.plateaus import find_plateaus
-from mtpipe.recording import Recording
-from mtpipe.setup import Setup
+from mtpipe.recording.plateaus import find_plateaus
+from mtpipe.recording.recording import Recording
+from mtpipe.setup.setup import Setup
 from mtpipe.simulation.bead_image import BeadImage, BeadOptics
-from mtpipe.simulation.recording import SPACING_NM, rows_in_file, simulate_experiment
-from mtpipe.simulation.stated import stated_experiment
+from mtpipe.simulation.setup_experiment import stated_experiment
+from mtpipe.simulation.simulate import SPACING_NM, rows_in_file, simulate_experiment
 
 Frames = NDArray[np.uint8] | NDArray[np.uint16]
 # Frames drawn at once; a stack is never in memory as a whole.

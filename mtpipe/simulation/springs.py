@@ -16,7 +16,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import ArrayLike
 
-from mtpipe.compiled import compiled
+from mtpipe.ground.compiled import compiled
 from mtpipe.physics.camera import Camera, FloatArray
 from mtpipe.simulation.steps import divide_frame
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from dataclasses import replace
 
-from mtpipe.recording import Plateau, Recording
+from mtpipe.recording.recording import Plateau, Recording
 from mtpipe.states.lag import Lag
 
 # Standard errors of a change's time that are left out on both sides of it.

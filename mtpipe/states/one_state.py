@@ -8,17 +8,15 @@ from dataclasses import replace
 
 import numpy as np
 
-from mtpipe.notice import Notice
-from mtpipe.processes import in_one_thread
-from mtpipe.recording import FloatArray, Plateau, Recording, States
-from mtpipe.states.alone import Alone, changes_alone
+from mtpipe.ground.notice import Notice
+from mtpipe.ground.processes import in_one_thread
+from mtpipe.recording.recording import FloatArray, Plateau, Recording, States
 from mtpipe.states.change import Change, strongest_change
 from mtpipe.states.edges import edges_of
 from mtpipe.states.lag import Lag, find_lag
 from mtpipe.states.motion import Motion, motion_of
 from mtpipe.states.moved import moved_plateaus
-from mtpipe.states.trend import MOST_BIAS, force_trend
-from mtpipe.states.words import (
+from mtpipe.states.notices import (
     ALONE_REASON,
     HIDDEN,
     LONE_REASON,
@@ -29,6 +27,8 @@ from mtpipe.states.words import (
     part_notices,
     trend_notice,
 )
+from mtpipe.states.single_bead import Alone, changes_alone
+from mtpipe.states.trend import MOST_BIAS, force_trend
 
 # A change is believed that chance makes in one of a thousand recordings, all places tried.
 CHANCE_PER_RECORDING = 1e-3

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from mtpipe.recording import Plateau
+from mtpipe.recording.recording import Plateau
 from mtpipe.states.motion import Motion
 from mtpipe.states.size import force_change
 

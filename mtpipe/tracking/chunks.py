@@ -18,12 +18,13 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
+from mtpipe.ground.notice import Notice
 from mtpipe.ingest.tracked import Notes
-from mtpipe.notice import Notice
-from mtpipe.recording import FloatArray
+from mtpipe.recording.recording import FloatArray
 from mtpipe.tracking.find_beads import Region
 from mtpipe.tracking.follow import corner, cut, followed, is_lost, sought
-from mtpipe.tracking.positions import LOST_REASONS, Positions, locate
+from mtpipe.tracking.measured import LOST_REASONS
+from mtpipe.tracking.positions import Positions, locate
 from mtpipe.tracking.precision import precision_nm
 from mtpipe.tracking.regions import Tables
 from mtpipe.tracking.stack import Stack

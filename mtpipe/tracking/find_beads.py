@@ -17,9 +17,9 @@ from dataclasses import dataclass
 import numpy as np
 from scipy import ndimage, signal, special
 
-from mtpipe.errors import RecordingError
-from mtpipe.recording import FloatArray
-from mtpipe.tracking.positions import MIN_SIZE_PX
+from mtpipe.ground.errors import RecordingError
+from mtpipe.recording.recording import FloatArray
+from mtpipe.tracking.measured import MIN_SIZE_PX
 
 SMOOTHING_PX = 1.0
 # Radii of the discs that are searched, pixels; each √2 times the last.

@@ -27,19 +27,13 @@ import numpy as np
 from pydantic import BaseModel, ConfigDict, Field, FiniteFloat
 from scipy.interpolate import CubicSpline
 
-from mtpipe.errors import RecordingError
-from mtpipe.files import write_atomically
-from mtpipe.notice import Notice
+from mtpipe.ground.errors import RecordingError
+from mtpipe.ground.files import write_atomically
+from mtpipe.ground.notice import Notice
 from mtpipe.physics.camera import FloatArray
 from mtpipe.tracking.information import confused_with, longest_without
 from mtpipe.tracking.matching import normalized, ring_count
-from mtpipe.tracking.positions import (
-    DEFAULT_METHOD,
-    LOST_REASONS,
-    METHODS,
-    checked_images,
-    measure,
-)
+from mtpipe.tracking.measured import DEFAULT_METHOD, LOST_REASONS, METHODS, checked_images, measure
 
 SCHEMA = "mtpipe.lookup_table/1"
 # magtrack's own method fits a parabola through seven planes; fewer say little of a range anyway.

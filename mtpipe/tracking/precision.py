@@ -22,7 +22,8 @@ from scipy.ndimage import correlate1d
 from scipy.stats import chi2
 
 from mtpipe.physics.camera import FloatArray
-from mtpipe.tracking.positions import DEFAULT_METHOD, checked_images, locate
+from mtpipe.tracking.measured import DEFAULT_METHOD, checked_images
+from mtpipe.tracking.positions import locate
 
 if TYPE_CHECKING:
     from mtpipe.tracking.lookup_table import LookUpTable

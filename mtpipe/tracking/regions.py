@@ -15,10 +15,10 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from mtpipe.errors import RecordingError, SetupError
-from mtpipe.notice import Notice
-from mtpipe.setup import Setup
-from mtpipe.tracking.choice import Tracking
+from mtpipe.ground.errors import RecordingError, SetupError
+from mtpipe.ground.notice import Notice
+from mtpipe.setup.setup import Setup
+from mtpipe.setup.tracking_table import Tracking
 from mtpipe.tracking.find_beads import FoundBeads, Region, find_beads
 from mtpipe.tracking.stack import Stack
 

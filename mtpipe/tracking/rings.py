@@ -11,7 +11,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from mtpipe.compiled import compiled
+from mtpipe.ground.compiled import compiled
 from mtpipe.physics.camera import FloatArray
 from mtpipe.tracking.matching import ring_count
 

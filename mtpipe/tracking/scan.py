@@ -12,16 +12,16 @@ from pathlib import Path
 
 import numpy as np
 
-from mtpipe.errors import MtpipeError, RecordingError
+from mtpipe.ground.errors import MtpipeError, RecordingError
 from mtpipe.ingest.columns import Names
 from mtpipe.ingest.read import open_table
-from mtpipe.ingest.source import NM_PER_UNIT, Layout
-from mtpipe.recording import FloatArray
-from mtpipe.setup import Setup
+from mtpipe.recording.recording import FloatArray
+from mtpipe.setup.setup import Setup
+from mtpipe.setup.source_table import NM_PER_UNIT, Layout
 from mtpipe.tracking.find_beads import Region
 from mtpipe.tracking.follow import cut
 from mtpipe.tracking.lookup_table import LookUpTable
-from mtpipe.tracking.positions import DEFAULT_METHOD
+from mtpipe.tracking.measured import DEFAULT_METHOD
 from mtpipe.tracking.regions import FIRST_FRAMES, beads_in, check_inside, said_of, stated_regions
 from mtpipe.tracking.stack import Stack, open_stack
 from mtpipe.tracking.stack_look import Reading

@@ -19,10 +19,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from mtpipe.errors import RecordingError
-from mtpipe.ingest.files import SETUP_NAME, data_files, natural_order
-from mtpipe.notice import Notice
-from mtpipe.setup import read_setup
+from mtpipe.ground.errors import RecordingError
+from mtpipe.ground.notice import Notice
+from mtpipe.ingest.data_files import SETUP_NAME, data_files, natural_order
+from mtpipe.setup.setup import read_setup
 from mtpipe.tracking.stack_look import Look, Progress, Reading, StackFile, look_at
 from mtpipe.tracking.stack_series import files_of_ome, missing_frames
 from mtpipe.tracking.stack_times import Stamps

@@ -12,8 +12,8 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from mtpipe.errors import RecordingError
-from mtpipe.notice import Notice
+from mtpipe.ground.errors import RecordingError
+from mtpipe.ground.notice import Notice
 from mtpipe.tracking.stack_times import Stamps, StampsOfPages, stamps_of_file
 from mtpipe.tracking.tiff import (
     Kind,
@@ -29,7 +29,7 @@ from mtpipe.tracking.tiff import (
 if TYPE_CHECKING:
     from tifffile import TiffFile
 
-    from mtpipe.tracking.choice import Tracking
+    from mtpipe.setup.tracking_table import Tracking
 
 Progress = Callable[[int, int], None]
 # What may stand for time: axes named by ImageJ, OME and tifffile.

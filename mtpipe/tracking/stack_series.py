@@ -14,8 +14,8 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from mtpipe.errors import RecordingError
-from mtpipe.notice import Notice
+from mtpipe.ground.errors import RecordingError
+from mtpipe.ground.notice import Notice
 from mtpipe.tracking.stack_look import Look, Reading
 from mtpipe.tracking.stack_times import stamps_of_file
 from mtpipe.tracking.tiff import TAKE, damaged, opened

@@ -18,15 +18,15 @@ from xml.etree import ElementTree
 
 import numpy as np
 
-from mtpipe.errors import RecordingError
+from mtpipe.ground.errors import RecordingError
+from mtpipe.ground.notice import Notice
 from mtpipe.ingest.clock import read_clock
 from mtpipe.ingest.collect import Collected
-from mtpipe.notice import Notice
 
 if TYPE_CHECKING:
     from tifffile import TiffFile, TiffPage
 
-    from mtpipe.recording import FloatArray
+    from mtpipe.recording.recording import FloatArray
 
 SECONDS = {"s": 1.0, "sec": 1.0, "second": 1.0, "seconds": 1.0, "ms": 1e-3, "msec": 1e-3,
            "us": 1e-6, "µs": 1e-6, "μs": 1e-6, "ns": 1e-9, "min": 60.0, "h": 3600.0}  # fmt: skip

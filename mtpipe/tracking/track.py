@@ -13,16 +13,16 @@ from pathlib import Path
 
 import numpy as np
 
-from mtpipe.errors import RecordingError, SetupError
-from mtpipe.ingest.files import SETUP_NAME
+from mtpipe.ground.errors import RecordingError, SetupError
+from mtpipe.ground.notice import Notice
+from mtpipe.ground.processes import executor
+from mtpipe.ingest.data_files import SETUP_NAME
 from mtpipe.ingest.tracked import Notes
-from mtpipe.notice import Notice
-from mtpipe.processes import executor
-from mtpipe.recording import FloatArray
-from mtpipe.setup import Setup, read_setup
+from mtpipe.recording.recording import FloatArray
+from mtpipe.setup.setup import Setup, read_setup
 from mtpipe.tracking.chunks import Work, tracked_chunks
 from mtpipe.tracking.find_beads import Region
-from mtpipe.tracking.positions import DEFAULT_METHOD, METHODS
+from mtpipe.tracking.measured import DEFAULT_METHOD, METHODS
 from mtpipe.tracking.regions import regions_of, tables_of
 from mtpipe.tracking.stack import Stack, open_stack
 from mtpipe.tracking.stack_look import Reading
@@ -151,7 +151,7 @@ def _magnets(
     from mtpipe.ingest.collect import Collected
     from mtpipe.ingest.magnets import read_magnets
     from mtpipe.ingest.read import open_table
-    from mtpipe.ingest.source import Source
+    from mtpipe.setup.source_table import Source
 
     if setup.tracking.magnet is None:
         return None, ()

@@ -18,10 +18,10 @@ from typing import IO, TYPE_CHECKING, Any, cast
 
 import numpy as np
 
-from mtpipe.errors import MtpipeError
-from mtpipe.files import clear_leftovers
+from mtpipe.ground.errors import MtpipeError
+from mtpipe.ground.files import clear_leftovers
 from mtpipe.ingest.tracked import COMMENT, PARQUET_KEY, Notes
-from mtpipe.recording import AXES, FloatArray
+from mtpipe.recording.recording import AXES, FloatArray
 
 if TYPE_CHECKING:
     import pyarrow as pa

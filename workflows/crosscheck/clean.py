@@ -14,16 +14,16 @@ from typing import Any
 
 import numpy as np
 
-from mtpipe.crosschecking.case import prepare
 from mtpipe.crosschecking.check import BeadCheck, check_bead
+from mtpipe.crosschecking.prepared_bead import prepare
 from mtpipe.drift import subtract_drift
 from mtpipe.experiment.description import Experiment, Rest
 from mtpipe.experiment.from_setup import experiment_of
 from mtpipe.physics.camera import FloatArray
 from mtpipe.physics.tether import Formula
-from mtpipe.recording import Recording
-from mtpipe.setup import Setup, parse_setup
-from mtpipe.simulation.recording import Engine, simulate_experiment
+from mtpipe.recording.recording import Recording
+from mtpipe.setup.setup import Setup, parse_setup
+from mtpipe.simulation.simulate import Engine, simulate_experiment
 
 BROWNIAN_SHARE = 0.2
 # Step by step the surface is there and the tether is not linear, which no setup of the study lists:

@@ -19,10 +19,10 @@ from mtpipe.experiment import changes
 from mtpipe.experiment.description import Experiment, Rest
 from mtpipe.physics.camera import Camera, FloatArray
 from mtpipe.physics.langevin import simulate_mode
-from mtpipe.plateaus import find_plateaus
-from mtpipe.recording import Recording
-from mtpipe.setup import parse_setup
-from mtpipe.simulation.recording import Engine
+from mtpipe.recording.plateaus import find_plateaus
+from mtpipe.recording.recording import Recording
+from mtpipe.setup.setup import parse_setup
+from mtpipe.simulation.simulate import Engine
 
 BEAD, REFERENCE = "b1", "ref1"
 LISTED = ("wall_drag", "rotation_coupling", "tracking_noise")

@@ -25,14 +25,14 @@ from mtpipe.design.likelihood import companions, empty_series
 from mtpipe.design.methods import ACROSS, ALONG, BOTH, METHODS
 from mtpipe.design.motion import axis_motion
 from mtpipe.design.plan import Plan, plan_of
-from mtpipe.errors import FitError
 from mtpipe.fit.model import TraceModel
 from mtpipe.fit.series import fit_series
 from mtpipe.fit.trace import fit_positions
+from mtpipe.ground.errors import FitError
 from mtpipe.methods import fit_by_method
 from mtpipe.physics.camera import FloatArray
 from mtpipe.physics.tethered_bead import lever_nm
-from mtpipe.setup import read_setup
+from mtpipe.setup.setup import read_setup
 from mtpipe.simulation.linear import simulate_motion
 
 HERE = Path(__file__).parent

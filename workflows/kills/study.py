@@ -26,10 +26,10 @@ import numpy as np
 import pandas as pd
 
 import mtpipe
-from mtpipe.errors import MtpipeError
+from mtpipe.ground.errors import MtpipeError
 from mtpipe.report.folder import COLUMNS, JSON_FILES, read_run_folder
-from mtpipe.run_folder import RUN, finish
-from mtpipe.simulation.files import simulate_to_folder
+from mtpipe.report.run_folder import RUN, finish
+from mtpipe.simulation.written import simulate_to_folder
 
 EVENTS = ("open", "os.rename", "os.remove", "os.mkdir", "os.rmdir")
 SETUP = """\

@@ -19,7 +19,7 @@ from scipy import optimize
 from setting import Bead
 
 import mtpipe
-from mtpipe.errors import FitError
+from mtpipe.ground.errors import FitError
 from mtpipe.methods.integrated_spectrum import Correction, fit_spectrum
 from mtpipe.physics.camera import Camera, FloatArray, power_spectrum
 

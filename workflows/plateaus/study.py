@@ -25,11 +25,11 @@ from scipy import stats
 from mtpipe.drift import subtract_drift
 from mtpipe.experiment.description import Experiment, Rest, Stage
 from mtpipe.physics.camera import FloatArray
-from mtpipe.plateaus import find_plateaus
-from mtpipe.recording import Plateau, Recording
-from mtpipe.setup import Setup, parse_setup
-from mtpipe.simulation.recording import simulate_experiment, timetable
-from mtpipe.simulation.stated import stated_experiment
+from mtpipe.recording.plateaus import find_plateaus
+from mtpipe.recording.recording import Plateau, Recording
+from mtpipe.setup.setup import Setup, parse_setup
+from mtpipe.simulation.setup_experiment import stated_experiment
+from mtpipe.simulation.simulate import simulate_experiment, timetable
 from mtpipe.states import with_states
 from mtpipe.states.edges import edges_of
 from mtpipe.states.lag import find_lag

@@ -14,7 +14,7 @@ from typing import Any
 import generate
 
 import mtpipe
-from mtpipe.files import write_atomically
+from mtpipe.ground.files import write_atomically
 
 BEAD = "b1"
 # What is recorded of a named effect.

@@ -20,7 +20,7 @@ import spoiled_traces
 from mtpipe.experiment import changes
 from mtpipe.experiment.description import Experiment, ForceCourse, Hopping, Line
 from mtpipe.physics.camera import Camera
-from mtpipe.recording import Recording
+from mtpipe.recording.recording import Recording
 
 Change = Callable[[Experiment, float], Experiment]
 Spoil = Callable[[Recording, Experiment, float, np.random.Generator], Recording]

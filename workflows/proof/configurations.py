@@ -17,8 +17,8 @@ import numpy as np
 from mtpipe.experiment.description import Experiment, Stage
 from mtpipe.experiment.from_setup import experiment_of
 from mtpipe.physics.tether import Formula
-from mtpipe.setup import Setup, parse_setup
-from mtpipe.simulation.recording import Engine
+from mtpipe.setup.setup import Setup, parse_setup
+from mtpipe.simulation.simulate import Engine
 
 EXPOSURES = (0.3, 1.0)
 RADII_NM, CONTOURS_NM = (500.0, 1400.0), (1000.0, 7000.0)

@@ -19,11 +19,11 @@ from concealed import BY_NAME, Effect, Family
 from configurations import Configuration
 from plan import STRENGTHS, Task, strength_of, task
 
-from mtpipe.errors import FitError
 from mtpipe.experiment.description import Experiment
+from mtpipe.ground.errors import FitError
 from mtpipe.physics.tether import Formula
-from mtpipe.recording import Recording
-from mtpipe.simulation.files import canonical_csv
+from mtpipe.recording.recording import Recording
+from mtpipe.simulation.written import canonical_csv
 
 TRIES = 30
 

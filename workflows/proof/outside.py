@@ -17,9 +17,9 @@ import numpy as np
 from mtpipe.experiment.changes import scaled_contour_length, scaled_viscosity
 from mtpipe.experiment.description import Experiment
 from mtpipe.physics.camera import FloatArray
-from mtpipe.recording import Recording
-from mtpipe.setup import Setup
-from mtpipe.simulation.recording import Engine, simulate_experiment
+from mtpipe.recording.recording import Recording
+from mtpipe.setup.setup import Setup
+from mtpipe.simulation.simulate import Engine, simulate_experiment
 
 # Pieces in which something changes over a whole recording.
 PIECES = 12

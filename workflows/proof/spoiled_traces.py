@@ -9,7 +9,7 @@ from scipy.ndimage import uniform_filter1d
 
 from mtpipe.experiment.description import Experiment
 from mtpipe.physics.camera import FloatArray
-from mtpipe.recording import Recording
+from mtpipe.recording.recording import Recording
 
 # A stuck bead stays stuck for so long on average; the stage's motion is known from so long.
 EPISODE_S, STAGE_S = 2.0, 0.5

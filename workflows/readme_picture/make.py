@@ -13,8 +13,8 @@ from pathlib import Path
 
 from playwright.sync_api import sync_playwright
 
-from mtpipe.demo import recording_in, sample_data
-from mtpipe.pipeline import run
+from mtpipe.pipeline.demo import recording_in, sample_data
+from mtpipe.pipeline.run import run
 
 PICTURE = Path(__file__).parents[2] / "docs" / "images" / "report.png"
 # Of the demo, the recording whose setup is silent about something: there is a finding to see.

@@ -14,15 +14,15 @@ import numpy as np
 from geometry import attachment_height_nm, circle, stiff_direction_degree
 from published import RANGES, ROTATION, THERMAL_ENERGY_PN_NM
 
-from mtpipe.bead_results import AxisResult, BeadResult, PlateauResult
-from mtpipe.calibration import Calibration, calibrate
-from mtpipe.conditions import Conditions
-from mtpipe.estimate import Estimate
-from mtpipe.extension_curve import fit_curve
+from mtpipe.calibration.bead_results import AxisResult, BeadResult, PlateauResult
+from mtpipe.calibration.calibration import Calibration, calibrate
+from mtpipe.curves.extension_curve import fit_curve
 from mtpipe.fit.tether import Assay, ExtensionPoints
-from mtpipe.pipeline import Run
-from mtpipe.recording import Plateau, Recording
-from mtpipe.setup import Measured
+from mtpipe.ground.estimate import Estimate
+from mtpipe.pipeline.run import Run
+from mtpipe.recording.recording import Plateau, Recording
+from mtpipe.setup.conditions import Conditions
+from mtpipe.setup.setup import Measured
 
 GOOD_BEADS = ("b1", "b2", "b4")
 # Plateaus at 21.7 mm whose z lies on the look-up tables' focus of the staircase, and the long one

@@ -20,10 +20,10 @@ import crosscheck_map
 import diagnosed
 import others
 
-from mtpipe import pipeline
-from mtpipe.calibration import calibrate
+from mtpipe.calibration.calibration import calibrate
 from mtpipe.drift import subtract_drift
 from mtpipe.ingest import load
+from mtpipe.pipeline import run as pipeline
 
 CHECKOUT = Path(__file__).resolve().parents[2]
 SETUPS = CHECKOUT / "tests" / "data" / "real_setups"

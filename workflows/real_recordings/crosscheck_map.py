@@ -18,12 +18,12 @@ from cmaddry import AFTER_TURNS
 from published import ROTATION
 
 from mtpipe.battery.temporal import WINDOWS
-from mtpipe.crosschecking.recording import crosscheck
+from mtpipe.crosschecking.crosscheck import crosscheck
 from mtpipe.drift import subtract_drift
-from mtpipe.recording import Plateau, Recording
+from mtpipe.recording.recording import Plateau, Recording
+from mtpipe.recording.traces import traces_of
 from mtpipe.report.rows_crosscheck import LISTED_BELOW
-from mtpipe.setup import DriftChoice
-from mtpipe.traces import traces_of
+from mtpipe.setup.setup import DriftChoice
 
 NOT_LISTED = ("drift", "reference_noise")
 LONG_DWELLS = (0, AFTER_TURNS)

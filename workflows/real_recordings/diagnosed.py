@@ -15,7 +15,7 @@ from crosscheck_map import SERIES, cut_out, untold
 
 from mtpipe.diagnosis.mismatch import Mismatch, diagnose
 from mtpipe.diagnosis.unexplained_content import content_of
-from mtpipe.recording import Recording
+from mtpipe.recording.recording import Recording
 
 
 def series(subtracted: Recording) -> list[str]:

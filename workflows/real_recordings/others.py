@@ -9,10 +9,10 @@ from collections import Counter
 from dataclasses import replace
 from pathlib import Path
 
-from mtpipe import pipeline
-from mtpipe.bead_results import AxisResult, BeadResult
-from mtpipe.errors import MtpipeError
+from mtpipe.calibration.bead_results import AxisResult, BeadResult
 from mtpipe.fit.trace import TraceFit, fit_model
+from mtpipe.ground.errors import MtpipeError
+from mtpipe.pipeline import run as pipeline
 
 # recording (file, or folder with the file that the setup names), setup
 OTHERS = (

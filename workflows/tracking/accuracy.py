@@ -11,7 +11,8 @@ import pictures
 from pages import table
 
 from mtpipe.simulation.images import Sensor
-from mtpipe.tracking.positions import METHODS, Positions, locate
+from mtpipe.tracking.measured import METHODS
+from mtpipe.tracking.positions import Positions, locate
 from mtpipe.tracking.precision import precision_nm
 
 BACKGROUNDS_E = (100.0, 400.0, 1600.0, 6400.0, 25_600.0)

@@ -18,8 +18,8 @@ from accuracy import rms
 from pages import table
 
 import mtpipe
-from mtpipe.bead_results import BeadResult
-from mtpipe.recording import Recording
+from mtpipe.calibration.bead_results import BeadResult
+from mtpipe.recording.recording import Recording
 from mtpipe.simulation.bead_image import BeadImage
 from mtpipe.simulation.images import Sensor, draw, optics_of, render_stack
 from mtpipe.tracking.lookup_table import LookUpTable

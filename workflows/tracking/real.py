@@ -13,9 +13,10 @@ import numpy as np
 from accuracy import nm
 from pages import table
 
-from mtpipe.errors import RecordingError
+from mtpipe.ground.errors import RecordingError
 from mtpipe.tracking.lookup_table import LookUpTable
-from mtpipe.tracking.positions import DEFAULT_METHOD, METHODS, locate
+from mtpipe.tracking.measured import DEFAULT_METHOD, METHODS
+from mtpipe.tracking.positions import locate
 from mtpipe.tracking.precision import precision_nm
 
 SIDE_PX = 100

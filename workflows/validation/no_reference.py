@@ -22,17 +22,17 @@ from report import percent
 from scipy import stats
 
 import mtpipe
-from mtpipe.bead_results import BeadResult
-from mtpipe.conditions import Conditions
+from mtpipe.calibration.bead_results import BeadResult
+from mtpipe.curves.extension_curve import ForceExtension, fit_curves
+from mtpipe.curves.tether_curves import extension_points, tether_curves
 from mtpipe.experiment.from_setup import TYPICAL_STAGE
 from mtpipe.experiment.state import bead_state
-from mtpipe.extension_curve import ForceExtension, fit_curves
 from mtpipe.fit.tether import Assay
-from mtpipe.setup import Setup, parse_setup
-from mtpipe.simulation.files import canonical_csv
-from mtpipe.simulation.recording import simulate_experiment
-from mtpipe.simulation.stated import stated_experiment
-from mtpipe.tether_curves import extension_points, tether_curves
+from mtpipe.setup.conditions import Conditions
+from mtpipe.setup.setup import Setup, parse_setup
+from mtpipe.simulation.setup_experiment import stated_experiment
+from mtpipe.simulation.simulate import simulate_experiment
+from mtpipe.simulation.written import canonical_csv
 
 sys.path.append(str(Path(__file__).parents[1] / "common"))
 from pages import table

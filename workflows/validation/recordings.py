@@ -16,10 +16,12 @@ from dataclasses import dataclass
 import numpy as np
 
 import mtpipe
-from mtpipe.calibration import Calibration
-from mtpipe.extension_curve import ForceExtension
+from mtpipe.calibration.calibration import Calibration
+from mtpipe.calibration.quality import trace_flags
+from mtpipe.curves.extension_curve import ForceExtension
+from mtpipe.curves.tether_curves import tether_curves
+from mtpipe.ground.notice import Notice
 from mtpipe.ingest.surface import put_surface_at_zero
-from mtpipe.notice import Notice
 from mtpipe.physics.buffer import thermal_energy_pN_nm
 from mtpipe.physics.camera import Camera
 from mtpipe.physics.friction import (
@@ -31,12 +33,10 @@ from mtpipe.physics.friction import (
 from mtpipe.physics.langevin import simulate_axis
 from mtpipe.physics.modes import SINGLE_MODE, rotating_bead
 from mtpipe.physics.tether import Chain, mean_extension_nm, stiffness_pN_per_nm
-from mtpipe.plateaus import find_plateaus
-from mtpipe.quality import trace_flags
-from mtpipe.recording import Recording
-from mtpipe.setup import parse_setup
-from mtpipe.tether_curves import tether_curves
-from mtpipe.verdict import BeadVerdict, bead_verdicts
+from mtpipe.recording.plateaus import find_plateaus
+from mtpipe.recording.recording import Recording
+from mtpipe.setup.setup import parse_setup
+from mtpipe.verdicts.verdict import BeadVerdict, bead_verdicts
 
 FRAMES = 4096
 FORCES_PN = np.geomspace(0.3, 15.0, 6)

@@ -14,17 +14,17 @@ import numpy as np
 from series_cases import EXTENSIONS_NM, FORCES_PN, NOISE_NM, RADIUS_NM, Case, Series, draw
 
 import mtpipe
-from mtpipe.bead_prior import bead_prior
-from mtpipe.conditions import conditions_of
-from mtpipe.estimate import CENTRAL_68, Estimate
+from mtpipe.calibration.bead_prior import bead_prior
+from mtpipe.calibration.free_fits import LATERAL, free_fit, friction_ratio
+from mtpipe.calibration.friction_prior import FrictionPrior, MeasuredFriction
+from mtpipe.calibration.series_choice import FreeTrace, as_series_trace, choose_series
 from mtpipe.fit.series import fit_series
 from mtpipe.fit.series_model import BeadPrior, SeriesModel
 from mtpipe.fit.series_posterior import sample_series
-from mtpipe.free_fits import LATERAL, free_fit, friction_ratio
-from mtpipe.friction_prior import FrictionPrior, MeasuredFriction
-from mtpipe.recording import AXES
-from mtpipe.series_choice import FreeTrace, as_series_trace, choose_series
-from mtpipe.traces import traces_of
+from mtpipe.ground.estimate import CENTRAL_68, Estimate
+from mtpipe.recording.recording import AXES
+from mtpipe.recording.traces import traces_of
+from mtpipe.setup.conditions import conditions_of
 
 # Of the forces, as issue 3 states it, before any uncertainty of the friction but the radius's.
 STATED_BOUND = (0.025, 0.019, 0.015, 0.012, 0.010, 0.011, 0.017, 0.040)

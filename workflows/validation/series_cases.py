@@ -24,9 +24,9 @@ from mtpipe.physics.friction import (
 from mtpipe.physics.langevin import simulate_axis
 from mtpipe.physics.modes import SINGLE_MODE, Modes, rotating_bead
 from mtpipe.physics.tether import Chain, mean_extension_nm, stiffness_pN_per_nm
-from mtpipe.plateaus import find_plateaus
-from mtpipe.recording import Recording
-from mtpipe.setup import parse_setup
+from mtpipe.recording.plateaus import find_plateaus
+from mtpipe.recording.recording import Recording
+from mtpipe.setup.setup import parse_setup
 
 RATE_HZ, TEMPERATURE_K, VISCOSITY_MPA_S = 120.0, 293.15, 1.0
 RADIUS_NM, RADIUS_SCATTER = 500.0, 0.03

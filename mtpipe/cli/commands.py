@@ -1,0 +1,420 @@
+"""The command line: what `mtpipe --help` lists.
+
+Exit codes: 0 done, 1 the data could not be processed, 2 the call was wrong. Errors are one or a few
+plain lines on standard error; a traceback appears only with MTPIPE_DEBUG set in the environment.
+"""
+
+from __future__ import annotations
+
+import os
+import sys
+import traceback
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+import mtpipe
+from mtpipe.cli import arguments as given
+from mtpipe.cli.terminal import progress_bar, stopped_in_one_line, summary
+from mtpipe.ground.errors import MtpipeError, writing
+from mtpipe.ground.streams import open_streams, say
+
+app = typer.Typer(
+    add_completion=False,
+    no_args_is_help=True,
+    pretty_exceptions_enable=False,
+    rich_markup_mode=None,
+    help="Force calibration for magnetic tweezers: from tracked beads to forces you can defend.",
+)
+
+Recording = Annotated[
+    Path,
+    typer.Argument(
+        metavar="RECORDING",
+        help="Recording (CSV, Parquet, or a laboratory's own file), a folder with a series of "
+        "files, a setup.toml whose [source] names its files, or an image stack (as for `mtpipe "
+        "track`), which is tracked first.",
+        callback=given.existing,
+    ),
+]
+Stack = Annotated[
+    Path,
+    typer.Argument(
+        metavar="STACK",
+        help="Images: a TIFF file of many pages, a folder with a series of files, or a pattern of "
+        'their names (in quotes: "film_*.tif").',
+        callback=given.existing,
+    ),
+]
+SetupFile = Annotated[
+    Path | None,
+    typer.Option(
+        "--setup",
+        help="Setup; default: setup.toml beside the recording.",
+        exists=True,
+        dir_okay=False,
+    ),
+]
+Seed = Annotated[int, typer.Option(help="Seed of posteriors and simulations.", min=0)]
+Workers = Annotated[int | None, typer.Option(help="Processes; default: one per core.", min=1)]
+
+
+Methods = Annotated[
+    list[str] | None,
+    typer.Option(
+        "--method",
+        help="Another method of the field by which each trace is calibrated too, for comparison: "
+        "equipartition, arctangent, allan, hadamard, … May be given several times.",
+        callback=lambda names: given.known_methods(names or []),
+    ),
+]
+
+
+@app.callback(invoke_without_command=True)
+def about(
+    version: Annotated[bool, typer.Option("--version", help="Print the version and stop.")] = False,
+) -> None:
+    """Force calibration for magnetic tweezers: from tracked beads to forces you can defend."""
+    if version:
+        typer.echo(f"mtpipe {mtpipe.__version__}")
+        raise typer.Exit
+
+
+@app.command()
+def run(
+    recording: Recording,
+    out: Annotated[Path, typer.Option("--out", help="Folder to write.", file_okay=False)],
+    setup: SetupFile = None,
+    seed: Seed = 0,
+    workers: Workers = None,
+    method: Methods = None,
+    crosscheck: Annotated[
+        bool,
+        typer.Option(
+            help="Compare every bead with simulations of the experiment as the setup states it, "
+            "and diagnose what differs."
+        ),
+    ] = True,
+    overwrite: Annotated[
+        bool,
+        typer.Option(
+            "--overwrite", help="Replace an earlier run's cross-check, even by a run without one."
+        ),
+    ] = False,
+) -> None:
+    """Calibrate a recording: forces, force-extension curves and a report."""
+    from mtpipe.pipeline import run as pipeline
+
+    with progress_bar() as progress, writing(out):
+        pipeline.run(
+            recording,
+            out,
+            setup=setup,
+            seed=seed,
+            workers=workers or os.cpu_count() or 1,
+            methods=method or (),
+            cross_check=crosscheck,
+            overwrite=overwrite,
+            progress=progress,
+        )
+    summary(out)
+
+
+@app.command()
+def track(
+    stack: Stack,
+    out: Annotated[
+        Path,
+        typer.Option(
+            "--out",
+            help="Recording to write: .csv, .csv.gz or .parquet.",
+            dir_okay=False,
+        ),
+    ],
+    setup: Annotated[
+        Path | None,
+        typer.Option(
+            "--setup",
+            help="Setup; default: setup.toml beside the stack.",
+            exists=True,
+            dir_okay=False,
+        ),
+    ] = None,
+    workers: Workers = None,
+) -> None:
+    """Track the beads of an image stack: TIFF in, a recording for `mtpipe run` out."""
+    from mtpipe.tracking.track import track as track_stack
+
+    given.with_ending(out, given.RECORDING_ENDINGS, "--out")
+    with progress_bar() as progress:
+        done = track_stack(
+            stack, out, setup=setup, workers=workers or os.cpu_count() or 1, progress=progress
+        )
+    for notice in done.notes.notices:
+        say(f"{notice.bead}: {notice.message}" if notice.bead else notice.message)
+    say(f"Recording: {out} ({len(done.regions)} beads, {done.frames} frames)")
+
+
+@app.command()
+def lut(
+    stack: Stack,
+    z: Annotated[
+        Path,
+        typer.Option(
+            "--z",
+            metavar="POSITIONS",
+            help="Table of focus positions: a column z_nm (or z_um) with a row for each frame, "
+            "or columns frame (the first is 0) and z_nm.",
+            exists=True,
+            dir_okay=False,
+        ),
+    ],
+    out: Annotated[Path, typer.Option("--out", help="Table to write: .npz.", dir_okay=False)],
+    refractive_index_factor: Annotated[
+        float | None,
+        typer.Option(
+            metavar="FACTOR",
+            help="Height per focus position: 0.8 to 0.88 for an oil objective and a bead in water, "
+            "1 for a water objective or heights that are corrected already; negative where the "
+            "focus counts the other way. Default: 1, and said.",
+        ),
+    ] = None,
+    bead: Annotated[
+        str | None, typer.Option(help="Name of the bead; needed where several are found.")
+    ] = None,
+    region: Annotated[
+        str | None,
+        typer.Option(metavar="X,Y,SIZE", help="Its region: centre and side, in pixels."),
+    ] = None,
+    setup: Annotated[
+        Path | None,
+        typer.Option(
+            "--setup",
+            help="Setup, for the regions of beads and the size of a pixel.",
+            exists=True,
+            dir_okay=False,
+        ),
+    ] = None,
+) -> None:
+    """Make a look-up table for heights from a focus scan of one bead."""
+    from mtpipe.setup.setup import read_setup
+    from mtpipe.tracking.scan import table_from_scan
+
+    given.with_ending(out, (".npz",), "--out")
+    place = None if region is None else given.region_of(region, "--region")
+    with progress_bar() as progress:
+        table = table_from_scan(
+            stack,
+            z,
+            refractive_index_factor=(
+                1.0 if refractive_index_factor is None else refractive_index_factor
+            ),
+            bead=bead,
+            region=place,
+            setup=None if setup is None else read_setup(setup),
+            progress=progress,
+        )
+    with writing(out):
+        table.save(out)
+    for notice in table.notices:
+        say(notice.message)
+    if refractive_index_factor is None:
+        say(
+            "No --refractive-index-factor was given: focus positions are taken for heights (factor "
+            "1). Behind an oil objective heights in water are 0.8 to 0.88 of that."
+        )
+    low, high = table.z_nm[0], table.z_nm[-1]
+    say(
+        f"Look-up table of {table.bead}: {out} ({len(table.z_nm)} heights, {low:.0f} to "
+        f"{high:.0f} nm; one image gives z to {float(table.precision_nm.min()):.1f} to "
+        f"{float(table.precision_nm.max()):.1f} nm)"
+    )
+
+
+@app.command()
+def simulate(
+    setup: Annotated[
+        Path,
+        typer.Argument(
+            metavar="SETUP", help="The experiment: a setup.toml.", exists=True, dir_okay=False
+        ),
+    ],
+    force: Annotated[
+        str,
+        typer.Option(
+            metavar="F,F,…", help="Force of each plateau in pN, in time order, as in 1,5,10."
+        ),
+    ],
+    out: Annotated[Path, typer.Option("--out", help="Folder to write.", file_okay=False)],
+    frames: Annotated[int, typer.Option(help="Camera frames per plateau.", min=2)] = 16_384,
+    seed: Annotated[int, typer.Option(help="The same seed gives the same files.", min=0)] = 0,
+    beads: Annotated[int, typer.Option(help="Tethered beads.", min=1)] = 1,
+    noise: Annotated[
+        str | None,
+        typer.Option(
+            metavar="N[,N,N]",
+            help="Tracking noise in nm, one number or one each for x, y, z; default: the setup's.",
+        ),
+    ] = None,
+    lost_share: Annotated[
+        float, typer.Option(help="Share of frames in which the tracker loses a bead.", min=0)
+    ] = 0.0,
+    engine: Annotated[
+        str,
+        typer.Option(
+            help="linear: exact and fast; brownian: step by step, with all that is not linear.",
+            callback=given.known_engine,
+        ),
+    ] = "linear",
+) -> None:
+    """Simulate a recording of the experiment that a setup describes, with its truth."""
+    from mtpipe.simulation.written import simulate_to_folder
+
+    if not lost_share < 1:
+        raise typer.BadParameter("a share below 1 is needed", param_hint="--lost-share")
+    forces = given.numbers(force, "--force")
+    if not all(0 < value <= given.STRONGEST_PN for value in forces):
+        raise typer.BadParameter(
+            f"forces above 0 pN are needed, and none above {given.STRONGEST_PN:g} pN",
+            param_hint="--force",
+        )
+    with progress_bar() as progress:
+        recording = simulate_to_folder(
+            setup,
+            out,
+            forces,
+            frames,
+            seed,
+            beads=beads,
+            noise_nm=None if noise is None else given.along_axes(noise, "--noise"),
+            lost_share=lost_share,
+            engine="brownian" if engine == "brownian" else "linear",
+            progress=lambda done, total: progress("simulating beads", done, total),
+        )
+    for notice in recording.notices:
+        say(notice.message)
+    say(f"Recording: {out / 'recording.csv'}")
+
+
+@app.command()
+def design(
+    setup: Annotated[
+        Path,
+        typer.Argument(
+            metavar="SETUP", help="The experiment: a setup.toml.", exists=True, dir_okay=False
+        ),
+    ],
+    error: Annotated[
+        float, typer.Option(help="Relative error of the force that is allowed: 0.1 for 10 %.")
+    ] = 0.1,
+    duration: Annotated[
+        float | None, typer.Option(metavar="SECONDS", help="Length of a plateau.")
+    ] = None,
+    frames: Annotated[
+        int | None, typer.Option(help="The same in frames; default: 16384.", min=1)
+    ] = None,
+    reach: Annotated[
+        float | None,
+        typer.Option(metavar="PN", help="Look for the cheapest change that reaches this force."),
+    ] = None,
+    csv: Annotated[
+        Path | None, typer.Option(help="Write all ranges to this CSV file.", dir_okay=False)
+    ] = None,
+    figure: Annotated[
+        Path | None,
+        typer.Option(help="Draw the ranges: a page (.html) or a picture (.png).", dir_okay=False),
+    ] = None,
+) -> None:
+    """Say which forces a setup can measure, what limits them, and what a change would buy."""
+    from mtpipe.design import guide, show
+    from mtpipe.setup.setup import read_setup
+
+    if duration is not None and frames is not None:
+        raise typer.BadParameter("give --duration or --frames, not both")
+    if not 0 < error < 1:
+        raise typer.BadParameter(
+            f"a share between 0 and 1 is needed, 0.1 for 10 %; got {error:g}", param_hint="--error"
+        )
+    given.above_zero(duration, "a time in s", "--duration")
+    given.above_zero(reach, "a force in pN", "--reach")
+    if figure is not None:
+        given.with_ending(figure, given.FIGURE_ENDINGS, "--figure")
+    answer = guide.measurable_forces(
+        read_setup(setup), frames=frames, duration_s=duration, error=error, reach_pN=reach
+    )
+    show.print_design(answer)
+    if csv is not None:
+        with writing(csv, "--csv"):
+            show.write_csv(answer, csv)
+        say(f"Table: {csv}")
+    if figure is not None:
+        from mtpipe.design.figure import write_figure
+
+        with writing(figure, "--figure"):
+            write_figure(answer, figure)
+        say(f"Figure: {figure}")
+
+
+@app.command()
+def report(
+    folder: Annotated[
+        Path, typer.Argument(metavar="DIR", help="Folder of a run.", exists=True, file_okay=False)
+    ],
+) -> None:
+    """Write the report of a run again, from the run's files."""
+    from mtpipe.report import write_report
+
+    with writing(folder, "DIR"):
+        index = write_report(folder)
+    say(f"Report: {index}")
+
+
+@app.command()
+def demo(
+    out: Annotated[Path, typer.Option("--out", help="Folder to write.", file_okay=False)] = Path(
+        "mtpipe-demo"
+    ),
+    workers: Workers = None,
+    film: Annotated[
+        bool, typer.Option("--film", help="Begin with images: a film is rendered and tracked.")
+    ] = False,
+) -> None:
+    """Run on the bundled recordings and compare with the forces that made them."""
+    from mtpipe.pipeline.demo import run_demo
+    from mtpipe.pipeline.demo_film import run_film_demo
+
+    shown = run_film_demo if film else run_demo
+    with progress_bar() as progress, writing(out):
+        text = shown(out, workers=workers or os.cpu_count() or 1, progress=progress)
+    say(text)
+
+
+def main() -> None:
+    """Run the command line; every fault ends in a sentence and an exit code."""
+    open_streams()
+    with stopped_in_one_line():
+        try:
+            app()
+        except MtpipeError as error:
+            say(f"mtpipe: {error}", err=True)
+            sys.exit(error.exit_code)
+        except Exception as error:
+            if os.environ.get("MTPIPE_DEBUG"):
+                traceback.print_exc()
+            say(f"mtpipe: {_unforeseen(error)}", err=True)
+            sys.exit(1)
+
+
+def _unforeseen(error: Exception) -> str:
+    if isinstance(error, MemoryError):
+        asked = f" ({error})" if str(error) else ""
+        return f"the memory is not enough{asked}. Use fewer --workers, or more memory."
+    if isinstance(error, OSError) and error.errno is not None:
+        name = f"{error.filename}: " if error.filename else ""
+        what = "no access" if isinstance(error, PermissionError) else "cannot be read or written"
+        return f"{name}{what} ({error.strerror})"
+    return (
+        f"a defect of mtpipe itself: {type(error).__name__}: {error}\n"
+        "Set MTPIPE_DEBUG=1 to see where, and please report it."
+    )

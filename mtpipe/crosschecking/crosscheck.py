@@ -1,0 +1,111 @@
+"""The cross-check of a whole recording, bead by bead, and its table."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+
+import numpy as np
+import pandas as pd
+
+from mtpipe.crosschecking.beads import check_of, per_bead
+from mtpipe.crosschecking.check import BeadCheck
+from mtpipe.recording.recording import Recording
+from mtpipe.states import with_states
+
+Progress = Callable[[int, int], None]
+INTERVAL_95 = (0.025, 0.975)
+COLUMNS = (
+    "bead", "statistic", "axis", "plateau", "magnet_mm", "band_low_hz", "band_high_hz",
+    "time_low_s", "time_high_s", "value", "simulated_median", "simulated_low", "simulated_high",
+    "p_value", "extrapolated", "simulations", "bead_p_value",
+)  # fmt: skip
+
+
+@dataclass(frozen=True)
+class CrossCheck:
+    """A recording beside simulations of its configured experiment.
+
+    Attributes
+    ----------
+    recording : its name.
+    beads : the check of each tethered bead that could be simulated.
+    refused : why the others could not.
+    """
+
+    recording: str
+    beads: Mapping[str, BeadCheck]
+    refused: Mapping[str, str]
+
+    @property
+    def table(self) -> pd.DataFrame:
+        """A row per statistic, bead, plateau and axis: value, simulated distribution, p-value.
+
+        Rows of statistics that take several plateaus together have no plateau. `p_value` is that
+        of the row alone; `bead_p_value` that of the whole bead, all looks accounted for.
+        `extrapolated`: smaller than the number of simulations supports without a fitted tail.
+        """
+        rows = [row for check in self.beads.values() for row in _rows(check)]
+        table = pd.DataFrame(rows, columns=list(COLUMNS))
+        return table.astype({"plateau": "Int64"})
+
+
+def crosscheck(
+    recording: Recording,
+    *,
+    seed: int = 0,
+    workers: int = 1,
+    progress: Progress | None = None,
+) -> CrossCheck:
+    """Compare every tethered bead of a recording with simulations of the configured experiment.
+
+    Parameters
+    ----------
+    recording : with the drift subtracted (`mtpipe.subtract_drift`).
+    seed : of the simulations; each bead's own derives from it.
+    workers : processes, over which beads are spread. More than one needs the usual guard
+        `if __name__ == "__main__":` in a script that calls this.
+    progress : called with (beads done, of how many).
+
+    Raises
+    ------
+    Nothing for what is wrong with one bead's data: why it could not be simulated is in `refused`.
+    """
+    recording = with_states(recording)
+    checks, refused = per_bead(recording, _check, seed=seed, workers=workers, progress=progress)
+    return CrossCheck(recording.name, checks, refused)
+
+
+def _check(recording: Recording, bead: str, random: np.random.Generator) -> BeadCheck:
+    return check_of(recording, bead, random, with_curves=True)
+
+
+def _rows(check: BeadCheck) -> list[dict[str, object]]:
+    median = np.median(check.simulated, axis=0)
+    low, high = np.quantile(check.simulated, INTERVAL_95, axis=0)
+    smallest = 1 / (len(check.simulated) + 1)
+    rows: list[dict[str, object]] = []
+    for i, look in enumerate(check.looks):
+        plateau = None if look.pooled else check.case.plateaus[look.plateaus[0]]
+        rows.append(
+            {
+                "bead": check.case.bead,
+                "statistic": look.statistic,
+                "axis": look.axis,
+                "plateau": None if plateau is None else plateau.number,
+                "magnet_mm": None if plateau is None else plateau.magnet_mm,
+                "band_low_hz": None if look.band_hz is None else look.band_hz[0],
+                "band_high_hz": None if look.band_hz is None else look.band_hz[1],
+                "time_low_s": None if look.time_s is None else look.time_s[0],
+                "time_high_s": None if look.time_s is None else look.time_s[1],
+                "value": check.observed[i],
+                "simulated_median": median[i],
+                "simulated_low": low[i],
+                "simulated_high": high[i],
+                "p_value": check.p_values[i],
+                "extrapolated": bool(check.p_values[i] < smallest),
+                "simulations": len(check.simulated),
+                "bead_p_value": check.p_value,
+            }
+        )
+    return rows

@@ -1,0 +1,1 @@
+"""Force and extension of a tether together."""

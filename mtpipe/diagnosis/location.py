@@ -1,0 +1,73 @@
+"""Where recording and simulation differ."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+
+from mtpipe.battery.statistic import Look
+from mtpipe.crosschecking.check import BeadCheck
+from mtpipe.diagnosis.bent_scale import Beside
+from mtpipe.recording.recording import AXES
+
+MOST_PLACES = 8
+PLACE_P = 1e-3
+# p-values are not told below this.
+LEAST_P = 1e-300
+
+
+def located(check: BeadCheck) -> list[dict[str, Any]]:
+    """The most significant looks, one per statistic and axis, best first.
+
+    What concerns two axes together, or all, is listed for each of them.
+    """
+    places: list[dict[str, Any]] = []
+    seen: set[tuple[str, str]] = set()
+    for i in np.argsort(check.p_values):
+        look, p = check.looks[int(i)], float(check.p_values[int(i)])
+        if len(places) >= MOST_PLACES or (p > PLACE_P and places):
+            break
+        if (look.statistic, look.axis) in seen:
+            continue
+        seen.add((look.statistic, look.axis))
+        places += [
+            {
+                "axis": axis,
+                "plateaus": [check.case.plateaus[k].number for k in concerned(check, look)],
+                "band_hz": None if look.band_hz is None else list(look.band_hz),
+                "time_s": None if look.time_s is None else list(look.time_s),
+                "statistic": look.statistic,
+                "p_value": p,
+            }
+            for axis in look.axis or AXES
+        ]
+    return places[:MOST_PLACES]
+
+
+def bent_heights(check: BeadCheck, beside: Beside) -> dict[str, Any]:
+    """The plateaus above a bend of z's scale, as one place."""
+    return {
+        "axis": "z",
+        "plateaus": [check.case.plateaus[i].number for i in beside.bend.above],
+        "band_hz": None,
+        "time_s": None,
+        "statistic": "extension",
+        "p_value": max(beside.p_value, LEAST_P),
+    }
+
+
+def concerned(check: BeadCheck, look: Look) -> tuple[int, ...]:
+    """Plateaus that a look is about; of a pooled one those that show it by themselves, or all."""
+    if not look.pooled:
+        return look.plateaus
+    alone = {
+        other.plateaus[0]
+        for other, p in zip(check.looks, check.p_values, strict=True)
+        if not other.pooled
+        and other.statistic == look.statistic
+        and other.axis == look.axis
+        and (look.band_hz is None or other.band_hz == look.band_hz)
+        and p < 0.01
+    }
+    return tuple(sorted(alone)) or look.plateaus

@@ -1,0 +1,68 @@
+"""What is seen in time and not in spectra, taken off the traces before and beside effects."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from mtpipe.corrections.catalogue import CORRECTIONS
+from mtpipe.corrections.correction import Correction
+from mtpipe.corrections.retraced import with_positions
+from mtpipe.crosschecking.check import BeadCheck, check_bead, comparable_p_values, foreseen_p_value
+from mtpipe.crosschecking.prepared_bead import Case
+from mtpipe.diagnosis.explanation import ALARM_P, Named
+
+# A correction is kept where ln p falls to this share. One with which it does not fall to the second
+# beside the simulations that are there already is not simulated.
+MOST_OF_THE_ODDITY, HARDLY_LESS_ODD = 0.5, 0.8
+
+
+def corrected(check: BeadCheck, random: np.random.Generator) -> tuple[list[Named], BeadCheck]:
+    """Take off what is seen in time and not in spectra, as far as the battery objects less then.
+
+    What is found has passed a test of its own, so the battery need not have objected before.
+    """
+    named = []
+    for find in CORRECTIONS:
+        found = find(check)
+        if found is None or _hardly_helps(check, found):
+            continue
+        after = check_bead(found.case, random)
+        p_before, p_after = comparable_p_values(check, after)
+        if after.p_value >= ALARM_P or p_after > p_before**MOST_OF_THE_ODDITY:
+            named.append(Named(found, (), check, after, float("nan")))
+            check = after
+    return named, check
+
+
+def _hardly_helps(check: BeadCheck, found: Correction) -> bool:
+    lost = [
+        [np.isnan(position) for position in case.positions_nm] for case in (check.case, found.case)
+    ]
+    if any(not np.array_equal(here, there) for here, there in zip(*lost, strict=True)):
+        # simulations lose what the recording has lost
+        return False
+    foreseen = foreseen_p_value(check, found.case)
+    return foreseen < min(ALARM_P, math.pow(check.p_value, HARDLY_LESS_ODD))
+
+
+def late_corrections(
+    check: BeadCheck, corrections: Sequence[Named], case: Case, random: np.random.Generator
+) -> list[Named]:
+    """Corrections that are of use once effects are there, as they are without these.
+
+    Parameters
+    ----------
+    check : with effects. case : without them.
+    """
+    taken = {one.name for one in corrections}
+    found = [one for one in corrected(check, random)[0] if one.name not in taken]
+    named: list[Named] = []
+    for one in found:
+        before = named[-1].after if named else check_bead(case, random)
+        without = with_positions(case, one.after.case.positions_nm)
+        named.append(replace(one, before=before, after=check_bead(without, random)))
+    return named

@@ -1,0 +1,531 @@
+"""Maximum likelihood of the configured experiment, by Fisher scoring.
+
+A force moves its own plateau alone, so the information is an arrow: one row per force and a few for
+what all plateaus share. Steps are damped (Levenberg and Marquardt) until the likelihood rises, and
+coordinates at a bound that the step would leave are held there.
+"""
+
+from __future__ import annotations
+
+import functools
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mtpipe.experiment.description import Experiment
+from mtpipe.experiment.parameter import Parameter
+from mtpipe.ground.errors import FitError
+from mtpipe.joint_fit.data import PlateauData
+from mtpipe.joint_fit.expectation import (
+    DIFFERENCE,
+    Asked,
+    Expectation,
+    answered,
+    know_states,
+    larger_pN,
+)
+from mtpipe.joint_fit.height_course import Course, CourseSlopes
+from mtpipe.joint_fit.layers import steady_of
+from mtpipe.joint_fit.model import ConfiguredModel, random_part, spectral_log_likelihood
+from mtpipe.joint_fit.random_walk import Walked, line_of, walked
+from mtpipe.joint_fit.spectra import Transform
+from mtpipe.physics.camera import FloatArray
+
+MOST_ROUNDS = 15
+# Where the predicted rise of ln likelihood is below this, the fit has arrived; a step that should
+# change it by less than the second, and does not raise it, is not tried any shorter.
+ARRIVED, NOTHING_NATS = 1e-3, 1e-6
+# One step changes ln of a power by no more than this, and leaves axes no more correlated than that.
+MOST_MOVED, MOST_CORRELATED = 2.0, 0.999
+# Where a step has failed the next one tried promises at most this share of its rise: one that is
+# hardly shorter fails as well.
+SHORTER = 0.8
+# Where no step succeeds, or so many one after the other raise nothing, the fit ends; as arrived if
+# they promised no more than this.
+STUCK, NEARLY_NATS = 3, 0.1
+# A step that raises ln likelihood by less than this share of what its slope promises (a half where
+# the curvature is as expected) has gone too far.
+OVERSHOT = 0.25
+FORCE_GRID_PN, GRID_STRIDE = np.geomspace(0.01, 150.0, 45), 3
+
+
+@dataclass(frozen=True, eq=False)
+class ConfiguredFit:
+    """The configured experiment at its most likely.
+
+    Attributes
+    ----------
+    theta : coordinates.
+    expected : of each plateau, at θ.
+    """
+
+    model: ConfiguredModel
+    theta: FloatArray
+    expected: list[Expectation]
+    log_likelihood: float
+    converged: bool
+
+    @functools.cached_property
+    def slopes(self) -> list[Slopes]:
+        """Of each plateau's expectation, at θ."""
+        return slopes(self.model, self.theta, self.expected)
+
+    @functools.cached_property
+    def information(self) -> FloatArray:
+        """Expected, about θ, priors included."""
+        return information_of(self.model, self.theta, self.expected, self.slopes)
+
+    @property
+    def height_pulls(self) -> FloatArray:
+        """(plateaus,) missed mean heights, independent and in standard errors."""
+        return self.model.heights(self.model.data, self.expected, self.theta).pulls
+
+    @property
+    def height_pull_slopes(self) -> FloatArray:
+        """(plateaus, coordinates) how these follow θ, the wandering as it is."""
+        heights = self.model.heights(self.model.data, self.expected, self.theta)
+        return np.asarray(-heights.whitening @ height_slopes(self.slopes, len(self.theta)))
+
+    @property
+    def covariance(self) -> FloatArray:
+        """Of θ."""
+        return _inverse(self.information)
+
+    @property
+    def force_pN(self) -> FloatArray:
+        """(plateaus,) forces."""
+        return np.exp(self.theta[: self.model.plateaus])
+
+    @property
+    def force_stderr_pN(self) -> FloatArray:
+        """(plateaus,) their standard errors."""
+        relative = np.sqrt(np.diag(self.covariance)[: self.model.plateaus])
+        return np.asarray(self.force_pN * relative)
+
+
+def fit_configured(
+    model: ConfiguredModel,
+    start: FloatArray | None = None,
+    *,
+    rounds: int = MOST_ROUNDS,
+    arrived: float = ARRIVED,
+) -> ConfiguredFit:
+    """Fit.
+
+    Parameters
+    ----------
+    start : θ to begin from; None: the forces that suit each plateau best by themselves.
+    rounds : at most so many steps.
+    arrived : the fit ends where a step raises ln likelihood by less.
+
+    Raises
+    ------
+    FitError : no force makes any sense of the data.
+    """
+    theta = first_guess(model) if start is None else np.clip(start, model.lower, model.upper)
+    expected = model.all_expected(theta)
+    value = model.log_likelihood(expected, theta)
+    damping, converged, idle = 1e-3, False, 0
+    for _ in range(rounds):
+        derivatives = slopes(model, theta, expected)
+        gradient = gradient_of(model, model.data, theta, expected, derivatives)
+        information = information_of(model, theta, expected, derivatives)
+        free = ~(
+            ((theta <= model.lower) & (gradient < 0)) | ((theta >= model.upper) & (gradient > 0))
+        )
+        moved, failed = False, np.inf
+        for _ in range(12):
+            step = _step(gradient, information, free, damping)
+            trial = np.clip(theta + step, model.lower, model.upper)
+            rise = float(gradient @ (trial - theta))
+            if 0 < SHORTER * failed < rise:
+                damping = max(damping, 1e-4) * 8
+                continue
+            following, there = _found_at(model, trial)
+            if there > value - 1e-9:
+                moved = True
+                break
+            if abs(rise) < NOTHING_NATS:
+                break
+            failed = rise
+            damping = max(damping, 1e-4) * 8
+        if not moved:
+            converged = rise < NEARLY_NATS
+            break
+        gained = there - value
+        if gained < OVERSHOT * rise:
+            # it bends more than was expected: there is a higher point before
+            before = theta + 0.5 * rise / (rise - gained) * (trial - theta)
+            found, height = _found_at(model, before)
+            if height > there:
+                trial, following, there = before, found, height
+                gained = there - value
+        theta, expected, value = trial, following, there
+        damping = damping / 6 if damping > 1e-9 else 0.0
+        idle = idle + 1 if gained < arrived else 0
+        if gained < arrived and rise < 2 * arrived + 1e-2:
+            converged = True
+            break
+        if idle == STUCK:
+            converged = rise < NEARLY_NATS
+            break
+    return ConfiguredFit(model, theta, expected, value, converged)
+
+
+def _found_at(model: ConfiguredModel, theta: FloatArray) -> tuple[list[Expectation], float]:
+    """Expectations and ln likelihood at θ; −inf where it makes no sense."""
+    try:
+        expected = model.all_expected(theta)
+        return expected, model.log_likelihood(expected, theta)
+    except (FitError, ValueError):
+        return [], -np.inf
+
+
+def exchanged(
+    fit: ConfiguredFit,
+    experiment: Experiment,
+    kept: Sequence[int],
+    added: Sequence[Parameter] = (),
+    *,
+    arrived: float = ARRIVED,
+) -> ConfiguredFit:
+    """Fit another experiment with some of a fit's parameters, from where these are, and others.
+
+    Parameters
+    ----------
+    kept : which of the model's parameters. added : behind them, from their starts.
+
+    Raises
+    ------
+    FitError : the experiment at the start makes no sense of the data.
+    """
+    model, first = fit.model, fit.model.plateaus
+    parameters = (*(model.parameters[k] for k in kept), *added)
+    start = [
+        *fit.theta[:first],
+        *(fit.theta[first + k] for k in kept),
+        *(parameter.start for parameter in added),
+    ]
+    model = replace(model, experiment=experiment, parameters=parameters)
+    return fit_configured(model, np.array(start), arrived=arrived)
+
+
+def first_guess(model: ConfiguredModel) -> FloatArray:
+    """θ with each plateau's best force of a coarse grid, the parameters at their starts."""
+    shared = np.array([p.start for p in model.parameters])
+    theta = np.concatenate([np.zeros(model.plateaus), shared])
+    experiment = model.described(theta)
+    know_states(model.data, experiment, [FORCE_GRID_PN.tolist()] * model.plateaus)
+    for i in range(model.plateaus):
+        theta[i] = np.log(_best_of_grid(model, experiment, i))
+    return theta
+
+
+def _best_of_grid(model: ConfiguredModel, experiment: Experiment, plateau: int) -> float:
+    """The force of the grid that suits a plateau best, in pN: first of a part of the grid, then of
+    what is left out about it.
+
+    Heights are known far better than they change from one force of the grid to the next, so they
+    count only as exactly as that.
+    """
+    data = model.data[plateau]
+    found: dict[int, Expectation] = {}
+    best = 0
+    for tried in (range(0, len(FORCE_GRID_PN), GRID_STRIDE), range(1 - GRID_STRIDE, GRID_STRIDE)):
+        open_yet = [best + step for step in tried]
+        open_yet = [i for i in open_yet if i not in found and 0 <= i < len(FORCE_GRID_PN)]
+        those = [model.asked(experiment, plateau, float(FORCE_GRID_PN[i])) for i in open_yet]
+        answers = zip(open_yet, model.expectations(those), strict=True)
+        found |= {i: there for i, there in answers if isinstance(there, Expectation)}
+        places = sorted(found)
+        if len(places) < 2:
+            break
+        heights = np.array([found[i].extension_nm for i in places])
+        stderr = np.array([found[i].extension_stderr_nm for i in places])
+        coarse = np.hypot(stderr, np.gradient(heights, places))
+        spectral = [spectral_log_likelihood(data, found[i]) for i in places]
+        value = np.array(spectral) - 0.5 * ((data.mean_nm[2] - heights) / coarse) ** 2
+        value -= np.log(coarse)
+        if not np.any(np.isfinite(value)):
+            break
+        best = places[int(np.nanargmax(value))]
+    else:
+        return float(FORCE_GRID_PN[best])
+    raise FitError("no force makes the configured experiment agree with this recording at all")
+
+
+@dataclass(frozen=True, eq=False)
+class NearbyFit:
+    """What data are expected to be, plateau by plateau, and (plateaus,) forces."""
+
+    expected: list[Expectation]
+    force_pN: FloatArray
+
+
+@dataclass(frozen=True, eq=False)
+class Slopes:
+    """How one plateau's expectation follows θ.
+
+    Attributes
+    ----------
+    rows : (k,) which coordinates move it. power : (k, n_bins, 3, 3) of what is left to chance and
+        extension_nm : (k,) per unit of each.
+    inverse : (n_bins, 3, 3) inverse of that power. whitened : inverse · power slopes.
+    walked : (k, 3) of the variance of where a walk ends.
+    course : of the height's course; None where there is none.
+    """
+
+    rows: list[int]
+    power: FloatArray
+    extension_nm: FloatArray
+    inverse: FloatArray
+    whitened: FloatArray
+    walked: FloatArray
+    course: CourseSlopes | None = None
+
+
+def slopes(model: ConfiguredModel, theta: FloatArray, expected: list[Expectation]) -> list[Slopes]:
+    """Derivatives of all plateaus' expectations at θ, by one-sided differences.
+
+    Raises
+    ------
+    FitError : a step to either side leaves the bead on the surface.
+    """
+    n, plateaus = len(theta), model.plateaus
+    experiment = model.described(theta)
+    shifted = []
+    for k, parameter in enumerate(model.parameters):
+        step, moved = parameter.step_from(theta[plateaus + k]), theta.copy()
+        moved[plateaus + k] += step
+        shifted.append((step, model.described(moved)))
+    forces = [rest.force_pN for rest in experiment.rests]
+    for _, other in shifted:
+        know_states(model.data, other, [[force] for force in forces])
+    described = [(step, other, steady_of(other)) for step, other in shifted]
+    those = []
+    for i, (one, force) in enumerate(zip(model.data, forces, strict=True)):
+        those.append(model.asked(experiment, i, larger_pN(force)))
+        those += [Asked(one, of, other.magnets.course(i), force) for _, other, of in described]
+    answers = iter(model.expectations(those))
+    found = []
+    for i, here in enumerate(expected):
+        others = [(DIFFERENCE, answered(next(answers)))]
+        for k, (step, _) in enumerate(shifted):
+            there = next(answers)
+            if isinstance(there, FitError):
+                # a step that way leaves the bead on the surface
+                back = theta.copy()
+                back[plateaus + k] -= step
+                step, there = -step, model.expected(model.described(back), i, forces[i])
+            others.append((step, there))
+        inverse, _ = here.inverse
+        step_of = np.array([step for step, _ in others])
+        power = np.array([other.random_power for _, other in others]) - here.random_power
+        power /= step_of[:, None, None, None]
+        height = (np.array([o.extension_nm for _, o in others]) - here.extension_nm) / step_of
+        whitened = np.asarray(inverse @ power)
+        ends = (np.array([o.walked_nm2 for _, o in others]) - here.walked_nm2) / step_of[:, None]
+        course = _course_slopes(here, others)
+        rows = [i, *range(plateaus, n)]
+        found.append(Slopes(rows, power, height, inverse, whitened, ends, course))
+    return found
+
+
+def _course_slopes(
+    here: Expectation, others: Sequence[tuple[float, Expectation]]
+) -> CourseSlopes | None:
+    known = next((one.course for _, one in others if one.course is not None), here.course)
+    if known is None:
+        return None
+    steady = np.zeros_like(known.weights)
+    at = steady if here.course is None else here.course.weights
+    weights = [
+        ((steady if other.course is None else other.course.weights) - at) / step
+        for step, other in others
+    ]
+    return CourseSlopes(known.shape, np.array(weights))
+
+
+def gradient_of(
+    model: ConfiguredModel,
+    data: Sequence[PlateauData],
+    theta: FloatArray,
+    expected: list[Expectation],
+    derivatives: list[Slopes],
+) -> FloatArray:
+    """Gradient of ln likelihood × prior at θ, for any data of the same shape."""
+    gradient = np.zeros(len(theta))
+    heights = model.heights(data, expected, theta)
+    for i, (one, here, slope) in enumerate(zip(data, expected, derivatives, strict=True)):
+        ends = heights.ends[i]
+        recorded = random_part(one, here, ends)
+        excess = np.einsum("fab,fbc->fac", slope.inverse, recorded) - np.eye(3)
+        weighted = excess * one.spectrum.ordinates[:, None, None]
+        gradient[slope.rows] += np.einsum("kfab,fba->k", slope.whitened, weighted)
+        if slope.walked.any():
+            say = float(heights.end_pulls[i]), float(heights.end_sharpness[i])
+            known = ends or _ends(one, here, slope).with_heights(*say, here.walked_nm2)
+            gradient[slope.rows] += 0.5 * slope.walked @ (known.pull**2 - np.diag(known.seen))
+        if slope.course is not None:
+            gradient[slope.rows] += slope.course.in_common(_left_of_z(one, here, slope, ends))
+    whitening = heights.whitening
+    whitened = whitening.T @ heights.pulls
+    gradient += height_slopes(derivatives, len(theta)).T @ whitened
+    walks = walk_slopes(model, theta)
+    if walks.any():
+        gained = whitened @ model.wandering_beside_s @ whitened
+        gained -= np.sum((whitening.T @ whitening) * model.wandering_beside_s)
+        gradient += 0.5 * gained * walks
+    pulls = model.pulls(theta)
+    for k, parameter in enumerate(model.parameters):
+        if parameter.prior is not None:
+            gradient[model.plateaus + k] -= pulls[k] / parameter.prior[1]
+    return gradient
+
+
+def _ends(data: PlateauData, here: Expectation, slope: Slopes) -> Walked:
+    return walked(data, slope.inverse, here.walked_nm2, here.course_transform)
+
+
+def _left_of_z(
+    data: PlateauData, here: Expectation, slope: Slopes, ends: Walked | None
+) -> Transform:
+    """What is left of z beside the height's course and a walk's line, given x and y: by so much, at
+    each ordinate, a course that has more there raises ln likelihood.
+    """
+    spectrum = data.spectrum
+    rest = list(spectrum.transforms)
+    if here.course is not None:
+        rest[2] = rest[2] - here.course.transform
+    if ends is not None:
+        lines = line_of(data).transforms
+        rest = [one - end * line for one, end, line in zip(rest, ends.mean_nm, lines, strict=True)]
+    weights = 2 * spectrum.ordinates[:, None] * slope.inverse[:, 2]
+    each = [spectrum.per_ordinate(w) * one for w, one in zip(weights.T, rest, strict=True)]
+    return each[0] + each[1] + each[2]
+
+
+def height_slopes(derivatives: Sequence[Slopes], coordinates: int) -> FloatArray:
+    """(plateaus, coordinates) how mean heights follow θ."""
+    found = np.zeros((len(derivatives), coordinates))
+    for row, slope in zip(found, derivatives, strict=True):
+        row[slope.rows] = slope.extension_nm
+    return found
+
+
+def walk_slopes(model: ConfiguredModel, theta: FloatArray) -> FloatArray:
+    """(coordinates,) how the square of the random walk of z follows θ."""
+    found = np.zeros(len(theta))
+    here = model.walk_nm2_per_s(theta)
+    for k in model.walking:
+        step, moved = model.parameters[k - model.plateaus].step_from(theta[k]), theta.copy()
+        moved[k] += step
+        found[k] = (model.walk_nm2_per_s(moved) - here) / step
+    return found
+
+
+def information_of(
+    model: ConfiguredModel,
+    theta: FloatArray,
+    expected: list[Expectation],
+    derivatives: list[Slopes],
+) -> FloatArray:
+    """Expected information about θ, priors included."""
+    n = model.plateaus + len(model.parameters)
+    information = np.zeros((n, n))
+    for data, here, slope in zip(model.data, expected, derivatives, strict=True):
+        flat = slope.whitened.reshape(len(slope.rows), -1)
+        turned = np.swapaxes(slope.whitened, 2, 3)
+        weighted = (turned * data.spectrum.ordinates[:, None, None]).reshape(len(slope.rows), -1)
+        information[np.ix_(slope.rows, slope.rows)] += flat @ weighted.T
+        if slope.walked.any():
+            seen = _ends(data, here, slope).seen
+            of_ends = 0.5 * slope.walked @ seen**2 @ slope.walked.T
+            information[np.ix_(slope.rows, slope.rows)] += of_ends
+        if slope.course is not None:
+            known = 2 * data.spectrum.ordinates * slope.inverse[:, 2, 2]
+            of_course = slope.course.in_common_with_itself(data.spectrum.per_ordinate(known))
+            information[np.ix_(slope.rows, slope.rows)] += of_course
+    whitening = model.heights(model.data, expected, theta).whitening
+    heights = whitening @ height_slopes(derivatives, n)
+    information += heights.T @ heights
+    walks = walk_slopes(model, theta)
+    if walks.any():
+        wandering = whitening @ model.wandering_beside_s @ whitening.T
+        information += 0.5 * float(np.sum(wandering**2)) * np.outer(walks, walks)
+    for k, parameter in enumerate(model.parameters):
+        if parameter.prior is not None:
+            information[model.plateaus + k, model.plateaus + k] += parameter.prior[1] ** -2.0
+    return information
+
+
+def nearby_fit(fit: ConfiguredFit, data: Sequence[PlateauData]) -> NearbyFit:
+    """A fitted experiment's θ fitted to data drawn from it.
+
+    One step of Fisher scoring from the θ the data were drawn at, which is what a fit changes to
+    first order; bounds are kept.
+    """
+    model, theta = fit.model, fit.theta
+    gradient = gradient_of(model, data, theta, fit.expected, fit.slopes)
+    free = np.ones(len(theta), dtype=bool)
+    held = np.zeros(len(theta))
+    for _ in range(len(theta)):
+        change = held + _step(gradient - fit.information @ held, fit.information, free, 0.0)
+        within = np.clip(theta + change, model.lower, model.upper) - theta
+        outside = free & (np.abs(within - change) > 1e-12)
+        if not outside.any():
+            break
+        held[outside] = within[outside]
+        free &= ~outside
+    expected = [
+        replace(
+            here,
+            random_power=_moved(here.random_power, np.tensordot(change[s.rows], s.power, 1)),
+            extension_nm=here.extension_nm + float(change[s.rows] @ s.extension_nm),
+            course=_moved_course(here.course, s.course, change[s.rows]),
+            walked_nm2=np.maximum(here.walked_nm2 + change[s.rows] @ s.walked, 0.0),
+            line_power=line_of(one).power if s.walked.any() else None,
+        )
+        for one, here, s in zip(data, fit.expected, fit.slopes, strict=True)
+    ]
+    return NearbyFit(expected, np.exp((theta + change)[: model.plateaus]))
+
+
+def _moved_course(
+    course: Course | None, slopes: CourseSlopes | None, change: FloatArray
+) -> Course | None:
+    return course if course is None or slopes is None else slopes.moved(course, change)
+
+
+def _moved(power: FloatArray, change: FloatArray) -> FloatArray:
+    """Power matrices (n_bins, 3, 3) and a change of them, to first order, and positive."""
+    moved = power + change
+    axes = np.arange(power.shape[1])
+    before = power[:, axes, axes]
+    ratio = change[:, axes, axes] / before
+    moved[:, axes, axes] = before * np.exp(np.clip(ratio, -MOST_MOVED, MOST_MOVED))
+    size = np.sqrt(moved[:, axes, axes])
+    most = MOST_CORRELATED * size[:, :, None] * size[:, None, :]
+    moved = np.clip(moved, -most, most)
+    moved[:, axes, axes] = size**2
+    return np.asarray(moved)
+
+
+def _step(
+    gradient: FloatArray, information: FloatArray, free: NDArray[np.bool_], damping: float
+) -> FloatArray:
+    step = np.zeros_like(gradient)
+    index = np.flatnonzero(free)
+    inner = information[np.ix_(index, index)]
+    scale = np.sqrt(np.maximum(np.diag(inner), 1e-300))
+    scaled = inner / np.outer(scale, scale) + damping * np.eye(len(index))
+    step[index] = np.linalg.lstsq(scaled, gradient[index] / scale, rcond=1e-12)[0] / scale
+    return step
+
+
+def _inverse(information: FloatArray) -> FloatArray:
+    scale = np.sqrt(np.maximum(np.diag(information), 1e-300))
+    return np.asarray(np.linalg.pinv(information / np.outer(scale, scale), hermitian=True)
+                      / np.outer(scale, scale))  # fmt: skip

@@ -1,0 +1,323 @@
+"""Fits of hypotheses: the configured experiment with one more effect."""
+
+from __future__ import annotations
+
+import itertools
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from mtpipe.effects.effect import Effect, Evidence, Hypothesis
+from mtpipe.experiment.changes import by_formula
+from mtpipe.ground.errors import FitError
+from mtpipe.joint_fit.distance import excess
+from mtpipe.joint_fit.fit import MOST_ROUNDS, ConfiguredFit, exchanged, first_guess, fit_configured
+from mtpipe.joint_fit.model import ConfiguredModel
+from mtpipe.physics.camera import FloatArray
+from mtpipe.physics.tether import without_stretching
+
+# Fits are tried so far at first, and to so many nats in the end.
+FIRST_ROUNDS, TRIED_NATS = 3, 0.05
+# A hypothesis that has gained less than the best by this many nats, and by this share, is left.
+WORTHWHILE_NATS, WORTHWHILE_SHARE = 30.0, 0.6
+# So many effects are tried in pairs, and so many pairs beyond; a pair has to be better than one by
+# so much.
+AHEAD, PROMISING, PAIR_NATS = 6, 5, 3.0
+# Changes whose cosine is beyond this are one and the same.
+ALONG_ONE = 0.98
+# Recorded heights this many standard errors from the fitted ones are out of the tether's reach. A
+# fit begun afresh that is this share of the whole misfit worse than before has not found its way.
+FAR_FROM_IT, LOST_SHARE = 8.0, 0.1
+
+
+@dataclass(frozen=True, eq=False)
+class Tried:
+    """An effect with its best hypothesis fitted.
+
+    Attributes
+    ----------
+    gain : rise of ln likelihood over the fit without the effect.
+    penalty : what its numbers cost, half as many times ln of the number of ordinates (BIC), and
+        what its form was chosen from; of sizes that do not earn that, what the fit would lose
+        without them.
+    evidence : that the hypotheses began with. index : which of them this is.
+    """
+
+    effect: Effect
+    hypothesis: Hypothesis
+    fit: ConfiguredFit
+    gain: float
+    penalty: float
+    evidence: Evidence
+    index: int
+
+    @property
+    def net(self) -> float:
+        """Gain less penalty, in nats; half of −ΔBIC."""
+        return self.gain - self.penalty
+
+
+def with_hypothesis(
+    fit: ConfiguredFit, hypothesis: Hypothesis, *, rounds: int = MOST_ROUNDS, afresh: bool = False
+) -> ConfiguredFit:
+    """Fit a hypothesis, beginning where the fit without it stands.
+
+    Parameters
+    ----------
+    afresh : whether the fit is begun afresh too; the better of both is taken.
+    """
+    model = replace(
+        fit.model,
+        experiment=hypothesis.experiment,
+        parameters=(*fit.model.parameters, *hypothesis.parameters),
+    )
+    start = np.concatenate([fit.theta, [p.start for p in hypothesis.parameters]])
+    begun = fit_configured(model, start, rounds=rounds, arrived=TRIED_NATS)
+    if not afresh:
+        return begun
+    try:
+        fresh = fit_configured(model, first_guess(model), rounds=rounds, arrived=TRIED_NATS)
+    except (FitError, ValueError):
+        return begun
+    return max(begun, fresh, key=lambda one: one.log_likelihood)
+
+
+def worth_beginning_afresh(fit: ConfiguredFit, *, beside: bool) -> bool:
+    """Whether hypotheses are begun afresh too, and not only where the fit without them stands.
+
+    Its forces and noise say little where the experiment without them cannot reach the recorded
+    heights. But those of a fit that has an effect already were found with it, and where that fit,
+    begun afresh, is soon lost, fits with one effect more are so.
+
+    Parameters
+    ----------
+    beside : whether the fit has an effect already.
+    """
+    if np.abs(fit.height_pulls).max() < FAR_FROM_IT:
+        return False
+    if not beside:
+        return True
+    try:
+        fresh = fit_configured(
+            fit.model, first_guess(fit.model), rounds=FIRST_ROUNDS, arrived=TRIED_NATS
+        )
+    except (FitError, ValueError):
+        return True
+    return fit.log_likelihood - fresh.log_likelihood < LOST_SHARE * excess(fit)
+
+
+def gained_by_motion(one: Tried) -> float:
+    """ln likelihood that an effect gains by moving over all of it standing still (nats).
+
+    inf for one that is no matter of motion, or if it cannot be without.
+    """
+    if one.effect.still is None:
+        return math.inf
+    fit = one.fit
+    still = one.effect.still(fit.model.described(fit.theta))
+    others = range(len(fit.model.parameters) - len(one.hypothesis.parameters))
+    try:
+        without = exchanged(fit, still.experiment, others, still.parameters)
+    except (FitError, ValueError):
+        return math.inf
+    return fit.log_likelihood - without.log_likelihood
+
+
+def together(fit: ConfiguredFit, chosen: Sequence[Tried], start: ConfiguredFit) -> ConfiguredFit:
+    """Fit several effects at once, their parameters beginning where another fit has them.
+
+    Parameters, raises: as `model_with`.
+    """
+    return fit_configured(*model_with(fit, chosen, start))
+
+
+def model_with(
+    fit: ConfiguredFit, chosen: Sequence[Tried], start: ConfiguredFit
+) -> tuple[ConfiguredModel, FloatArray]:
+    """The model with several effects at once, and where another fit has its coordinates.
+
+    Parameters
+    ----------
+    fit : without any of them. start : where forces and parameters begin, as far as it has them,
+        and whose formula of the chain is taken.
+
+    Raises
+    ------
+    FitError : one does not apply together with the others.
+    """
+    model, formula = fit.model, without_stretching(start.model.experiment.chain.formula)
+    model = replace(model, experiment=by_formula(model.experiment, formula))
+    for one in chosen:
+        hypotheses = one.effect.hypotheses(model.experiment, one.evidence)
+        if not hypotheses:
+            raise FitError(f"{one.effect.name} does not apply together with the others")
+        hypothesis = hypotheses[min(one.index, len(hypotheses) - 1)]
+        model = replace(
+            model,
+            experiment=hypothesis.experiment,
+            parameters=(*model.parameters, *hypothesis.parameters),
+        )
+    plateaus = start.model.plateaus
+    known = {
+        parameter.name: float(value)
+        for other in (*(one.fit for one in chosen), start)
+        for parameter, value in zip(other.model.parameters, other.theta[plateaus:], strict=True)
+    }
+    values = [known.get(parameter.name, parameter.start) for parameter in model.parameters]
+    return model, np.concatenate([start.theta[:plateaus], values])
+
+
+def looking_ahead(fit: ConfiguredFit, tried: Sequence[Tried]) -> list[Tried]:
+    """Effects in the order in which to take them: first one of the pair that explains most.
+
+    The best alone may be a substitute for two others (`tried`: best first). Fitted are all pairs of
+    the best few, and of the others those that promise most (`promised_gains`).
+    """
+    best, most = tried[0], tried[0].net + PAIR_NATS
+    for i, j in _worth_fitting(fit, tried):
+        first, second = tried[i], tried[j]
+        try:
+            both = together(fit, [first, second], first.fit)
+        except (FitError, ValueError):
+            continue
+        net = both.log_likelihood - fit.log_likelihood - first.penalty - second.penalty
+        if net > most:
+            best, most = first, net
+    return [best, *(one for one in tried if one is not best)]
+
+
+def _worth_fitting(fit: ConfiguredFit, tried: Sequence[Tried]) -> list[tuple[int, int]]:
+    """Pairs of effects, as indices, the better one first."""
+    changes = np.array([_change_of(fit, one.fit) for one in tried])
+    promised = promised_gains(np.array([one.gain for one in tried]), changes)
+    costs = np.array([one.penalty for one in tried])
+    promised = promised - costs[:, None] - costs[None, :]
+    others = [(i, j) for i, j in itertools.combinations(range(len(tried)), 2) if j >= AHEAD]
+    others.sort(key=lambda pair: -float(promised[pair]))
+    return [*itertools.combinations(range(min(len(tried), AHEAD)), 2), *others[:PROMISING]]
+
+
+def _change_of(fit: ConfiguredFit, other: ConfiguredFit) -> FloatArray:
+    """What another fit changes of the expected powers and heights, in their standard errors."""
+    parts = []
+    for data, here, there in zip(fit.model.data, fit.expected, other.expected, strict=True):
+        powers = [np.diagonal(one.power, axis1=1, axis2=2) for one in (here, there)]
+        root = np.sqrt(data.spectrum.ordinates)[:, None]
+        parts.append(np.ravel(root * np.log(powers[1] / powers[0])))
+        raised = there.extension_nm - here.extension_nm
+        parts.append(np.array([raised / here.extension_stderr_nm]))
+    return np.concatenate(parts)
+
+
+def promised_gains(gains: FloatArray, changes: FloatArray) -> FloatArray:
+    """(n, n) what effects would gain two at a time were their changes small (nats).
+
+    With a_i = √(2 gain_i), the misfit's part along the i-th change, and c the cosine of two, the
+    part in their plane has half the square (a_i² + a_j² − 2 c a_i a_j)/(1 − c²)/2.
+
+    Parameters
+    ----------
+    gains : (n,) of each by itself. changes : (n, m) of what is expected, in standard errors.
+    """
+    size = np.sqrt(2 * np.maximum(gains, 0.0))
+    length = np.maximum(np.linalg.norm(changes, axis=1), 1e-300)
+    cosine = (changes @ changes.T) / np.outer(length, length)
+    alike = np.abs(cosine) > ALONG_ONE
+    both = size[:, None] ** 2 + size[None, :] ** 2 - 2 * cosine * np.outer(size, size)
+    inside = both / (1 - np.where(alike, 0.0, cosine) ** 2)
+    best = np.maximum(size[:, None], size[None, :]) ** 2
+    return np.asarray(np.where(alike, best, inside) / 2)
+
+
+def try_effects(
+    fit: ConfiguredFit, effects: Sequence[Effect], evidence: Evidence, *, beside: bool = False
+) -> list[Tried]:
+    """Fit every effect that applies, each with the best of its hypotheses; best first.
+
+    All begin with a few steps; those that have gained something like the best are then fitted to
+    the end, the others stay where they are.
+
+    Parameters
+    ----------
+    beside : whether the fit has an effect already.
+    """
+    taken = {parameter.name for parameter in fit.model.parameters}
+    begun: list[Tried] = []
+    afresh = worth_beginning_afresh(fit, beside=beside)
+    for effect in effects:
+        hypotheses = effect.hypotheses(fit.model.experiment, evidence)
+        for index, hypothesis in enumerate(hypotheses):
+            if taken & {parameter.name for parameter in hypothesis.parameters}:
+                continue
+            try:
+                fitted = with_hypothesis(fit, hypothesis, rounds=FIRST_ROUNDS, afresh=afresh)
+            except (FitError, ValueError):
+                continue
+            penalty = 0.5 * hypothesis.numbers * math.log(fit.model.ordinates)
+            penalty += math.log(hypothesis.chosen_from)
+            gain = fitted.log_likelihood - fit.log_likelihood
+            begun.append(Tried(effect, hypothesis, fitted, gain, penalty, evidence, index))
+    best = max((one.gain for one in begun), default=0.0)
+    worthwhile = best - max(WORTHWHILE_NATS, WORTHWHILE_SHARE * best)
+    strongest: dict[str, Tried] = {}
+    for one in begun:
+        if one.gain > worthwhile:
+            try:
+                one = _idle_sizes_forgiven(_ended(one, fit), fit)
+            except FitError:
+                # it ended where the least change leaves the bead on the surface
+                continue
+        if one.effect.name not in strongest or one.net > strongest[one.effect.name].net:
+            strongest[one.effect.name] = one
+    return sorted(strongest.values(), key=lambda one: one.net, reverse=True)
+
+
+def best_of(fit: ConfiguredFit, effect: Effect, evidence: Evidence) -> Tried | None:
+    """One effect with the best of its hypotheses; None where none applies or can be fitted."""
+    tried = try_effects(fit, [effect], evidence)
+    return tried[0] if tried else None
+
+
+def _idle_sizes_forgiven(one: Tried, without: ConfiguredFit) -> Tried:
+    """The effect at the price it has without those of its sizes that do not earn theirs.
+
+    A size is at least 0, which is none. The fit keeps them all: they are unknown as before.
+    """
+    model = one.fit.model
+    first = len(model.parameters) - len(one.hypothesis.parameters)
+    each_costs = (one.penalty - math.log(one.hypothesis.chosen_from)) / one.hypothesis.numbers
+    if one.gain < each_costs:
+        return one
+    stderr = np.sqrt(np.maximum(np.diag(one.fit.covariance), 1e-300))[model.plateaus :]
+    worth = {
+        k: 0.5 * float(one.fit.theta[model.plateaus + k] / stderr[k]) ** 2
+        for k in range(first, len(model.parameters))
+        if model.parameters[k].lower == 0
+    }
+    idle = {k for k, nats in worth.items() if nats < each_costs}
+    if idle and idle == set(worth):
+        idle.remove(max(worth, key=lambda k: worth[k]))
+    if not idle:
+        return one
+    experiment = model.experiment
+    for k in idle:
+        experiment = model.parameters[k].change(experiment, 0.0)
+    kept = [k for k in range(len(model.parameters)) if k not in idle]
+    try:
+        fewer = exchanged(one.fit, experiment, kept)
+    except (FitError, ValueError):
+        return one
+    lost = one.fit.log_likelihood - fewer.log_likelihood
+    return replace(one, penalty=min(one.penalty, one.penalty - each_costs * len(idle) + lost))
+
+
+def _ended(one: Tried, without: ConfiguredFit) -> Tried:
+    if one.fit.converged:
+        return one
+    try:
+        fitted = fit_configured(one.fit.model, one.fit.theta, arrived=TRIED_NATS)
+    except (FitError, ValueError):
+        return one
+    return replace(one, fit=fitted, gain=fitted.log_likelihood - without.log_likelihood)

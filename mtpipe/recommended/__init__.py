@@ -1,1 +1,0 @@
-"""The force to quote: one per bead and plateau, chosen by evidence."""

@@ -1,0 +1,1 @@
+"""A recording: positions, magnets and plateaus, however they came in."""

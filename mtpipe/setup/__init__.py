@@ -1,0 +1,1 @@
+"""What a laboratory says of its experiment: `setup.toml`, checked and typed."""

@@ -1,0 +1,1 @@
+"""Power spectra of traces, by Welch's method and by windows."""
