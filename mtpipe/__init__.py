@@ -30,7 +30,8 @@ if TYPE_CHECKING:
     from mtpipe.ground.estimate import Estimate
     from mtpipe.ingest import load
     from mtpipe.methods import METHODS, fit_by_method
-    from mtpipe.pipeline.run import Run, run
+    from mtpipe.pipeline.results import Run
+    from mtpipe.pipeline.run import run
     from mtpipe.recording.recording import Plateau, Recording
     from mtpipe.setup.setup import Setup, read_setup
     from mtpipe.simulation.simulate import simulate

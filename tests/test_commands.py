@@ -15,7 +15,7 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from mtpipe.cli.commands import main
+from mtpipe.cli.entry import main
 from mtpipe.design import figure, guide, show
 from mtpipe.fit.trace import fit_trace
 from mtpipe.ground.errors import MtpipeError, writing

@@ -34,14 +34,17 @@ from mtpipe.joint_fit import fit as fit_module
 from mtpipe.joint_fit import spectra
 from mtpipe.joint_fit.data import plateau_data
 from mtpipe.joint_fit.expectation import Subtraction
-from mtpipe.joint_fit.fit import STUCK, fit_configured, gradient_of, nearby_fit, slopes
+from mtpipe.joint_fit.fit import STUCK, fit_configured, nearby_fit
+from mtpipe.joint_fit.information import gradient_of
 from mtpipe.joint_fit.model import ConfiguredModel
 from mtpipe.joint_fit.random_walk import line_of, sees_walks
+from mtpipe.joint_fit.slopes import slopes
 from mtpipe.joint_fit.spectra import edges_about, matrix_periodogram, quick_length
 from mtpipe.joint_fit.three_axes import inverses
 from mtpipe.physics.camera import Camera
 from mtpipe.simulation.readout import recorded
-from mtpipe.spectra.spectrum import bin_edges, periodogram
+from mtpipe.spectra.spectrum import periodogram
+from mtpipe.spectra.window import bin_edges
 from tests.small_case import FORCES_PN, NOISE_NM, case, generator, raw, setup
 
 FRAME_S = 1 / 120

@@ -29,7 +29,7 @@ from mtpipe.drift import subtract_drift
 from mtpipe.experiment.changes import with_magnets
 from mtpipe.experiment.description import ForceCourse
 from mtpipe.ground.errors import RecordingError
-from mtpipe.pipeline.tables import crosscheck_curves, crosscheck_table
+from mtpipe.pipeline.tables_crosscheck import crosscheck_curves, crosscheck_table
 from mtpipe.recording.plateaus import find_plateaus
 from mtpipe.setup.setup import Setup
 from tests.small_case import FORCES_PN, FRAMES, case, generator, raw, setup

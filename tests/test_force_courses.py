@@ -26,9 +26,11 @@ from mtpipe.experiment.state import bead_state
 from mtpipe.joint_fit.courses import force_courses
 from mtpipe.joint_fit.data import plateau_data, whitening
 from mtpipe.joint_fit.expectation import Subtraction
-from mtpipe.joint_fit.fit import fit_configured, gradient_of, slopes
+from mtpipe.joint_fit.fit import fit_configured
 from mtpipe.joint_fit.hypotheses import best_of
+from mtpipe.joint_fit.information import gradient_of
 from mtpipe.joint_fit.model import ConfiguredModel
+from mtpipe.joint_fit.slopes import slopes
 from mtpipe.physics.camera import Camera
 from mtpipe.physics.tether import Chain
 from mtpipe.simulation.linear import simulate_motion

@@ -9,7 +9,8 @@ from scipy import linalg
 from mtpipe.effects.effect import Evidence
 from mtpipe.effects.hydrodynamic_memory import EFFECT
 from mtpipe.experiment.description import Bead, Experiment, Fluid, Magnets, Stage, Tracker
-from mtpipe.experiment.state import bead_state, recorded_modes
+from mtpipe.experiment.recorded_modes import recorded_modes
+from mtpipe.experiment.state import bead_state
 from mtpipe.physics.camera import Camera, power_spectrum
 from mtpipe.physics.memory import memory_time_s, power_with_memory, remembering
 from mtpipe.physics.tether import Chain

@@ -10,7 +10,7 @@ from mtpipe.crosschecking.setup_effects import with_listed
 from mtpipe.diagnosis.refit import other_formulas
 from mtpipe.drift import subtract_drift
 from mtpipe.ground.errors import SetupError
-from mtpipe.pipeline.run import not_simulated
+from mtpipe.pipeline.results import not_simulated
 from tests.small_case import raw, setup
 
 KNOWN = ["wall_drag", "rotation_coupling", "tracking_noise"]

@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 import mtpipe
-from mtpipe.cli.commands import main
+from mtpipe.cli.entry import main
 from mtpipe.experiment.from_setup import experiment_of
 from mtpipe.experiment.state import bead_state
 from mtpipe.ground.errors import MtpipeError, SetupError

@@ -14,7 +14,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from mtpipe.experiment.description import Bead, Experiment, Fluid, Rest, Stage, Tracker
-from mtpipe.experiment.state import bead_state, expected_spectrum, recorded_modes
+from mtpipe.experiment.recorded_modes import recorded_modes
+from mtpipe.experiment.state import bead_state, expected_spectrum
 from mtpipe.physics.camera import (
     Camera,
     blur_factor,

@@ -8,14 +8,8 @@ import pytest
 from mtpipe.ground.errors import FitError
 from mtpipe.physics.camera import Camera, frame_variance, lag_one_covariance, power_spectrum
 from mtpipe.physics.langevin import simulate_mode
-from mtpipe.spectra.spectrum import (
-    bin_edges,
-    expected_matrices,
-    periodogram,
-    prewhitening,
-    seen_modes,
-    window_of,
-)
+from mtpipe.spectra.spectrum import periodogram, prewhitening
+from mtpipe.spectra.window import bin_edges, expected_matrices, seen_modes, window_of
 
 CAMERA = Camera(1 / 100, 0.6 / 100)
 

@@ -11,7 +11,7 @@ from pathlib import Path
 import pandas as pd
 import pytest
 
-from mtpipe.cli.commands import _unforeseen
+from mtpipe.cli.entry import unforeseen
 from mtpipe.ground.errors import MtpipeError
 from mtpipe.ground.processes import executor
 from mtpipe.ground.script_guard import check_guard
@@ -193,7 +193,7 @@ def test_a_script_without_a_guard_is_told_and_one_with_is_not(tmp_path):
 
 
 def test_too_little_memory_is_one_sentence():
-    said = _unforeseen(MemoryError("Unable to allocate 7.45 GiB for an array"))
+    said = unforeseen(MemoryError("Unable to allocate 7.45 GiB for an array"))
     assert "Unable to allocate 7.45 GiB" in said
     assert "defect" not in said
     with executor(1) as pool, pytest.raises(MemoryError):

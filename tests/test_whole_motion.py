@@ -18,13 +18,8 @@ from mtpipe.experiment.description import (
     Stage,
     Tracker,
 )
-from mtpipe.experiment.state import (
-    LOW_TILT,
-    bead_state,
-    expected_spectrum,
-    followed_modes,
-    recorded_modes,
-)
+from mtpipe.experiment.recorded_modes import followed_modes, recorded_modes
+from mtpipe.experiment.state import LOW_TILT, bead_state, expected_spectrum
 from mtpipe.experiment.tethers import tethers_at
 from mtpipe.experiment.whole_motion import whole_motion
 from mtpipe.ground.errors import FitError

@@ -7,8 +7,6 @@ plain lines on standard error; a traceback appears only with MTPIPE_DEBUG set in
 from __future__ import annotations
 
 import os
-import sys
-import traceback
 from pathlib import Path
 from typing import Annotated
 
@@ -16,9 +14,9 @@ import typer
 
 import mtpipe
 from mtpipe.cli import arguments as given
-from mtpipe.cli.terminal import progress_bar, stopped_in_one_line, summary
-from mtpipe.ground.errors import MtpipeError, writing
-from mtpipe.ground.streams import open_streams, say
+from mtpipe.cli.terminal import progress_bar, summary
+from mtpipe.ground.errors import writing
+from mtpipe.ground.streams import say
 
 app = typer.Typer(
     add_completion=False,
@@ -388,33 +386,3 @@ def demo(
     with progress_bar() as progress, writing(out):
         text = shown(out, workers=workers or os.cpu_count() or 1, progress=progress)
     say(text)
-
-
-def main() -> None:
-    """Run the command line; every fault ends in a sentence and an exit code."""
-    open_streams()
-    with stopped_in_one_line():
-        try:
-            app()
-        except MtpipeError as error:
-            say(f"mtpipe: {error}", err=True)
-            sys.exit(error.exit_code)
-        except Exception as error:
-            if os.environ.get("MTPIPE_DEBUG"):
-                traceback.print_exc()
-            say(f"mtpipe: {_unforeseen(error)}", err=True)
-            sys.exit(1)
-
-
-def _unforeseen(error: Exception) -> str:
-    if isinstance(error, MemoryError):
-        asked = f" ({error})" if str(error) else ""
-        return f"the memory is not enough{asked}. Use fewer --workers, or more memory."
-    if isinstance(error, OSError) and error.errno is not None:
-        name = f"{error.filename}: " if error.filename else ""
-        what = "no access" if isinstance(error, PermissionError) else "cannot be read or written"
-        return f"{name}{what} ({error.strerror})"
-    return (
-        f"a defect of mtpipe itself: {type(error).__name__}: {error}\n"
-        "Set MTPIPE_DEBUG=1 to see where, and please report it."
-    )

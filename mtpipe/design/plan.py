@@ -11,7 +11,8 @@ from scipy import stats
 from mtpipe.calibration.free_fits import NOISE_FACTOR
 from mtpipe.experiment.description import Experiment
 from mtpipe.experiment.from_setup import experiment_of
-from mtpipe.experiment.state import BeadState, bead_state
+from mtpipe.experiment.recorded_modes import BeadState
+from mtpipe.experiment.state import bead_state
 from mtpipe.ground.errors import SetupError
 from mtpipe.ground.notice import Notice
 from mtpipe.physics.buffer import thermal_energy_pN_nm

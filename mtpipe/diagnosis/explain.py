@@ -21,7 +21,6 @@ from mtpipe.crosschecking.check import (
     CLEARLY_CONSISTENT,
     CLEARLY_NOT,
     ENOUGH,
-    FAR_OFF,
     ROUNDS,
     BeadCheck,
     check_bead,
@@ -40,8 +39,23 @@ from mtpipe.diagnosis.explanation import (
     agrees,
 )
 from mtpipe.diagnosis.heights import gained_by_scatter, wanders
-from mtpipe.diagnosis.heldout import MOST_OF_IT, explained_share, heldout_gain
+from mtpipe.diagnosis.heldout import heldout_gain
+from mtpipe.diagnosis.kept import (
+    MOST_CANDIDATES,
+    gains_in_words,
+    heights_off,
+    named_effect,
+    not_enough,
+    too_little,
+)
 from mtpipe.diagnosis.refit import begun_again, best_formula, with_forces_found
+from mtpipe.diagnosis.superfluous import (
+    KEPT_NATS,
+    SEEN_NATS,
+    certain,
+    without_superfluous,
+    without_unclear_third,
+)
 from mtpipe.diagnosis.time_corrections import corrected, late_corrections
 from mtpipe.diagnosis.unexplained import Rejected
 from mtpipe.effects.catalogue import catalogue
@@ -50,16 +64,11 @@ from mtpipe.ground.errors import FitError
 from mtpipe.joint_fit.fit import ConfiguredFit
 from mtpipe.joint_fit.hypotheses import (
     Tried,
-    gained_by_motion,
     looking_ahead,
     together,
     try_effects,
 )
 
-# Net gain (nats, BIC) from which an effect is seen although the battery is silent, and from which
-# one is kept at all. With a penalty of 5 nats a gain of 8 is needed, which comes by chance once in
-# 16 000 tries of one parameter (χ² above 16); the catalogue tries some 30.
-SEEN_NATS, KEPT_NATS = 4.0, 3.0
 # Where the battery is clearly content with an effect, a second one has to gain so much: the form of
 # the first is known only so well, and what is left of it may look like another.
 BESIDE_NATS = 10.0
@@ -68,17 +77,8 @@ BESIDE_NATS = 10.0
 # they were fitted.
 NEAR_NATS = 20.0
 MOST_EFFECTS = 3
-# What no name describes is imitated the better the more effects are taken for it. A third effect of
-# the spectrum has to be unmistakable.
-THIRD_NATS = 100.0
-# So many effects are checked at most before the search ends, and one is rejected if with it ln p is
-# larger than this many times what it was.
-MOST_CANDIDATES, MORE_ODD = 3, 1.25
 # Few simulations say that recording and simulation will not agree where p is that far below.
 RULED_OUT = 1e-4 * AGREES_P
-# The search has enough simulations for each of the effects it checks: what comes out of it is made
-# sure, as whether recording and simulation agree is said by that alone.
-SEARCHING = tuple(goal for goal in ROUNDS if goal <= ENOUGH)
 # A p-value of 120 simulations differs tenfold from one set of them to the next where it is small,
 # of twice as many fivefold.
 SURE_SIMULATIONS = 240
@@ -180,11 +180,11 @@ def concluded(
     if left_out is not None and isinstance(left_out.found, Tried):
         rival = bent.bend if bent is not None and left_out.found in bent.replaced else None
         if off and _frees_heights(left_out):
-            reason = _heights_off(left_out, scatter)
+            reason = heights_off(left_out, scatter)
         elif rival is not None:
-            reason = f"{_gains(left_out.found)}, but is no likelier than {rival.words}"
+            reason = f"{gains_in_words(left_out.found)}, but is no likelier than {rival.words}"
         else:
-            reason = _not_enough(left_out)
+            reason = not_enough(left_out)
         nearest = Rejected(left_out.found, reason, instead=rival)
     if not kept:
         verdict = "consistent" if before.p_value >= ALARM_P else "unexplained"
@@ -246,7 +246,7 @@ def _searched(
         if named and check.p_value >= CLEARLY_CONSISTENT:
             needed = BESIDE_NATS
         if not tried or tried[0].net < needed:
-            nearest = Rejected(tried[0], _too_little(tried[0], needed)) if tried else None
+            nearest = Rejected(tried[0], too_little(tried[0], needed)) if tried else None
             break
         able = [one for one in tried if one.net >= needed]
         if not beside and len(able) > 1:
@@ -257,7 +257,7 @@ def _searched(
         while candidates:
             one = candidates.pop(0)
             say(f"checking with {one.effect.name}")
-            found = _named(_refitted(one, check), check, case, random)
+            found = named_effect(_refitted(one, check), check, case, random)
             if isinstance(found, Named):
                 break
             rejected.append(found)
@@ -273,7 +273,7 @@ def _searched(
             found,
             rivals,
             partial(_refitted, check=check),
-            partial(_named, check=check, case=case, random=random, far_off=RULED_OUT),
+            partial(named_effect, check=check, case=case, random=random, far_off=RULED_OUT),
         )
         named.append(_beside(found, tried, {found.name}, case))
         check, fit = found.after, found.after.case.fit
@@ -387,155 +387,3 @@ def _refitted(chosen: Tried, check: BeadCheck) -> Tried:
     """The effect with forces begun afresh and the formula of the chain that suits it best."""
     fit = best_formula(begun_again(with_forces_found(chosen, check).fit))
     return replace(chosen, fit=fit, gain=fit.log_likelihood - check.case.fit.log_likelihood)
-
-
-def _named(
-    one: Tried,
-    check: BeadCheck,
-    case: Case,
-    random: np.random.Generator,
-    *,
-    far_off: float = FAR_OFF,
-) -> Named | Rejected:
-    """The effect, checked; rejected where it is not seen to move, tells nothing of time that was
-    not fitted, cannot be simulated, or makes recording and simulation differ even more.
-
-    Parameters
-    ----------
-    check : without it. case : without any effect. far_off : as `check_bead`.
-    """
-    without = check.case.fit
-    if gained_by_motion(one) < ALIKE_NATS:
-        reason = f"{_gains(one)}, and as much without its motion being seen"
-        return Rejected(one, reason, unseen=True)
-    heldout = heldout_gain(case, without, one.fit)
-    if heldout <= 0:
-        return Rejected(one, f"{_gains(one)}, but nothing on time that was not fitted")
-    try:
-        after = check_bead(replace(case, fit=one.fit), random, rounds=SEARCHING, far_off=far_off)
-    except (FitError, ValueError) as error:
-        return Rejected(one, f"{_gains(one)}, but cannot be simulated ({error})")
-    p_before, p_after = comparable_p_values(check, after)
-    if p_after < min(ALARM_P, p_before**MORE_ODD):
-        return Rejected(one, _more_odd(one, check, after))
-    return Named(one, (), check, after, heldout)
-
-
-def _gains(one: Tried) -> str:
-    return f"gains {one.gain:.0f} in ln likelihood"
-
-
-def _too_little(one: Tried, needed: float) -> str:
-    numbers = one.hypothesis.numbers
-    gains = f"gains {one.gain:.1f} in ln likelihood" if one.gain >= 0.05 else "gains nothing"
-    what = "parameter" if numbers == 1 else f"{numbers} parameters"
-    return f"{gains}, too little for its {what} ({one.penalty + needed:.1f} are needed)"
-
-
-def _more_odd(one: Tried, before: BeadCheck, after: BeadCheck) -> str:
-    return (
-        f"{_gains(one)}, but with it recording and simulation differ even more "
-        f"(p {before.p_value:.1g} → {after.p_value:.1g})"
-    )
-
-
-def _not_enough(one: Named) -> str:
-    share = max(explained_share(one.before, one.after), 0.0)
-    if share < MOST_OF_IT:
-        return (
-            f"explains {share:.0%} of the misfit; where something else remains unexplained, a "
-            f"cause is named only if it explains {MOST_OF_IT:.0%}"
-        )
-    return (
-        f"explains {share:.0%} of the misfit, but what remains differs about as significantly "
-        f"(p {one.before.p_value:.1g} → {one.after.p_value:.1g})"
-    )
-
-
-def _heights_off(one: Named, scatter: float) -> str:
-    return (
-        f"explains {max(explained_share(one.before, one.after), 0.0):.0%} of the misfit, but mean "
-        "heights scatter by more than positions wander within plateaus (ln likelihood is higher by "
-        f"{scatter:.0f} if each height has an error of its own)"
-    )
-
-
-def without_superfluous(
-    case: Case, named: list[Named], check: BeadCheck, random: np.random.Generator
-) -> tuple[list[Named], BeadCheck]:
-    """Drop effects that the others make needless.
-
-    Parameters
-    ----------
-    case : without any effect of the spectrum. named : in the order found. check : with all of them.
-
-    Returns
-    -------
-    The effects left and the check with them, each effect's checks before and after brought in line.
-    """
-    fitted = [one.found for one in named if isinstance(one.found, Tried)]
-    for one in fitted if len(fitted) > 1 else []:
-        rest = [other for other in fitted if other is not one]
-        try:
-            fit = together(case.fit, rest, check.case.fit)
-        except (FitError, ValueError):
-            continue
-        if check.case.fit.log_likelihood - fit.log_likelihood - one.penalty < KEPT_NATS:
-            again = check_bead(replace(case, fit=fit), random)
-            if again.p_value >= min(AGREES_P, check.p_value):
-                left = _checked_without(case, named, one, again, random)
-                return without_superfluous(case, left, again, random)
-    return named, check
-
-
-def _checked_without(
-    case: Case, named: list[Named], dropped: Tried, after: BeadCheck, random: np.random.Generator
-) -> list[Named]:
-    """The effects but one, those behind it checked anew; `after` : the check with all of them."""
-    at = next(i for i, one in enumerate(named) if one.found is dropped)
-    left = named[:at] + named[at + 1 :]
-    last = len(left) - 1
-    before = named[min(at, last)].before
-    for i in range(min(at, last), last + 1):
-        there = after
-        if i < last:
-            those = [one.found for one in left[: i + 1] if isinstance(one.found, Tried)]
-            fit = together(case.fit, those, after.case.fit)
-            there = check_bead(replace(case, fit=fit), random)
-        left[i] = replace(left[i], before=before, after=there)
-        before = there
-    return left
-
-
-def without_unclear_third(
-    named: list[Named], check: BeadCheck, nearest: Rejected | None
-) -> tuple[list[Named], BeadCheck, Rejected | None]:
-    """Drop a third effect of the spectrum that is not unmistakable.
-
-    Parameters
-    ----------
-    named : in the order found, corrections first. check : with all of them. nearest : as yet.
-    """
-    fitted = [one.found for one in named if isinstance(one.found, Tried)]
-    if len(fitted) < 3 or fitted[-1].net >= THIRD_NATS:
-        return named, check, nearest
-    third = fitted[-1]
-    reason = (
-        f"gains {third.gain:.1f} in ln likelihood, too little for a third effect "
-        f"({third.penalty + THIRD_NATS:.1f} are needed), as one cause that is not in the catalogue "
-        "can look like several"
-    )
-    return named[:-1], named[-1].before, Rejected(third, reason)
-
-
-def certain(named: list[Named]) -> list[Named]:
-    """The effects that may be named beside an unexplained rest, up to the first that may not."""
-    kept: list[Named] = []
-    for one in named:
-        little = explained_share(one.before, one.after) < MOST_OF_IT
-        p_before, p_after = comparable_p_values(one.before, one.after)
-        still_odd = p_after < p_before ** (1 - MOST_OF_IT)
-        if isinstance(one.found, Tried) and (little or still_odd):
-            break
-        kept.append(one)
-    return kept

@@ -13,11 +13,12 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from mtpipe.crosschecking.check import check_bead
-from mtpipe.diagnosis.explain import certain, explain
+from mtpipe.diagnosis.explain import explain
 from mtpipe.diagnosis.explanation import Alternative, Explanation, Named, agrees
 from mtpipe.diagnosis.heldout import heldout_gain
 from mtpipe.diagnosis.pooled import Common, Settled
 from mtpipe.diagnosis.refit import begun_again, best_formula
+from mtpipe.diagnosis.superfluous import certain
 from mtpipe.diagnosis.unexplained import Rejected
 from mtpipe.effects.effect import Effect, Evidence
 from mtpipe.ground.errors import FitError

@@ -14,7 +14,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from mtpipe.experiment.description import Experiment, ForceCourse, Hopping
-from mtpipe.experiment.state import BeadState, recorded_modes
+from mtpipe.experiment.recorded_modes import BeadState, recorded_modes
 from mtpipe.physics.camera import Camera, FloatArray, frame_variance, lag_one_covariance
 
 # Heights along a force's course follow from those at so many forces.

@@ -20,23 +20,28 @@ is described by expansion alone, which is what it leaves out.
 
 from __future__ import annotations
 
-import functools
 from collections.abc import Sequence
-from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from mtpipe.experiment.description import Experiment
 from mtpipe.experiment.frictions import LEAST_HEIGHT_NM, frictions_at
+from mtpipe.experiment.recorded_modes import (
+    BeadState,
+    RecordedModes,
+    by_expansion,
+    joined,
+    recorded_modes,
+)
 from mtpipe.experiment.tethers import Tether, tethers_at
 from mtpipe.experiment.whole_motion import whole_motion
 from mtpipe.ground.errors import FitError
 from mtpipe.physics.axial import AxialMotion
 from mtpipe.physics.camera import FloatArray, power_spectrum
 from mtpipe.physics.coupled_height import coupled_height_modes
-from mtpipe.physics.linear import LinearMotion, NormalModes, normal_modes, pair_modes
-from mtpipe.physics.memory import memory_time_s, remembering
+from mtpipe.physics.linear import LinearMotion, NormalModes, normal_modes
+from mtpipe.physics.memory import memory_time_s
 from mtpipe.physics.tethered_bead import friction_pN_s_per_nm
 
 ALONG, ACROSS, UP, ANGLE = range(4)
@@ -44,8 +49,6 @@ ALONG, ACROSS, UP, ANGLE = range(4)
 _HEIGHTS, _HEIGHT_WEIGHTS = np.polynomial.hermite_e.hermegauss(7)
 _HEIGHT_WEIGHTS = _HEIGHT_WEIGHTS / _HEIGHT_WEIGHTS.sum()
 LEAST_SHARE = 0.05
-# Below this share of an axis's variance a mode is rounding error.
-ROUNDING = 1e-9
 MOST_GIVING, LEAST_STRAIGHT = 0.1, 0.3
 # Share of the force by which it is changed to see what changes with it.
 DIFFERENCE = 1e-3
@@ -55,53 +58,6 @@ DIFFERENCE = 1e-3
 LOW_TILT = (0.02, 0.025)
 # A bead that has no whole potential keeps the closed form until the surface counts.
 SLACK_TILT = (0.1, 0.2)
-
-
-@dataclass(frozen=True, eq=False)
-class RecordedModes:
-    """Exponential covariances that sum up to the motion: τ (m,), covariance (m, 3, 3); of many
-    beads with a first dimension more.
-    """
-
-    tau_s: FloatArray
-    covariance_nm2: FloatArray
-
-    def of(self, i: int) -> RecordedModes:
-        """One of many."""
-        return RecordedModes(self.tau_s[i], self.covariance_nm2[i])
-
-
-@dataclass(frozen=True, eq=False)
-class BeadState:
-    """A bead at one force.
-
-    Attributes
-    ----------
-    extension_nm : mean height of the bead's lowest point, the mean of z.
-    motion : the linear motion about the mean; its readout is (x, y, z) of the camera.
-    modes : its normal modes.
-    bending : (d, d); z by expansion is ½ Xᵀ bending X above the linear motion, apart from its mean.
-    axial : motion away from the surface by expansion, but for the swinging of the tether.
-    moved : modes of x, y and z.
-    stepped : the experiment, where the motion is followed step by step through the whole potential;
-        None where it is followed by expansion.
-    memory_s : time of hydrodynamic memory, which is in none of them; 0: none.
-    """
-
-    force_pN: float
-    extension_nm: float
-    motion: LinearMotion
-    modes: NormalModes
-    bending: FloatArray
-    axial: AxialMotion
-    moved: RecordedModes
-    stepped: Experiment | None = None
-    memory_s: float = 0.0
-
-    @property
-    def upward(self) -> int:
-        """Which of the modes is the harmonic motion away from the surface."""
-        return int(np.argmax(np.abs(self.modes.amplitude_nm[2])))
 
 
 def bead_state(experiment: Experiment, force_pN: float) -> BeadState:
@@ -217,7 +173,7 @@ def _held(
     for i, low in enumerate(_low_shares(experiment, force_pN, end)):
         of_one, moved, by_itself = modes.of(i), closed.of(i), axial.of(i)
         if low > 0:
-            lowest = whole[i] or _by_expansion(of_one, bending[i], by_itself)
+            lowest = whole[i] or by_expansion(of_one, bending[i], by_itself)
             moved = lowest if low == 1 else _mixed(lowest, low, moved)
         stepped = None if whole[i] is None else experiment
         found.append(
@@ -281,51 +237,6 @@ def _softer(modes: RecordedModes, experiment: Experiment) -> RecordedModes:
     return RecordedModes(tau_s, covariance)
 
 
-@functools.lru_cache(maxsize=4096)
-def recorded_modes(state: BeadState) -> RecordedModes:
-    """Modes of x, y and z.
-
-    Hydrodynamic memory makes many decays of these, some of them with negative variance.
-    """
-    if state.memory_s == 0:
-        return state.moved
-    times, parts = [], []
-    for axis in range(3):
-        variance = state.moved.covariance_nm2[:, axis, axis]
-        there = variance > ROUNDING * variance.sum()
-        tau_s, found = remembering(state.moved.tau_s[there], variance[there], state.memory_s)
-        of_axis = np.zeros((len(tau_s), 3, 3))
-        of_axis[:, axis, axis] = found
-        times.append(tau_s)
-        parts.append(of_axis)
-    return RecordedModes(np.concatenate(times), np.concatenate(parts))
-
-
-def followed_modes(state: BeadState) -> RecordedModes:
-    """Modes of x, y and z as a simulation follows them; without memory."""
-    if state.stepped is not None:
-        return state.moved
-    return _by_expansion(state.modes, state.bending, state.axial)
-
-
-def _by_expansion(modes: NormalModes, bending: FloatArray, axial: AxialMotion) -> RecordedModes:
-    """Modes of x, y and z, the swinging of the tether and its length apart."""
-    of_z = zip(pair_modes(bending, modes), axial.modes, strict=True)
-    return _joined(modes, *(np.concatenate(each) for each in of_z))
-
-
-def _joined(modes: NormalModes, tau_s: FloatArray, variance_nm2: FloatArray) -> RecordedModes:
-    """Modes of the lateral motion, and relaxation times and variances (…, k) of z."""
-    amplitude = np.swapaxes(modes.amplitude_nm, -1, -2).copy()
-    amplitude[..., 2] = 0.0
-    linear = amplitude[..., :, None] * amplitude[..., None, :]
-    upward = np.zeros((*tau_s.shape, 3, 3))
-    upward[..., 2, 2] = variance_nm2
-    return RecordedModes(
-        np.concatenate([modes.tau_s, tau_s], axis=-1), np.concatenate([linear, upward], axis=-3)
-    )
-
-
 def _closed(
     experiment: Experiment,
     tethers: Sequence[Tether],
@@ -353,7 +264,7 @@ def _closed(
     variance = np.maximum(energy * (higher - lower) / (2 * step), least)
     with_height = energy * (more - less) / (2 * step)[:, None, None]
     height = _axial(experiment, tethers, extension_nm, variance)
-    return _softer(_joined(modes, *coupled_height_modes(height, modes, with_height)), experiment)
+    return _softer(joined(modes, *coupled_height_modes(height, modes, with_height)), experiment)
 
 
 def _hanging(

@@ -17,7 +17,7 @@ import numpy as np
 from mtpipe.drift.lowpass import response
 from mtpipe.experiment.description import Experiment, ForceCourse, Line, Triple
 from mtpipe.experiment.readout import recorded_height_nm
-from mtpipe.experiment.state import recorded_modes
+from mtpipe.experiment.recorded_modes import recorded_modes
 from mtpipe.ground.errors import FitError
 from mtpipe.joint_fit.data import PlateauData
 from mtpipe.joint_fit.height_course import Course, played

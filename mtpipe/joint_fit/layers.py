@@ -11,7 +11,8 @@ from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 
 from mtpipe.experiment.description import Clock, Experiment, Optics, Stage, Tracker
-from mtpipe.experiment.state import BeadState, bead_states
+from mtpipe.experiment.recorded_modes import BeadState
+from mtpipe.experiment.state import bead_states
 from mtpipe.ground.errors import FitError
 
 # So many descriptions are kept, with the states of the bead.

@@ -20,7 +20,7 @@ from mtpipe.joint_fit.data import PlateauData
 from mtpipe.joint_fit.layers import Moving
 from mtpipe.joint_fit.random_walk import line_of, sees_walks
 from mtpipe.physics.camera import Camera, FloatArray, mean_variance
-from mtpipe.spectra.spectrum import expected_matrices, seen_modes
+from mtpipe.spectra.window import expected_matrices, seen_modes
 
 DIAGONAL = np.arange(3)
 

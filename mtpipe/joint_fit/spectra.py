@@ -18,14 +18,8 @@ from scipy import fft
 
 from mtpipe.ground.errors import FitError
 from mtpipe.physics.camera import FloatArray
-from mtpipe.spectra.spectrum import (
-    LONGEST_SEGMENT,
-    Window,
-    bin_edges,
-    frames_present,
-    prewhitened,
-    window_of,
-)
+from mtpipe.spectra.spectrum import LONGEST_SEGMENT, frames_present
+from mtpipe.spectra.window import Window, bin_edges, prewhitened, window_of
 
 Transform = NDArray[np.complex128]
 # A line's bin reaches so many ordinates to either side, over which a wave between two is spread.

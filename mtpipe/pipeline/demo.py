@@ -19,7 +19,8 @@ from typing import Any
 import mtpipe
 from mtpipe.calibration.recommended_force import BeadForces
 from mtpipe.ground.errors import MtpipeError
-from mtpipe.pipeline.run import Progress, Run, run
+from mtpipe.pipeline.results import Run
+from mtpipe.pipeline.run import Progress, run
 
 
 @dataclass(frozen=True)

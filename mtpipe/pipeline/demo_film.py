@@ -11,7 +11,8 @@ from pathlib import Path
 import numpy as np
 import tifffile
 
-from mtpipe.pipeline.run import Progress, Run, run
+from mtpipe.pipeline.results import Run
+from mtpipe.pipeline.run import Progress, run
 from mtpipe.recording.recording import Recording
 from mtpipe.setup.setup import read_setup
 from mtpipe.simulation.bead_image import BeadImage

@@ -6,40 +6,26 @@ clock, and writes the files that `docs/run-folder.md` describes.
 
 from __future__ import annotations
 
-import io
-import json
-import math
 import time
-import uuid
 from collections.abc import Callable, Sequence
-from dataclasses import asdict, dataclass, replace
+from dataclasses import replace
 from datetime import UTC, datetime
 from pathlib import Path
-from typing import Any
 
-import pandas as pd
-
-import mtpipe
-from mtpipe.calibration.calibration import Calibration, calibrate
-from mtpipe.calibration.comparison import MethodResult, by_methods
+from mtpipe.calibration.calibration import calibrate
+from mtpipe.calibration.comparison import by_methods
 from mtpipe.calibration.noise_floor import noise_notices
 from mtpipe.calibration.quality import trace_flags
-from mtpipe.calibration.recommended_force import BeadForces, named_forces
-from mtpipe.crosschecking.crosscheck import CrossCheck
-from mtpipe.curves.extension_curve import ForceExtension
+from mtpipe.calibration.recommended_force import named_forces
 from mtpipe.curves.tether_curves import tether_curves
 from mtpipe.diagnosis.forces_to_quote import recommended_forces
 from mtpipe.diagnosis.mismatch import Examined, content, examine
 from mtpipe.drift import subtract_drift
-from mtpipe.effects.catalogue import catalogue
-from mtpipe.experiment.known_force import known_force_notices
-from mtpipe.ground.files import write_atomically
-from mtpipe.ground.notice import Notice
-from mtpipe.ground.spreadsheets import as_csv
 from mtpipe.ingest import load
 from mtpipe.ingest.data_files import SETUP_NAME
 from mtpipe.ingest.surface import put_surface_at_zero
-from mtpipe.pipeline import tables
+from mtpipe.pipeline.results import Run
+from mtpipe.pipeline.written import write_tables
 from mtpipe.recording.recording import Recording
 from mtpipe.report.run_folder import RECORDING, new_run, refuse_to_erase
 from mtpipe.states import with_states
@@ -51,58 +37,6 @@ Progress = Callable[[str, int, int], None]
 LEFT_OUT_CODES = ("no_positions", "constant_bead")
 # Of a reference bead: it moves by itself, as reading or subtraction saw it.
 REFERENCE_CODES = ("moving_reference", "reference_moves")
-
-
-@dataclass(frozen=True)
-class Run:
-    """Everything a run found out.
-
-    `forces` are the forces to quote, of each tethered bead. `others` are forces by other methods,
-    where asked for. `flags` are per bead, about its traces; `curves` exist for beads with enough
-    forces; `checked` is the cross-check, unless left out; `mismatch`, `before_after` and
-    `unexplained` are the content of the diagnosis's files.
-    """
-
-    recording: Recording
-    calibration: Calibration
-    forces: dict[str, BeadForces]
-    others: tuple[MethodResult, ...]
-    flags: dict[str, tuple[Notice, ...]]
-    verdicts: tuple[BeadVerdict, ...]
-    curves: dict[str, ForceExtension]
-    checked: CrossCheck | None
-    mismatch: dict[str, Any]
-    before_after: dict[str, dict[str, Any]]
-    unexplained: dict[str, dict[str, Any]]
-    seed: int
-    started: str
-    seconds: dict[str, float]
-
-    @property
-    def notices(self) -> tuple[Notice, ...]:
-        """All notices, in the order in which they arose."""
-        flags = [notice for bead in self.flags.values() for notice in bead]
-        curves = [notice for curve in self.curves.values() for notice in curve.notices]
-        refused = {} if self.checked is None else self.checked.refused
-        unchecked = [
-            Notice("not_crosschecked", "info", f"It was not cross-checked: {reason}", bead)
-            for bead, reason in refused.items()
-        ]
-        setup, positions = self.recording.setup, [p.magnet_mm for p in self.recording.plateaus]
-        beyond = []
-        if self.checked is not None:
-            beyond = [
-                *not_simulated(setup.model.effects),
-                *known_force_notices(setup, positions),
-            ]
-        return (
-            *self.recording.notices,
-            *self.calibration.notices,
-            *flags,
-            *curves,
-            *unchecked,
-            *beyond,
-        )
 
 
 def run(
@@ -244,7 +178,7 @@ def _run(
         dict(clock.seconds),
     )
     say("writing", 0, 1)
-    _write_tables(result, raw, out, _title(path, raw.name))
+    write_tables(result, raw, out, _title(path, raw.name))
     write_report(out, progress=lambda done, total: say("drawing the report", done, total))
     return result
 
@@ -256,25 +190,6 @@ def _tracked(path: Path, out: Path, setup: Path, workers: int, say: Progress) ->
     recording = out / RECORDING
     track(path, recording, setup=setup, workers=workers, progress=say)
     return recording
-
-
-def not_simulated(listed: Sequence[str]) -> list[Notice]:
-    """What is to be said where the setup lists effects that no fit and no simulation has."""
-    known = {effect.name for effect in catalogue()}
-    names = [name for name in listed if name not in known]
-    if "anharmonic_tether" in listed and "rotation_coupling" not in listed:
-        # only a bead that turns is followed through the whole potential
-        names.append("anharmonic_tether without rotation_coupling")
-    if not names:
-        return []
-    return [
-        Notice(
-            "effects_not_simulated",
-            "caution",
-            f"The setup lists {', '.join(names)}, which the simulations of the cross-check do not "
-            "have: what such an effect does counts as a difference.",
-        )
-    ]
 
 
 def _left_out(recording: Recording) -> tuple[BeadVerdict, ...]:
@@ -313,93 +228,6 @@ def _title(path: Path, name: str) -> str:
     if name.startswith("recording."):
         return f"{path.resolve().parent.name}/{name}"
     return name
-
-
-def _write_tables(result: Run, raw: Recording, out: Path, title: str) -> None:
-    identity = uuid.uuid4().hex  # every file of the run carries it
-    calibration = result.calibration
-    forces = tables.forces_table(
-        calibration, result.forces, result.flags, result.others, calibration.unbelieved
-    )
-    tracked = result.recording.tracked
-    beads = tables.beads_table(calibration, result.forces, result.verdicts, result.curves, tracked)
-    details = {
-        "spectra": tables.spectra_table(calibration),
-        "traces": tables.traces_table(raw, result.recording),
-        "drift": tables.drift_table(result.recording),
-        "references": tables.references_table(result.recording),
-        "posteriors": tables.posteriors_table(calibration),
-        "force_extension": tables.force_extension_table(result.curves),
-        **{
-            f"crosscheck_{kind}": table
-            for kind, table in tables.crosscheck_curves(result.checked).items()
-        },
-    }
-    for name, table in {"forces": forces, "beads": beads}.items():
-        write_atomically(out / f"{name}.parquet", _parquet(table, identity))
-        write_atomically(out / f"{name}.csv", as_csv(table))
-    looks = tables.crosscheck_table(result.checked)
-    write_atomically(out / "crosscheck.parquet", _parquet(looks, identity))
-    for name, table in details.items():
-        write_atomically(out / "details" / f"{name}.parquet", _parquet(table, identity))
-    mismatch = {**result.mismatch, "run": identity}
-    text = json.dumps(mismatch, indent=2, ensure_ascii=False, allow_nan=False)
-    write_atomically(out / "mismatch.json", text)
-    for name, by_bead in {
-        "before_after": result.before_after,
-        "unexplained": result.unexplained,
-    }.items():
-        drawn = {"run": identity, "recording": result.recording.name, "beads": by_bead}
-        text = json.dumps(drawn, ensure_ascii=False, allow_nan=False)
-        write_atomically(out / "details" / f"{name}.json", text)
-    write_atomically(out / "run.json", _run_json(result, title, identity))
-
-
-def _parquet(table: pd.DataFrame, identity: str) -> bytes:
-    """A table as a file, with the run it belongs to among the attributes that pandas keeps."""
-    buffer = io.BytesIO()
-    table.attrs["run"] = identity
-    table.to_parquet(buffer, index=False, write_page_checksum=True)
-    return buffer.getvalue()
-
-
-def _run_json(result: Run, title: str, identity: str) -> str:
-    recording = result.recording
-    drift = recording.drift
-    conditions = result.calibration.conditions
-    content = {
-        "run": identity,
-        "version": mtpipe.__version__,
-        "recording": title,
-        "setup": recording.setup.model_dump(mode="json", by_alias=True),
-        "inputs": [asdict(file) for file in recording.files],
-        "conditions": asdict(conditions),
-        "drift": None
-        if drift is None
-        else {
-            "method": drift.method,
-            "cutoff_hz": drift.cutoff_hz,
-            "drift_rms_nm": drift.drift_rms_nm,
-            "noise_added_nm": drift.noise_added_nm,
-            "left_along_z": None if drift.left_along_z is None else asdict(drift.left_along_z),
-        },
-        "notices": [asdict(notice) for notice in result.notices],
-        "seed": result.seed,
-        "started": result.started,
-        "seconds": result.seconds,
-    }
-    return json.dumps(_without_nan(content), indent=2, ensure_ascii=False, allow_nan=False)
-
-
-def _without_nan(value: object) -> object:
-    """JSON has no NaN: a number that does not exist is null."""
-    if isinstance(value, float):
-        return value if math.isfinite(value) else None
-    if isinstance(value, dict):
-        return {key: _without_nan(item) for key, item in value.items()}
-    if isinstance(value, (list, tuple)):
-        return [_without_nan(item) for item in value]
-    return value
 
 
 class _Clock:

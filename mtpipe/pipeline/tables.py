@@ -17,16 +17,13 @@ from mtpipe.calibration.calibration import Calibration
 from mtpipe.calibration.comparison import MethodResult
 from mtpipe.calibration.noise_floor import noise_floor_nm
 from mtpipe.calibration.recommended_force import BeadForces
-from mtpipe.crosschecking.crosscheck import CrossCheck
-from mtpipe.crosschecking.curves import Kind
 from mtpipe.curves.extension_curve import ForceExtension
 from mtpipe.fit.tether import TetherFit
 from mtpipe.ground.estimate import Estimate
 from mtpipe.ground.notice import Notice
-from mtpipe.recording.recording import AXES, Recording, Tracked
+from mtpipe.recording.recording import AXES, Tracked
 from mtpipe.verdicts.verdict import BeadVerdict
 
-TRACE_POINTS = 2000
 POSTERIOR_POINTS = 400
 
 
@@ -314,114 +311,3 @@ def posteriors_table(calibration: Calibration) -> pd.DataFrame:
         "noise_nm",
     ]  # fmt: skip
     return pd.concat(parts, ignore_index=True) if parts else pd.DataFrame(columns=columns)
-
-
-def crosscheck_table(checked: CrossCheck | None) -> pd.DataFrame:
-    """`crosscheck`: a row per statistic × bead × plateau × axis; none without a cross-check."""
-    return (checked or CrossCheck("", {}, {})).table
-
-
-# Per kind of curve: what it runs over, and what is recorded and simulated.
-CURVES: Mapping[Kind, tuple[str, str, str]] = {
-    "spectrum": ("frequency_hz", "power", "nm2_per_hz"),
-    "histogram": ("deviation_nm", "density", "per_nm"),
-    "allan": ("averaged_s", "variance", "nm2"),
-}
-
-
-def crosscheck_curves(checked: CrossCheck | None) -> dict[Kind, pd.DataFrame]:
-    """`details/crosscheck_…`: recorded curves, and the median and 95 % of the simulated ones."""
-    tables: dict[Kind, pd.DataFrame] = {}
-    for kind, (over, quantity, unit) in CURVES.items():
-        parts = [
-            pd.DataFrame(
-                {
-                    "bead": bead,
-                    "plateau": check.case.plateaus[curve.plateau].number,
-                    "axis": AXES[curve.axis],
-                    over: curve.at,
-                    f"{quantity}_{unit}": curve.recorded,
-                    f"simulated_{unit}": curve.median,
-                    f"simulated_low_{unit}": curve.low,
-                    f"simulated_high_{unit}": curve.high,
-                }
-            )
-            for bead, check in (checked.beads if checked else {}).items()
-            for curve in check.curves
-            if curve.kind == kind
-        ]
-        columns = [
-            "bead", "plateau", "axis", over, f"{quantity}_{unit}", f"simulated_{unit}",
-            f"simulated_low_{unit}", f"simulated_high_{unit}",
-        ]  # fmt: skip
-        tables[kind] = (
-            pd.concat(parts, ignore_index=True) if parts else pd.DataFrame(columns=columns)
-        )
-    return tables
-
-
-def traces_table(raw: Recording, subtracted: Recording) -> pd.DataFrame:
-    """`details/traces`: every tethered bead before and after drift subtraction, thinned."""
-    parts = []
-    for bead in raw.tethered:
-        for stage, recording in (("raw", raw), ("subtracted", subtracted)):
-            for axis, name in enumerate(AXES):
-                values = recording.positions_nm[bead][:, axis]
-                if not np.isfinite(values).any():
-                    continue
-                part = _thinned(recording.time_s, values)
-                part.insert(0, "stage", stage)
-                part.insert(0, "axis", name)
-                part.insert(0, "bead", bead)
-                parts.append(part)
-    columns = ["bead", "axis", "stage", "time_s", "low_nm", "mean_nm", "high_nm"]
-    return pd.concat(parts, ignore_index=True) if parts else pd.DataFrame(columns=columns)
-
-
-def drift_table(recording: Recording) -> pd.DataFrame:
-    """`details/drift`: what was subtracted, thinned; empty where nothing was."""
-    drift = recording.drift
-    if drift is None or drift.method != "reference" or not np.any(drift.subtracted_nm):
-        return pd.DataFrame(columns=["time_s", "axis", "drift_nm"])
-    parts = []
-    for axis, name in enumerate(AXES):
-        part = _thinned(recording.time_s, drift.subtracted_nm[:, axis])
-        parts.append(
-            pd.DataFrame({"time_s": part["time_s"], "axis": name, "drift_nm": part["mean_nm"]})
-        )
-    return pd.concat(parts, ignore_index=True)
-
-
-def references_table(recording: Recording) -> pd.DataFrame:
-    """`details/references`: what became of each reference bead."""
-    columns = ["bead", "used", "reason"]
-    columns += [f"weight_{a}" for a in AXES] + [f"noise_{a}_nm" for a in AXES]
-    rows = []
-    for use in recording.drift.references if recording.drift else ():
-        row: dict[str, Any] = {"bead": use.bead, "used": use.used, "reason": use.reason}
-        row |= {f"weight_{a}": w for a, w in zip(AXES, use.weight, strict=True)}
-        row |= {f"noise_{a}_nm": n for a, n in zip(AXES, use.noise_nm, strict=True)}
-        rows.append(row)
-    return pd.DataFrame(rows, columns=columns)
-
-
-def _thinned(time_s: np.ndarray[Any, Any], values: np.ndarray[Any, Any]) -> pd.DataFrame:
-    """Minimum, mean and maximum in at most TRACE_POINTS stretches; all-lost stretches are left."""
-    n = len(values)
-    edges = np.unique(np.linspace(0, n, min(n, TRACE_POINTS) + 1).astype(int))
-    starts = edges[:-1]
-    present = np.isfinite(values)
-    count = np.add.reduceat(present.astype(float), starts)
-    with np.errstate(invalid="ignore"):
-        mean = np.add.reduceat(np.where(present, values, 0.0), starts) / count
-    low = np.minimum.reduceat(np.where(present, values, np.inf), starts)
-    high = np.maximum.reduceat(np.where(present, values, -np.inf), starts)
-    some = count > 0
-    return pd.DataFrame(
-        {
-            "time_s": time_s[starts][some],
-            "low_nm": low[some],
-            "mean_nm": mean[some],
-            "high_nm": high[some],
-        }
-    )

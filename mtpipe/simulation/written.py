@@ -21,7 +21,8 @@ import numpy as np
 
 import mtpipe
 from mtpipe.experiment.description import Experiment
-from mtpipe.experiment.state import BeadState, bead_state, recorded_modes
+from mtpipe.experiment.recorded_modes import BeadState, recorded_modes
+from mtpipe.experiment.state import bead_state
 from mtpipe.ground.errors import MtpipeError, SetupError
 from mtpipe.ground.files import write_atomically
 from mtpipe.recording.recording import AXES, Recording

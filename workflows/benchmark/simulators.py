@@ -34,7 +34,8 @@ import numpy as np
 
 import mtpipe
 from mtpipe.experiment.description import Bead, Experiment, Fluid, Rest, Stage, Tracker
-from mtpipe.experiment.state import BeadState, bead_state
+from mtpipe.experiment.recorded_modes import BeadState
+from mtpipe.experiment.state import bead_state
 from mtpipe.physics.camera import Camera
 from mtpipe.physics.langevin import simulate_axis
 from mtpipe.physics.tether import Chain

@@ -30,7 +30,8 @@ from mtpipe.experiment.description import (
     Tracker,
 )
 from mtpipe.experiment.readout import force_course, readout
-from mtpipe.experiment.state import BeadState, bead_state
+from mtpipe.experiment.recorded_modes import BeadState
+from mtpipe.experiment.state import bead_state
 from mtpipe.physics.camera import FloatArray, power_spectrum
 
 BINS = 28

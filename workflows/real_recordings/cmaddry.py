@@ -19,7 +19,7 @@ from mtpipe.calibration.calibration import Calibration, calibrate
 from mtpipe.curves.extension_curve import fit_curve
 from mtpipe.fit.tether import Assay, ExtensionPoints
 from mtpipe.ground.estimate import Estimate
-from mtpipe.pipeline.run import Run
+from mtpipe.pipeline.results import Run
 from mtpipe.recording.recording import Plateau, Recording
 from mtpipe.setup.conditions import Conditions
 from mtpipe.setup.setup import Measured

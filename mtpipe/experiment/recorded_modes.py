@@ -1,0 +1,109 @@
+"""Relaxation modes of the recorded motion: times, variances and what axes share."""
+
+from __future__ import annotations
+
+import functools
+from dataclasses import dataclass
+
+import numpy as np
+
+from mtpipe.experiment.description import Experiment
+from mtpipe.physics.axial import AxialMotion
+from mtpipe.physics.camera import FloatArray
+from mtpipe.physics.linear import LinearMotion, NormalModes, pair_modes
+from mtpipe.physics.memory import remembering
+
+# Below this share of an axis's variance a mode is rounding error.
+ROUNDING = 1e-9
+
+
+@dataclass(frozen=True, eq=False)
+class BeadState:
+    """A bead at one force.
+
+    Attributes
+    ----------
+    extension_nm : mean height of the bead's lowest point, the mean of z.
+    motion : the linear motion about the mean; its readout is (x, y, z) of the camera.
+    modes : its normal modes.
+    bending : (d, d); z by expansion is ½ Xᵀ bending X above the linear motion, apart from its mean.
+    axial : motion away from the surface by expansion, but for the swinging of the tether.
+    moved : modes of x, y and z.
+    stepped : the experiment, where the motion is followed step by step through the whole potential;
+        None where it is followed by expansion.
+    memory_s : time of hydrodynamic memory, which is in none of them; 0: none.
+    """
+
+    force_pN: float
+    extension_nm: float
+    motion: LinearMotion
+    modes: NormalModes
+    bending: FloatArray
+    axial: AxialMotion
+    moved: RecordedModes
+    stepped: Experiment | None = None
+    memory_s: float = 0.0
+
+    @property
+    def upward(self) -> int:
+        """Which of the modes is the harmonic motion away from the surface."""
+        return int(np.argmax(np.abs(self.modes.amplitude_nm[2])))
+
+
+@dataclass(frozen=True, eq=False)
+class RecordedModes:
+    """Exponential covariances that sum up to the motion: τ (m,), covariance (m, 3, 3); of many
+    beads with a first dimension more.
+    """
+
+    tau_s: FloatArray
+    covariance_nm2: FloatArray
+
+    def of(self, i: int) -> RecordedModes:
+        """One of many."""
+        return RecordedModes(self.tau_s[i], self.covariance_nm2[i])
+
+
+@functools.lru_cache(maxsize=4096)
+def recorded_modes(state: BeadState) -> RecordedModes:
+    """Modes of x, y and z.
+
+    Hydrodynamic memory makes many decays of these, some of them with negative variance.
+    """
+    if state.memory_s == 0:
+        return state.moved
+    times, parts = [], []
+    for axis in range(3):
+        variance = state.moved.covariance_nm2[:, axis, axis]
+        there = variance > ROUNDING * variance.sum()
+        tau_s, found = remembering(state.moved.tau_s[there], variance[there], state.memory_s)
+        of_axis = np.zeros((len(tau_s), 3, 3))
+        of_axis[:, axis, axis] = found
+        times.append(tau_s)
+        parts.append(of_axis)
+    return RecordedModes(np.concatenate(times), np.concatenate(parts))
+
+
+def followed_modes(state: BeadState) -> RecordedModes:
+    """Modes of x, y and z as a simulation follows them; without memory."""
+    if state.stepped is not None:
+        return state.moved
+    return by_expansion(state.modes, state.bending, state.axial)
+
+
+def by_expansion(modes: NormalModes, bending: FloatArray, axial: AxialMotion) -> RecordedModes:
+    """Modes of x, y and z, the swinging of the tether and its length apart."""
+    of_z = zip(pair_modes(bending, modes), axial.modes, strict=True)
+    return joined(modes, *(np.concatenate(each) for each in of_z))
+
+
+def joined(modes: NormalModes, tau_s: FloatArray, variance_nm2: FloatArray) -> RecordedModes:
+    """Modes of the lateral motion, and relaxation times and variances (…, k) of z."""
+    amplitude = np.swapaxes(modes.amplitude_nm, -1, -2).copy()
+    amplitude[..., 2] = 0.0
+    linear = amplitude[..., :, None] * amplitude[..., None, :]
+    upward = np.zeros((*tau_s.shape, 3, 3))
+    upward[..., 2, 2] = variance_nm2
+    return RecordedModes(
+        np.concatenate([modes.tau_s, tau_s], axis=-1), np.concatenate([linear, upward], axis=-3)
+    )

@@ -1,0 +1,89 @@
+"""What a run found: every step's results together."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+from mtpipe.calibration.calibration import Calibration
+from mtpipe.calibration.comparison import MethodResult
+from mtpipe.calibration.recommended_force import BeadForces
+from mtpipe.crosschecking.crosscheck import CrossCheck
+from mtpipe.curves.extension_curve import ForceExtension
+from mtpipe.effects.catalogue import catalogue
+from mtpipe.experiment.known_force import known_force_notices
+from mtpipe.ground.notice import Notice
+from mtpipe.recording.recording import Recording
+from mtpipe.verdicts.verdict import BeadVerdict
+
+
+@dataclass(frozen=True)
+class Run:
+    """Everything a run found out.
+
+    `forces` are the forces to quote, of each tethered bead. `others` are forces by other methods,
+    where asked for. `flags` are per bead, about its traces; `curves` exist for beads with enough
+    forces; `checked` is the cross-check, unless left out; `mismatch`, `before_after` and
+    `unexplained` are the content of the diagnosis's files.
+    """
+
+    recording: Recording
+    calibration: Calibration
+    forces: dict[str, BeadForces]
+    others: tuple[MethodResult, ...]
+    flags: dict[str, tuple[Notice, ...]]
+    verdicts: tuple[BeadVerdict, ...]
+    curves: dict[str, ForceExtension]
+    checked: CrossCheck | None
+    mismatch: dict[str, Any]
+    before_after: dict[str, dict[str, Any]]
+    unexplained: dict[str, dict[str, Any]]
+    seed: int
+    started: str
+    seconds: dict[str, float]
+
+    @property
+    def notices(self) -> tuple[Notice, ...]:
+        """All notices, in the order in which they arose."""
+        flags = [notice for bead in self.flags.values() for notice in bead]
+        curves = [notice for curve in self.curves.values() for notice in curve.notices]
+        refused = {} if self.checked is None else self.checked.refused
+        unchecked = [
+            Notice("not_crosschecked", "info", f"It was not cross-checked: {reason}", bead)
+            for bead, reason in refused.items()
+        ]
+        setup, positions = self.recording.setup, [p.magnet_mm for p in self.recording.plateaus]
+        beyond = []
+        if self.checked is not None:
+            beyond = [
+                *not_simulated(setup.model.effects),
+                *known_force_notices(setup, positions),
+            ]
+        return (
+            *self.recording.notices,
+            *self.calibration.notices,
+            *flags,
+            *curves,
+            *unchecked,
+            *beyond,
+        )
+
+
+def not_simulated(listed: Sequence[str]) -> list[Notice]:
+    """What is to be said where the setup lists effects that no fit and no simulation has."""
+    known = {effect.name for effect in catalogue()}
+    names = [name for name in listed if name not in known]
+    if "anharmonic_tether" in listed and "rotation_coupling" not in listed:
+        # only a bead that turns is followed through the whole potential
+        names.append("anharmonic_tether without rotation_coupling")
+    if not names:
+        return []
+    return [
+        Notice(
+            "effects_not_simulated",
+            "caution",
+            f"The setup lists {', '.join(names)}, which the simulations of the cross-check do not "
+            "have: what such an effect does counts as a difference.",
+        )
+    ]
