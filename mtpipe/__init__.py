@@ -16,7 +16,9 @@ from __future__ import annotations
 import importlib
 from typing import TYPE_CHECKING, Any
 
-__version__ = "0.1.0"
+from mtpipe.ground.version import VERSION
+
+__version__ = VERSION
 
 if TYPE_CHECKING:
     from mtpipe.calibration.calibration import Calibration, calibrate

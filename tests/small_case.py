@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 
 from mtpipe.crosschecking.lines import with_lines_apart
-from mtpipe.crosschecking.prepared_bead import Case, prepare
+from mtpipe.crosschecking.prepared_bead import PreparedBead, prepare
 from mtpipe.drift import subtract_drift
 from mtpipe.recording.recording import Recording
 from mtpipe.setup.setup import Setup, parse_setup
@@ -40,7 +40,7 @@ def raw(seed: int, lost_share: float = 0.0, **changes: dict[str, Any]) -> Record
     )
 
 
-def case(recording: Recording) -> Case:
+def case(recording: Recording) -> PreparedBead:
     """Its bead, fitted."""
     return with_lines_apart(prepare(subtract_drift(recording), "b1"))
 

@@ -31,7 +31,7 @@ from mtpipe.drift.lowpass import low_pass
 from mtpipe.effects.catalogue import OWN
 from mtpipe.effects.effect import Evidence
 from mtpipe.experiment.from_setup import experiment_of
-from mtpipe.joint_fit.hypotheses import Tried, best_of, together
+from mtpipe.joint_fit.hypotheses import FittedEffect, best_of, together
 from mtpipe.setup.setup import parse_setup
 from mtpipe.simulation.simulate import simulate_experiment
 from tests.simulated import VISCOSITY_MPA_S, setup_content
@@ -332,7 +332,9 @@ def stand_in(name, net, before, after, *, frees=False):
         simulated = [None] * 120
         return SimpleNamespace(p_value=p_value, simulated=simulated, case=SimpleNamespace(fit=free))
 
-    tried = Tried(SimpleNamespace(name=name), SimpleNamespace(numbers=1), None, net, 0.0, None, 0)
+    tried = FittedEffect(
+        SimpleNamespace(name=name), SimpleNamespace(numbers=1), None, net, 0.0, None, 0
+    )
     return Named(tried, (), check(before, False), check(after, frees), math.nan)
 
 
@@ -535,7 +537,7 @@ def test_whether_something_is_left_is_not_left_to_the_chance_of_few_simulations(
 
 
 def one_tried(name, gain, penalty):
-    return Tried(SimpleNamespace(name=name), None, None, gain, penalty, None, 0)
+    return FittedEffect(SimpleNamespace(name=name), None, None, gain, penalty, None, 0)
 
 
 @pytest.mark.parametrize(

@@ -39,7 +39,7 @@ from mtpipe.joint_fit.data import plateau_data, whitening
 from mtpipe.joint_fit.expectation import Subtraction
 from mtpipe.joint_fit.fit import fit_configured
 from mtpipe.joint_fit.hypotheses import (
-    Tried,
+    FittedEffect,
     best_of,
     gained_by_motion,
     looking_ahead,
@@ -582,7 +582,7 @@ def test_an_effect_that_ends_where_the_bead_is_on_the_surface_leaves_the_others(
 
 def test_other_effects_need_not_be_seen_to_move():
     found = best_of(fitted(BASE, np.random.default_rng(23)), of_name("viscosity"), EVIDENCE)
-    assert isinstance(found, Tried)
+    assert isinstance(found, FittedEffect)
     assert gained_by_motion(found) == math.inf
 
 

@@ -12,7 +12,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from mtpipe.battery.statistic import Look
+from mtpipe.battery.statistic import Statistic
 from mtpipe.crosschecking.check import check_bead, recorded_of
 from mtpipe.crosschecking.prepared_bead import prepare
 from mtpipe.diagnosis.left_in_distribution import independent_positions, left_in_distribution
@@ -89,7 +89,7 @@ def test_positions_stored_in_coarse_steps_have_no_middle_half_to_tell_the_force_
     step = 3 * x.std()
     stored[plateau][:, ALONG_X] = x.mean() + step * np.round((x - x.mean()) / step)
     check = replace(check, case=replace(check.case, positions_nm=tuple(stored)))
-    found = left_in_distribution(check, Look("kurtosis", "x", (plateau,)))
+    found = left_in_distribution(check, Statistic("kurtosis", "x", (plateau,)))
     assert np.isnan(found.ln_force_shift)
     assert "middle half" not in found.words
     left = unexplained(check, None, beside=False)
@@ -149,15 +149,15 @@ def test_tails_are_drawn_and_the_force_without_them_is_higher():
 
 def test_looks_of_spectra_have_no_such_shape():
     check = changed(4, lambda x: x)
-    look = Look("psd_band", "x", (0,), (1.0, 4.0))
+    look = Statistic("psd_band", "x", (0,), (1.0, 4.0))
     assert left_in_time(check, look) is None
     assert left_in_distribution(check, look) is None
 
 
 def test_nothing_is_drawn_of_a_clean_trace():
     check = changed(5, lambda x: x)
-    assert left_in_time(check, Look("variance_trend", "x", (0, 1, 2), pooled=True)) is None
-    assert left_in_distribution(check, Look("kurtosis", "x", (0, 1, 2), pooled=True)) is None
+    assert left_in_time(check, Statistic("variance_trend", "x", (0, 1, 2), pooled=True)) is None
+    assert left_in_distribution(check, Statistic("kurtosis", "x", (0, 1, 2), pooled=True)) is None
 
 
 def test_independent_positions_tell_the_variance_as_well_as_all_frames_do():

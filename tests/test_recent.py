@@ -3,7 +3,7 @@
 from hypothesis import given
 from hypothesis import strategies as st
 
-from mtpipe.joint_fit.batch_cache import Recent
+from mtpipe.joint_fit.batch_cache import BatchCache
 
 
 @given(
@@ -11,7 +11,7 @@ from mtpipe.joint_fit.batch_cache import Recent
     steps=st.lists(st.tuples(st.booleans(), st.integers(0, 8)), max_size=40),
 )
 def test_those_asked_for_last_are_known(most, steps):
-    recent, order = Recent(most), []
+    recent, order = BatchCache(most), []
     for puts, key in steps:
         if puts:
             recent.put(key, f"value {key}")

@@ -12,7 +12,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from mtpipe.battery.observed import Observed
-from mtpipe.battery.statistic import Look, Values
+from mtpipe.battery.statistic import Statistic, Values
 from mtpipe.physics.camera import FloatArray
 from mtpipe.recording.recording import AXES
 
@@ -56,14 +56,14 @@ def per_trace(seen: Sequence[Observed], projection: Sequence[Sequence[FloatArray
     for kind, statistic in enumerate(("stiffness", "friction")):
         for axis, name in enumerate(AXES):
             for i in everywhere:
-                values.append((Look(statistic, name, (i,)), float(changes[i, axis, kind])))
+                values.append((Statistic(statistic, name, (i,)), float(changes[i, axis, kind])))
             if len(seen) > 1:
                 weight = precision[:, axis, kind]
                 mean = float(weight @ changes[:, axis, kind] / weight.sum())
-                values.append((Look(statistic, name, everywhere, pooled=True), mean))
+                values.append((Statistic(statistic, name, everywhere, pooled=True), mean))
                 tilt = weight * (trend - weight @ trend / weight.sum())
                 slope = float(tilt @ changes[:, axis, kind] / np.sqrt(np.sum(tilt**2)))
-                look = Look(f"{statistic}_along_series", name, everywhere, pooled=True)
+                look = Statistic(f"{statistic}_along_series", name, everywhere, pooled=True)
                 values.append((look, slope))
     return values
 
@@ -74,9 +74,9 @@ def extensions(seen: Sequence[Observed]) -> Values:
         float((one.data.mean_nm[2] - one.expected.extension_nm) / one.expected.extension_stderr_nm)
         for one in seen
     ]
-    values: Values = [(Look("extension", "z", (i,)), pull) for i, pull in enumerate(pulls)]
+    values: Values = [(Statistic("extension", "z", (i,)), pull) for i, pull in enumerate(pulls)]
     if len(seen) > 1:
-        look = Look("extension", "z", tuple(range(len(seen))), pooled=True)
+        look = Statistic("extension", "z", tuple(range(len(seen))), pooled=True)
         values.append((look, float(np.log1p(np.sum(np.square(pulls))))))
     return values
 
@@ -89,9 +89,9 @@ def known_forces(seen: Sequence[Observed], weight: FloatArray) -> Values:
     weight : (plateaus,) in that mean.
     """
     known = [(i, one.ln_force_off) for i, one in enumerate(seen) if one.ln_force_off is not None]
-    values: Values = [(Look("known_force", "", (i,)), off) for i, off in known]
+    values: Values = [(Statistic("known_force", "", (i,)), off) for i, off in known]
     if len(known) > 1:
         there = [i for i, _ in known]
         mean = float(np.average([off for _, off in known], weights=weight[there]))
-        values.append((Look("known_force", "", tuple(there), pooled=True), mean))
+        values.append((Statistic("known_force", "", tuple(there), pooled=True), mean))
     return values

@@ -10,7 +10,7 @@ import numpy as np
 from scipy import fft
 
 from mtpipe.battery.observed import Observed
-from mtpipe.battery.statistic import Look, Values
+from mtpipe.battery.statistic import Statistic, Values
 from mtpipe.physics.camera import FloatArray
 from mtpipe.recording.recording import AXES
 
@@ -49,9 +49,9 @@ def moments(seen: Sequence[Observed]) -> Values:
     values: Values = []
     for statistic, name in itertools.product(scales, AXES):
         found = each[statistic, name]
-        values += [(Look(statistic, name, (i,)), value) for i, value in enumerate(found)]
+        values += [(Statistic(statistic, name, (i,)), value) for i, value in enumerate(found)]
         if len(found) > 1:
-            look = Look(statistic, name, tuple(range(len(seen))), pooled=True)
+            look = Statistic(statistic, name, tuple(range(len(seen))), pooled=True)
             values.append((look, float(np.mean(found))))
     return values
 
@@ -85,7 +85,7 @@ def allan(seen: Sequence[Observed]) -> Values:
             variance = 0.5 * np.mean(np.diff(means) ** 2, axis=1)
             band = (1 / (4 * m * one.frame_s), 1 / (2 * m * one.frame_s))
             for axis, name in enumerate(AXES):
-                look = Look("allan_variance", name, (i,), band)
+                look = Statistic("allan_variance", name, (i,), band)
                 values.append((look, float(np.log(max(variance[axis], 1e-12)))))
     return values
 
@@ -120,7 +120,7 @@ def fractional_pixel(seen: Sequence[Observed], longest_nm: FloatArray) -> Values
             counts = np.bincount(bins, minlength=FOLD_BINS)
             amplitude = np.abs(fft.rfft(counts.astype(float)))[1:] / len(camera)
             value = float(np.log(amplitude[searched].max()))
-            values.append((Look("fractional_pixel", name, (i,)), value))
+            values.append((Statistic("fractional_pixel", name, (i,)), value))
     return values
 
 
@@ -135,5 +135,5 @@ def lost_frames(seen: Sequence[Observed]) -> Values:
         series = one.bridged_nm
         for axis, name in enumerate(AXES):
             square = float(np.mean(series[axis, before] ** 2)) / float(series[axis].var())
-            values.append((Look("lost_frames", name, (i,)), float(np.log(max(square, 1e-12)))))
+            values.append((Statistic("lost_frames", name, (i,)), float(np.log(max(square, 1e-12)))))
     return values

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from scipy import special
 
 from mtpipe.battery.observed import Observed, Whitened
-from mtpipe.battery.statistic import Look, Values
+from mtpipe.battery.statistic import Statistic, Values
 from mtpipe.physics.camera import FloatArray
 from mtpipe.recording.recording import AXES
 
@@ -40,10 +40,12 @@ def bands(seen: Sequence[Observed], edges_hz: FloatArray) -> Values:
     for axis, name in enumerate(AXES):
         for k, band in enumerate(every):
             each = {i: float(of[k][axis]) for i, of in enumerate(scores) if k in of}
-            values += [(Look("psd_band", name, (i,), band), excess) for i, excess in each.items()]
+            values += [
+                (Statistic("psd_band", name, (i,), band), excess) for i, excess in each.items()
+            ]
             if len(each) > 1:
                 total = float(np.sum(list(each.values())) / np.sqrt(len(each)))
-                values.append((Look("psd_band", name, tuple(each), band, pooled=True), total))
+                values.append((Statistic("psd_band", name, tuple(each), band, pooled=True), total))
     return values
 
 
@@ -83,7 +85,7 @@ def lines(seen: Sequence[Observed], spectra: Sequence[Whitened]) -> Values:
                 frequency, width = spectrum.frequency_hz[at], 2 * spectrum.frequency_hz[0]
                 band = (float(frequency - width), float(frequency + width))
                 score = _score_of_largest(float(left[at]), len(power))
-                values.append((Look(statistic, name, (i,), band), score))
+                values.append((Statistic(statistic, name, (i,), band), score))
                 left[same_line(spectrum.frequency_hz, float(frequency))] = 0.0
                 left[max(at - TAPERED, 0) : at + TAPERED + 1] = 0.0
             cell = np.floor(spectrum.frequency_hz / (2 * coarsest)).astype(int)
@@ -94,7 +96,7 @@ def lines(seen: Sequence[Observed], spectra: Sequence[Whitened]) -> Values:
             at = int(np.argmax(mean[2:])) + 2
             band = (2 * coarsest * at, 2 * coarsest * (at + 1))
             everywhere = tuple(range(len(seen)))
-            look = Look("line", name, everywhere, band, pooled=True)
+            look = Statistic("line", name, everywhere, band, pooled=True)
             values.append((look, float(np.log(mean[at]))))
     return values
 
@@ -136,10 +138,10 @@ def between_axes(seen: Sequence[Observed]) -> Values:
             weight = n * np.sqrt(_signal(one, a) * _signal(one, b))
             value = float(weight @ both / np.sqrt(np.sum(weight**2 / n) / 2))
             band = (float(spectrum.frequency_hz[0]), float(spectrum.frequency_hz[-1]))
-            values.append((Look("correlation", AXES[a] + AXES[b], (i,), band), value))
+            values.append((Statistic("correlation", AXES[a] + AXES[b], (i,), band), value))
             pooled.append(value)
         if len(pooled) > 1:
-            look = Look("correlation", AXES[a] + AXES[b], tuple(range(len(seen))), pooled=True)
+            look = Statistic("correlation", AXES[a] + AXES[b], tuple(range(len(seen))), pooled=True)
             values.append((look, float(np.sum(pooled) / np.sqrt(len(pooled)))))
     return values
 
@@ -168,10 +170,10 @@ def with_reference(
             common = np.real(spectrum.bead[axis] * np.conj(spectrum.reference[axis]))
             value = float(common[inside].sum() / np.sqrt(inside.sum() / 2))
             ends = spectrum.frequency_hz[inside][[0, -1]]
-            look = Look("reference_coherence", name, (i,), (float(ends[0]), float(ends[1])))
+            look = Statistic("reference_coherence", name, (i,), (float(ends[0]), float(ends[1])))
             values.append((look, value))
             pooled.append(value)
         if len(pooled) > 1:
-            look = Look("reference_coherence", name, tuple(range(len(seen))), pooled=True)
+            look = Statistic("reference_coherence", name, tuple(range(len(seen))), pooled=True)
             values.append((look, float(np.sum(pooled) / np.sqrt(len(pooled)))))
     return values

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 
 @dataclass(frozen=True)
-class Look:
+class Statistic:
     """A statistic and its place.
 
     Attributes
@@ -27,4 +27,4 @@ class Look:
     pooled: bool = False
 
 
-Values = list[tuple[Look, float]]
+Values = list[tuple[Statistic, float]]

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mtpipe.battery.observed import Observed
-from mtpipe.battery.statistic import Look, Values
+from mtpipe.battery.statistic import Statistic, Values
 from mtpipe.physics.camera import FloatArray
 from mtpipe.recording.recording import AXES
 
@@ -40,14 +40,14 @@ def over_time(seen: Sequence[Observed]) -> Values:
             second = int(lowest[axis]) * quiet_length * one.frame_s
             when = (second, second + quiet_length * one.frame_s)
             found = [
-                (Look("mean_trend", name, (i,)), float(trend[axis])),
-                (Look("mean_step", name, (i,), time_s=half), float(walk[axis] / spread[axis])),
-                (Look("mean_excursion", name, (i,), time_s=window),
+                (Statistic("mean_trend", name, (i,)), float(trend[axis])),
+                (Statistic("mean_step", name, (i,), time_s=half), float(walk[axis] / spread[axis])),
+                (Statistic("mean_excursion", name, (i,), time_s=window),
                  float(np.abs(means[axis, far[axis]]) / spread[axis])),
-                (Look("variance_trend", name, (i,)), float(slope[axis])),
-                (Look("variance_step", name, (i,), time_s=later), float(change[axis])),
-                (Look("variance_spread", name, (i,)), float(logs[axis].std())),
-                (Look("quietest_second", name, (i,), time_s=when),
+                (Statistic("variance_trend", name, (i,)), float(slope[axis])),
+                (Statistic("variance_step", name, (i,), time_s=later), float(change[axis])),
+                (Statistic("variance_spread", name, (i,)), float(logs[axis].std())),
+                (Statistic("quietest_second", name, (i,), time_s=when),
                  float(quiet[axis, lowest[axis]] - np.median(quiet[axis]))),
             ]  # fmt: skip
             values += found
@@ -56,7 +56,7 @@ def over_time(seen: Sequence[Observed]) -> Values:
     everywhere = tuple(range(len(seen)))
     if len(seen) > 1:
         for (statistic, name), each in pooled.items():
-            look = Look(statistic, name, everywhere, pooled=True)
+            look = Statistic(statistic, name, everywhere, pooled=True)
             values.append((look, float(np.sum(each))))
     return values
 
@@ -112,5 +112,5 @@ def irreversibility(seen: Sequence[Observed]) -> Values:
             ratio = min(float(np.mean(x[1:] * x[:-1])), 1 - 1e-6)
             lag = 1 if ratio < 0.5 else min(int(np.log(0.5) / np.log(ratio)) + 1, len(x) // 8)
             value = float(np.mean(x[lag:] * x[:-lag] * (x[:-lag] - x[lag:])))
-            values.append((Look("irreversibility", name, (i,)), value))
+            values.append((Statistic("irreversibility", name, (i,)), value))
     return values

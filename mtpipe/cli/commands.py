@@ -12,11 +12,11 @@ from typing import Annotated
 
 import typer
 
-import mtpipe
 from mtpipe.cli import arguments as given
 from mtpipe.cli.terminal import progress_bar, summary
 from mtpipe.ground.errors import writing
 from mtpipe.ground.streams import say
+from mtpipe.ground.version import VERSION
 
 app = typer.Typer(
     add_completion=False,
@@ -75,7 +75,7 @@ def about(
 ) -> None:
     """Force calibration for magnetic tweezers: from tracked beads to forces you can defend."""
     if version:
-        typer.echo(f"mtpipe {mtpipe.__version__}")
+        typer.echo(f"mtpipe {VERSION}")
         raise typer.Exit
 
 

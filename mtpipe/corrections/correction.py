@@ -9,7 +9,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from mtpipe.crosschecking.prepared_bead import Case
+from mtpipe.crosschecking.prepared_bead import PreparedBead
 
 
 @dataclass(frozen=True)
@@ -33,6 +33,6 @@ class Correction:
     """
 
     name: str
-    case: Case
+    case: PreparedBead
     strengths: tuple[Strength, ...]
     cause: str

@@ -4,12 +4,12 @@ from __future__ import annotations
 
 from dataclasses import replace
 
-from mtpipe.crosschecking.prepared_bead import Case, preferred_fit
+from mtpipe.crosschecking.prepared_bead import PreparedBead, preferred_fit
 from mtpipe.joint_fit.data import plateau_data, whitening
 from mtpipe.physics.camera import FloatArray
 
 
-def with_positions(case: Case, positions_nm: tuple[FloatArray, ...]) -> Case:
+def with_positions(case: PreparedBead, positions_nm: tuple[FloatArray, ...]) -> PreparedBead:
     """The case with these traces, of the same plateaus and the same frames.
 
     Parameters

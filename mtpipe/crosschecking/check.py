@@ -10,7 +10,7 @@ import numpy as np
 
 from mtpipe.battery import agreement, shape, spectral, temporal
 from mtpipe.battery.observed import Observed, whitened
-from mtpipe.battery.statistic import Look
+from mtpipe.battery.statistic import Statistic
 from mtpipe.crosschecking.curves import Curve, CurveSet
 from mtpipe.crosschecking.nulls import (
     SMALLEST_P,
@@ -20,7 +20,7 @@ from mtpipe.crosschecking.nulls import (
     of_those_looked_at_again,
     together,
 )
-from mtpipe.crosschecking.prepared_bead import Case, described
+from mtpipe.crosschecking.prepared_bead import PreparedBead, described
 from mtpipe.crosschecking.twin import Twin, TwinMaker
 from mtpipe.joint_fit.data import PlateauData, plateau_data
 from mtpipe.joint_fit.expectation import Expectation, changed_spectra
@@ -51,8 +51,8 @@ class BeadCheck:
     overall : all looks together. curves : to draw; empty where not asked for.
     """
 
-    case: Case
-    looks: tuple[Look, ...]
+    case: PreparedBead
+    looks: tuple[Statistic, ...]
     observed: FloatArray
     simulated: FloatArray
     p_values: FloatArray
@@ -66,7 +66,7 @@ class BeadCheck:
 
 
 def check_bead(
-    case: Case,
+    case: PreparedBead,
     random: np.random.Generator,
     *,
     rounds: tuple[int, ...] = ROUNDS,
@@ -144,7 +144,7 @@ def comparable_p_values(one: BeadCheck, other: BeadCheck) -> tuple[float, float]
     return first, second
 
 
-def foreseen_p_value(check: BeadCheck, case: Case) -> float:
+def foreseen_p_value(check: BeadCheck, case: PreparedBead) -> float:
     """p-value of a bead's traces, changed and fitted anew, beside the simulations that there are of
     the old ones, by the looks that both have and that do not change with the forces found.
 
@@ -160,7 +160,7 @@ def foreseen_p_value(check: BeadCheck, case: Case) -> float:
     return _judged(judged, observed[new], check.simulated[:, old])[1].p_value
 
 
-def _numbered(looks: tuple[Look, ...]) -> dict[tuple[object, ...], int]:
+def _numbered(looks: tuple[Statistic, ...]) -> dict[tuple[object, ...], int]:
     """Index of each look, by what it is at and the how manieth of those it is."""
     found: dict[tuple[object, ...], int] = {}
     so_many: dict[tuple[object, ...], int] = {}
@@ -172,7 +172,7 @@ def _numbered(looks: tuple[Look, ...]) -> dict[tuple[object, ...], int]:
 
 
 def _judged(
-    looks: tuple[Look, ...], observed: FloatArray, simulated: FloatArray
+    looks: tuple[Statistic, ...], observed: FloatArray, simulated: FloatArray
 ) -> tuple[FloatArray, Together]:
     """p-value of each look by itself, and of all together."""
     upper = np.array([_is_upper(look) for look in looks])
@@ -186,14 +186,14 @@ def _judged(
     return p_values, together(p_values, own, [pooled, ~pooled])
 
 
-def _is_upper(look: Look) -> bool:
+def _is_upper(look: Statistic) -> bool:
     return look.statistic in UPPER or (look.statistic == "extension" and look.pooled)
 
 
 class _Battery:
     """The battery with what does not change from simulation to simulation."""
 
-    def __init__(self, case: Case) -> None:
+    def __init__(self, case: PreparedBead) -> None:
         self.case = case
         self.projection = _projections(case)
         self.force_weight = _force_weight(case)
@@ -215,7 +215,7 @@ class _Battery:
         off = np.log(again.force_pN / case.fit.force_pN) - twin.ln_force_misstated
         return _observed(case, twin.positions_nm, twin.references_nm, data, again.expected, off)
 
-    def looks(self, seen: list[Observed]) -> tuple[tuple[Look, ...], FloatArray]:
+    def looks(self, seen: list[Observed]) -> tuple[tuple[Statistic, ...], FloatArray]:
         """All looks, and their values."""
         if self.edges_hz is None or self.periods_nm is None:
             self.edges_hz = spectral.band_edges_hz(seen)
@@ -239,7 +239,7 @@ class _Battery:
         return tuple(look for look, _ in values), np.array([value for _, value in values])
 
 
-def recorded_of(case: Case) -> list[Observed]:
+def recorded_of(case: PreparedBead) -> list[Observed]:
     """The recording, plateau by plateau, as the battery looks at it."""
     fit, known = case.fit, case.fit.model.known_forces
     off = ln_off(fit.force_pN, known) if known else np.full(fit.model.plateaus, np.nan)
@@ -247,7 +247,7 @@ def recorded_of(case: Case) -> list[Observed]:
 
 
 def _observed(
-    case: Case,
+    case: PreparedBead,
     positions: tuple[FloatArray, ...],
     references: tuple[FloatArray, ...] | None,
     data: tuple[PlateauData, ...],
@@ -268,7 +268,7 @@ def _observed(
     ]
 
 
-def _force_weight(case: Case) -> FloatArray:
+def _force_weight(case: PreparedBead) -> FloatArray:
     """(plateaus,) one over the variance of ln of each force and of the known one's error."""
     fit, known = case.fit, case.fit.model.known_forces
     variance = (fit.force_stderr_pN / fit.force_pN) ** 2
@@ -277,7 +277,7 @@ def _force_weight(case: Case) -> FloatArray:
     return np.asarray(1 / variance)
 
 
-def _projections(case: Case) -> list[list[FloatArray]]:
+def _projections(case: PreparedBead) -> list[list[FloatArray]]:
     """Per plateau and axis, what turns a residual into changes of ln stiffness and ln friction."""
     found = []
     experiment = described(case)

@@ -11,7 +11,7 @@ import numpy as np
 from mtpipe.battery.observed import whitened
 from mtpipe.battery.spectral import local_level, same_line
 from mtpipe.crosschecking.check import recorded_of
-from mtpipe.crosschecking.prepared_bead import Case
+from mtpipe.crosschecking.prepared_bead import PreparedBead
 from mtpipe.joint_fit.data import plateau_data
 from mtpipe.joint_fit.fit import fit_configured
 from mtpipe.physics.camera import FloatArray
@@ -30,7 +30,7 @@ SIZES = 16
 LEAST_SEEN = 0.1
 
 
-def with_lines_apart(case: Case) -> Case:
+def with_lines_apart(case: PreparedBead) -> PreparedBead:
     """The case with bins of their own for lines that may be worth their numbers.
 
     A frequency and a size cost ln of the number of ordinates after BIC; what gains less is left.
@@ -39,7 +39,7 @@ def with_lines_apart(case: Case) -> Case:
     return apart(case, tuple(hz for nats, hz in strongest_lines(case) if nats > costs))
 
 
-def apart(case: Case, lines_hz: tuple[float, ...]) -> Case:
+def apart(case: PreparedBead, lines_hz: tuple[float, ...]) -> PreparedBead:
     """The case with bins of their own for these lines alone, and fitted again."""
     if lines_hz == case.lines_hz:
         return case
@@ -60,7 +60,7 @@ def distinct_lines(lines_hz: Sequence[float], known_hz: Sequence[float] = ()) ->
     return tuple(kept)
 
 
-def strongest_lines(case: Case) -> list[tuple[float, float]]:
+def strongest_lines(case: PreparedBead) -> list[tuple[float, float]]:
     """The strongest narrow lines, best first: ln likelihood gained (nats), and frequency.
 
     A wave has one amplitude per axis in all plateaus and stands out of its neighbours in the
@@ -117,7 +117,7 @@ def _gains(over: FloatArray, wave: FloatArray) -> FloatArray:
     return np.asarray(best)
 
 
-def _exactly(case: Case, axis: int, line_hz: float, within_hz: float) -> float:
+def _exactly(case: PreparedBead, axis: int, line_hz: float, within_hz: float) -> float:
     """Where a line is: at the peak of the plateaus' periodograms over what is expected beside it.
 
     Frequencies are finer than those of the spectrum, as the line leaks into its neighbours by how

@@ -48,7 +48,7 @@ STAGE_BELOW = 16.0
 
 
 @dataclass(frozen=True, eq=False)
-class Case:
+class PreparedBead:
     """A bead to be cross-checked.
 
     Attributes
@@ -83,7 +83,7 @@ class Case:
         return self.fit.model.experiment.camera.frame_s
 
 
-def prepare(recording: Recording, bead: str) -> Case:
+def prepare(recording: Recording, bead: str) -> PreparedBead:
     """Reduce a bead's recording and fit the configured experiment to it.
 
     Parameters
@@ -170,7 +170,7 @@ def prepare(recording: Recording, bead: str) -> Case:
         begins_s,
         known_forces=known if any(known) else (),
     )
-    return Case(
+    return PreparedBead(
         bead,
         tuple(kept),
         tuple(positions),
@@ -321,6 +321,6 @@ def _walk_nm2_per_s(
     return float(np.mean(found[below] ** 2 * rises)), float(np.mean(rises))
 
 
-def described(case: Case) -> Experiment:
+def described(case: PreparedBead) -> Experiment:
     """The fitted experiment."""
     return case.fit.model.described(case.fit.theta)

@@ -9,7 +9,7 @@ from __future__ import annotations
 from dataclasses import replace
 
 from mtpipe.crosschecking.lines import apart, distinct_lines, strongest_lines
-from mtpipe.crosschecking.prepared_bead import Case
+from mtpipe.crosschecking.prepared_bead import PreparedBead
 from mtpipe.effects.catalogue import catalogue
 from mtpipe.effects.effect import Evidence
 from mtpipe.effects.setup_sizes import pinned_sizes, read_sizes, with_pinned
@@ -19,7 +19,7 @@ from mtpipe.joint_fit.hypotheses import best_of
 from mtpipe.setup.setup import Setup
 
 
-def with_listed(case: Case, setup: Setup) -> Case:
+def with_listed(case: PreparedBead, setup: Setup) -> PreparedBead:
     """The case with the setup's further effects fitted along."""
     pinned = pinned_sizes(setup)
     listed = (set(setup.model.effects) | set(pinned)) - set(DESCRIBED)

@@ -13,7 +13,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from mtpipe.crosschecking.prepared_bead import Case, described
+from mtpipe.crosschecking.prepared_bead import PreparedBead, described
 from mtpipe.drift.lowpass import low_pass
 from mtpipe.experiment.description import Allowance, Experiment
 from mtpipe.experiment.state import all_states
@@ -40,7 +40,7 @@ VARIANTS = ((1.4, 0.0), (-1.4, 0.0), (0.0, 1.4), (0.0, -1.4))
 
 @dataclass(frozen=True, eq=False)
 class Twin:
-    """Simulated traces of all plateaus, as `Case` holds the recorded ones.
+    """Simulated traces of all plateaus, as `PreparedBead` holds the recorded ones.
 
     `ln_force_misstated` (plateaus,) : ln of what its setup would state of the forces, over the
     forces simulated; errors of what else the setup states go into it. nan where it states none.
@@ -54,7 +54,7 @@ class Twin:
 class TwinMaker:
     """Simulates the fitted experiment again and again."""
 
-    def __init__(self, case: Case) -> None:
+    def __init__(self, case: PreparedBead) -> None:
         self.case = case
         self.experiment = described(case)
         # where frames are dropped, more have to be simulated than the file has
@@ -146,7 +146,7 @@ def _varied(experiment: Experiment) -> list[Experiment]:
 
 
 def _timetable(
-    case: Case, experiment: Experiment, stretch: float
+    case: PreparedBead, experiment: Experiment, stretch: float
 ) -> tuple[list[tuple[float, int]], list[slice], NDArray[np.int64], set[int]]:
     """Stretches (force, frames) of the recording, where its plateaus lie in them, of each stretch
     the first one of its plateau (of a move it is itself), and which are moves.

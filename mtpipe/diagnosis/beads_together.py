@@ -33,7 +33,7 @@ from mtpipe.diagnosis.revision import Change, accounts, coordinate, revised
 from mtpipe.effects.effect import Effect, Evidence
 from mtpipe.ground.processes import executor
 from mtpipe.joint_fit.fit import ConfiguredFit
-from mtpipe.joint_fit.hypotheses import Tried, best_of
+from mtpipe.joint_fit.hypotheses import FittedEffect, best_of
 
 T = TypeVar("T")
 Progress = Callable[[int, int], None]
@@ -124,7 +124,7 @@ def _beside(fit: ConfiguredFit, effects: list[Effect]) -> Mapping[str, Curve]:
     return curves
 
 
-def _curve(tried: Tried, fit: ConfiguredFit, net: float) -> Curve | None:
+def _curve(tried: FittedEffect, fit: ConfiguredFit, net: float) -> Curve | None:
     """ln likelihood over an effect's size; `net`: at its best, after BIC. None: not one size."""
     if len(tried.hypothesis.parameters) != 1:
         return None

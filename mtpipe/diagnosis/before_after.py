@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from mtpipe.crosschecking.prepared_bead import Case
+from mtpipe.crosschecking.prepared_bead import PreparedBead
 from mtpipe.diagnosis.explanation import Explanation
 from mtpipe.physics.camera import FloatArray
 from mtpipe.recording.recording import AXES
@@ -60,7 +60,7 @@ def content_of(found: Explanation) -> dict[str, Any] | None:
     }
 
 
-def averaged(case: Case, plateau: int, axis: int, edges_hz: FloatArray) -> Averaged:
+def averaged(case: PreparedBead, plateau: int, axis: int, edges_hz: FloatArray) -> Averaged:
     """The spectrum of a trace, by indices of plateau and axis, in bands between (bands + 1) edges.
 
     Means over ordinates; of the frequency in its logarithm.
@@ -82,14 +82,14 @@ def averaged(case: Case, plateau: int, axis: int, edges_hz: FloatArray) -> Avera
     return Averaged(np.exp(log_frequency), weight, expected, ratio)
 
 
-def _edges_hz(case: Case) -> FloatArray:
+def _edges_hz(case: PreparedBead) -> FloatArray:
     """(BANDS + 1,) evenly in ln f, over all that is recorded."""
     frequencies = [data.spectrum.frequency_hz for data in case.fit.model.data]
     low, high = min(f[0] for f in frequencies), max(f[-1] for f in frequencies)
     return np.geomspace(low, high, BANDS + 1)
 
 
-def _edges_of(case: Case, plateau: int) -> FloatArray:
+def _edges_of(case: PreparedBead, plateau: int) -> FloatArray:
     """Edges of the bands in which a plateau's spectrum is drawn, wider where ordinates are few."""
     spectrum = case.fit.model.data[plateau].spectrum
     frequency = spectrum.frequency_hz
@@ -104,7 +104,7 @@ def _edges_of(case: Case, plateau: int) -> FloatArray:
     return np.array([*edges, frequency[-1]])
 
 
-def _residuals(case: Case, edges_hz: FloatArray) -> dict[str, Any]:
+def _residuals(case: PreparedBead, edges_hz: FloatArray) -> dict[str, Any]:
     """Per axis a row for each band, a column for each plateau, and a row of mean heights."""
     rows: dict[str, Any] = {}
     for axis, name in enumerate(AXES):
@@ -115,7 +115,7 @@ def _residuals(case: Case, edges_hz: FloatArray) -> dict[str, Any]:
     return rows | {"height": _listed(case.fit.height_pulls)}
 
 
-def _spectrum(stages: dict[str, Case], axis: int, numbers: list[int]) -> dict[str, Any]:
+def _spectrum(stages: dict[str, PreparedBead], axis: int, numbers: list[int]) -> dict[str, Any]:
     """Of an axis, in the plateau where what is named changes most."""
     before, after = stages.values()
     mended = [_misfit(before, k, axis) - _misfit(after, k, axis) for k in range(len(numbers))]
@@ -137,7 +137,7 @@ def _spectrum(stages: dict[str, Case], axis: int, numbers: list[int]) -> dict[st
     }
 
 
-def _misfit(case: Case, plateau: int, axis: int) -> float:
+def _misfit(case: PreparedBead, plateau: int, axis: int) -> float:
     """Of a trace's spectrum, −ln likelihood but for what the data alone say (Whittle 1953)."""
     spectrum = case.fit.model.data[plateau].spectrum
     ratio = spectrum.power[:, axis, axis] / case.fit.expected[plateau].power[:, axis, axis]

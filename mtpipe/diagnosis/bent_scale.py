@@ -23,7 +23,7 @@ from mtpipe.experiment.changes import with_optics
 from mtpipe.experiment.description import Experiment
 from mtpipe.ground.errors import FitError
 from mtpipe.joint_fit.fit import ConfiguredFit, fit_configured
-from mtpipe.joint_fit.hypotheses import FIRST_ROUNDS, TRIED_NATS, Tried, model_with
+from mtpipe.joint_fit.hypotheses import FIRST_ROUNDS, TRIED_NATS, FittedEffect, model_with
 from mtpipe.joint_fit.model import ConfiguredModel
 from mtpipe.physics.camera import FloatArray
 
@@ -100,7 +100,7 @@ class Instead:
     """A bend in the place of effects; `lead` : by how many nats it is likelier, after BIC."""
 
     bend: Bend
-    replaced: tuple[Tried, ...]
+    replaced: tuple[FittedEffect, ...]
     lead: float
 
 
@@ -126,7 +126,7 @@ def bend_beside(fit: ConfiguredFit, near: Bend | None = None) -> Beside | None:
 
 
 def bend_instead(
-    without: ConfiguredFit, named: Sequence[Tried], fit: ConfiguredFit
+    without: ConfiguredFit, named: Sequence[FittedEffect], fit: ConfiguredFit
 ) -> Instead | None:
     """The bend that does best in the place of effects, one or all; None where none can be fitted.
 
@@ -150,7 +150,7 @@ def bend_instead(
     return found
 
 
-def _parts(named: Sequence[Tried]) -> Iterator[tuple[Tried, ...]]:
+def _parts(named: Sequence[FittedEffect]) -> Iterator[tuple[FittedEffect, ...]]:
     """Each effect, and all of them."""
     yield from ((one,) for one in named)
     if len(named) > 1:

@@ -6,7 +6,7 @@ import numpy as np
 
 from mtpipe.crosschecking.check import BeadCheck
 from mtpipe.crosschecking.lines import distinct_lines
-from mtpipe.crosschecking.prepared_bead import Case, described
+from mtpipe.crosschecking.prepared_bead import PreparedBead, described
 from mtpipe.drift.lowpass import response
 from mtpipe.effects.effect import Evidence
 from mtpipe.joint_fit.courses import force_courses
@@ -75,7 +75,7 @@ def reference_moves(check: BeadCheck) -> bool | None:
     return None if abs(nats) < DECIDED_NATS else nats > 0
 
 
-def noise_between_blocks_nm2(case: Case) -> list[float]:
+def noise_between_blocks_nm2(case: PreparedBead) -> list[float]:
     """Variance per axis of the difference of successive block means of what passes the low-pass of
     the references' tracking noise.
     """

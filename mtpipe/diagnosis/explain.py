@@ -26,7 +26,7 @@ from mtpipe.crosschecking.check import (
     check_bead,
     comparable_p_values,
 )
-from mtpipe.crosschecking.prepared_bead import Case
+from mtpipe.crosschecking.prepared_bead import PreparedBead
 from mtpipe.diagnosis.bent_scale import Instead, bend_instead
 from mtpipe.diagnosis.evidence import evidence_of
 from mtpipe.diagnosis.explanation import (
@@ -63,7 +63,7 @@ from mtpipe.effects.effect import Effect
 from mtpipe.ground.errors import FitError
 from mtpipe.joint_fit.fit import ConfiguredFit
 from mtpipe.joint_fit.hypotheses import (
-    Tried,
+    FittedEffect,
     looking_ahead,
     together,
     try_effects,
@@ -165,7 +165,7 @@ def concluded(
     named : in the order found. check : with all of them. nearest : what the search did not take at
     its end.
     """
-    fitted = [one.found for one in named if isinstance(one.found, Tried)]
+    fitted = [one.found for one in named if isinstance(one.found, FittedEffect)]
     scatter = gained_by_scatter(check.case.fit, fitted) if fitted else 0.0
     off = scatter >= ALIKE_NATS
     agreed, kept = agrees(check, before), certain(named)
@@ -177,7 +177,7 @@ def concluded(
     if bent is not None:
         kept = list(itertools.takewhile(lambda one: one.found not in bent.replaced, kept))
     left_out = next(iter(named[len(kept) :]), None)
-    if left_out is not None and isinstance(left_out.found, Tried):
+    if left_out is not None and isinstance(left_out.found, FittedEffect):
         rival = bent.bend if bent is not None and left_out.found in bent.replaced else None
         if off and _frees_heights(left_out):
             reason = heights_off(left_out, scatter)
@@ -195,7 +195,10 @@ def concluded(
 
 
 def preferred_bend(
-    without: ConfiguredFit, named: Sequence[Tried], check: BeadCheck, random: np.random.Generator
+    without: ConfiguredFit,
+    named: Sequence[FittedEffect],
+    check: BeadCheck,
+    random: np.random.Generator,
 ) -> Instead | None:
     """A bend of z's scale that likelihood and battery together speak for, and not for the effects
     in whose place it is; None where there is none.
@@ -282,9 +285,9 @@ def _searched(
 
 def better_judged(
     found: Named,
-    rivals: Sequence[Tried],
-    refitted: Callable[[Tried], Tried],
-    checked: Callable[[Tried], Named | Rejected],
+    rivals: Sequence[FittedEffect],
+    refitted: Callable[[FittedEffect], FittedEffect],
+    checked: Callable[[FittedEffect], Named | Rejected],
 ) -> Named:
     """Of effects that are nearly as likely, the one that likelihood and battery together speak for.
 
@@ -308,9 +311,9 @@ def better_judged(
     return found
 
 
-def _judged(one: Tried | Correction, p_value: float) -> float:
+def _judged(one: FittedEffect | Correction, p_value: float) -> float:
     """Net gain and ln p; of a correction, which nothing rivals, infinite."""
-    net = one.net if isinstance(one, Tried) else math.inf
+    net = one.net if isinstance(one, FittedEffect) else math.inf
     return net + _ln_of(p_value)
 
 
@@ -320,12 +323,12 @@ def _ln_of(p_value: float) -> float:
 
 
 def _with_alternatives(
-    one: Named, named: Sequence[Named], case: Case, effects: Sequence[Effect]
+    one: Named, named: Sequence[Named], case: PreparedBead, effects: Sequence[Effect]
 ) -> Named:
     """The effect with what the recording cannot tell from it, given the others that are named."""
-    if not isinstance(one.found, Tried):
+    if not isinstance(one.found, FittedEffect):
         return one
-    fitted = [other.found for other in named if isinstance(other.found, Tried)]
+    fitted = [other.found for other in named if isinstance(other.found, FittedEffect)]
     others = [other for other in fitted if other is not one.found]
     try:
         # where it is far from the data its forces are found afresh: what it gains by these is no
@@ -337,7 +340,9 @@ def _with_alternatives(
     return _beside(one, tried, {other.name for other in named}, case)
 
 
-def _beside(one: Named, tried: Sequence[Tried], names: Collection[str], case: Case) -> Named:
+def _beside(
+    one: Named, tried: Sequence[FittedEffect], names: Collection[str], case: PreparedBead
+) -> Named:
     """The effect with those of all that were tried as it was, none of them better fitted than the
     others, which are alike and not named.
     """
@@ -347,16 +352,16 @@ def _beside(one: Named, tried: Sequence[Tried], names: Collection[str], case: Ca
     return replace(one, alternatives=alike(own, tried, names, partial(_foretold, case)))
 
 
-def _foretold(case: Case, one: Tried, other: Tried) -> float:
+def _foretold(case: PreparedBead, one: FittedEffect, other: FittedEffect) -> float:
     """How much better an effect than another tells time that was not fitted, in nats."""
     return heldout_gain(case, other.fit, one.fit)
 
 
 def alike(
-    one: Tried,
-    tried: Sequence[Tried],
+    one: FittedEffect,
+    tried: Sequence[FittedEffect],
     named: Collection[str],
-    foretold: Callable[[Tried, Tried], float],
+    foretold: Callable[[FittedEffect, FittedEffect], float],
 ) -> tuple[Alternative, ...]:
     """Effects that are not named and fit as well as this one, by themselves or by their price, or
     tell as much beforehand.
@@ -368,7 +373,7 @@ def alike(
         not known: then they are alike if each would be seen by itself.
     """
 
-    def as_well(other: Tried) -> bool:
+    def as_well(other: FittedEffect) -> bool:
         if abs(other.net - one.net) < ALIKE_NATS or one.gain - other.gain < ALIKE_NATS:
             return True
         if one.net - other.net >= NEAR_NATS:
@@ -383,7 +388,7 @@ def alike(
     )
 
 
-def _refitted(chosen: Tried, check: BeadCheck) -> Tried:
+def _refitted(chosen: FittedEffect, check: BeadCheck) -> FittedEffect:
     """The effect with forces begun afresh and the formula of the chain that suits it best."""
     fit = best_formula(begun_again(with_forces_found(chosen, check).fit))
     return replace(chosen, fit=fit, gain=fit.log_likelihood - check.case.fit.log_likelihood)

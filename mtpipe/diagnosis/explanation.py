@@ -12,7 +12,7 @@ from mtpipe.diagnosis.mixture import Mixture
 from mtpipe.diagnosis.refit import other_formulas
 from mtpipe.diagnosis.unexplained import Rejected, Unexplained, unexplained
 from mtpipe.joint_fit.fit import ConfiguredFit
-from mtpipe.joint_fit.hypotheses import Tried
+from mtpipe.joint_fit.hypotheses import FittedEffect
 from mtpipe.physics.camera import FloatArray
 
 # Chance of a false alarm that is accepted per bead.
@@ -32,7 +32,7 @@ CERTAIN_NATS = 50.0
 class Alternative:
     """Another effect fitted in a named one's place; `nats` : its net gain less that one's there."""
 
-    found: Tried
+    found: FittedEffect
     nats: float
 
 
@@ -51,7 +51,7 @@ class Named:
         own affair.
     """
 
-    found: Tried | Correction
+    found: FittedEffect | Correction
     alternatives: tuple[Alternative, ...]
     before: BeadCheck
     after: BeadCheck
@@ -66,7 +66,7 @@ class Named:
     @property
     def name(self) -> str:
         """As FORMATS section 5 has it."""
-        return self.found.effect.name if isinstance(self.found, Tried) else self.found.name
+        return self.found.effect.name if isinstance(self.found, FittedEffect) else self.found.name
 
 
 @dataclass(frozen=True, eq=False)

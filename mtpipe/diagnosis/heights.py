@@ -15,7 +15,7 @@ from mtpipe.effects.effect import Evidence
 from mtpipe.experiment.changes import with_stage
 from mtpipe.ground.errors import FitError
 from mtpipe.joint_fit.fit import ConfiguredFit, exchanged, fit_configured
-from mtpipe.joint_fit.hypotheses import TRIED_NATS, Tried
+from mtpipe.joint_fit.hypotheses import TRIED_NATS, FittedEffect
 
 # Sizes that are tried of what else mean heights may be off by.
 SCATTERS_NM = (1.0, 3.0, 10.0, 30.0)
@@ -27,7 +27,7 @@ def wanders(fit: ConfiguredFit) -> bool:
     return stage.unsubtracted_nm_per_root_s[2] > 0 or stage.reference_nm[2] > 0
 
 
-def gained_by_scatter(fit: ConfiguredFit, named: Sequence[Tried]) -> float:
+def gained_by_scatter(fit: ConfiguredFit, named: Sequence[FittedEffect]) -> float:
     """ln likelihood gained were each plateau's mean height off by something of its own (nats).
 
     0 where heights are not free to wander, and about 0 where they are off by no more than
@@ -63,7 +63,7 @@ def _gained(fit: ConfiguredFit) -> float:
     return max(gains)
 
 
-def _as_a_walk(fit: ConfiguredFit, one: Tried) -> ConfiguredFit | None:
+def _as_a_walk(fit: ConfiguredFit, one: FittedEffect) -> ConfiguredFit | None:
     """The fit with a walk of the bead's own in the place of the reference's motion."""
     model = fit.model
     still = with_stage(model.experiment, reference_nm=(0.0, 0.0, 0.0))

@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 
 from mtpipe.crosschecking.check import BeadCheck
-from mtpipe.crosschecking.prepared_bead import Case
+from mtpipe.crosschecking.prepared_bead import PreparedBead
 from mtpipe.ground.errors import FitError
 from mtpipe.joint_fit.data import PlateauData, plateau_data
 from mtpipe.joint_fit.distance import excess
@@ -29,7 +29,7 @@ def share_gone(before: ConfiguredFit, after: ConfiguredFit) -> float:
     return 0.0 if first <= 0 else 1 - max(last, 0.0) / first
 
 
-def heldout_gain(case: Case, without: ConfiguredFit, with_it: ConfiguredFit) -> float:
+def heldout_gain(case: PreparedBead, without: ConfiguredFit, with_it: ConfiguredFit) -> float:
     """ln likelihood gained by an effect on the half of every plateau that was not fitted, and
     exchanged; nan where the halves are too short, or differ because the force changes.
     """
@@ -62,7 +62,7 @@ class Half:
         return replace(model, data=self.data, begins_s=self.begins_s)
 
 
-def halves_of(case: Case) -> tuple[Half, Half] | None:
+def halves_of(case: PreparedBead) -> tuple[Half, Half] | None:
     """First and second half of every plateau; None where these are too short."""
     first: list[PlateauData] = []
     second: list[PlateauData] = []

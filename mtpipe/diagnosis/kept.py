@@ -14,7 +14,7 @@ from mtpipe.crosschecking.check import (
     check_bead,
     comparable_p_values,
 )
-from mtpipe.crosschecking.prepared_bead import Case
+from mtpipe.crosschecking.prepared_bead import PreparedBead
 from mtpipe.diagnosis.explanation import (
     ALARM_P,
     ALIKE_NATS,
@@ -24,7 +24,7 @@ from mtpipe.diagnosis.heldout import MOST_OF_IT, explained_share, heldout_gain
 from mtpipe.diagnosis.unexplained import Rejected
 from mtpipe.ground.errors import FitError
 from mtpipe.joint_fit.hypotheses import (
-    Tried,
+    FittedEffect,
     gained_by_motion,
 )
 
@@ -37,9 +37,9 @@ SEARCHING = tuple(goal for goal in ROUNDS if goal <= ENOUGH)
 
 
 def named_effect(
-    one: Tried,
+    one: FittedEffect,
     check: BeadCheck,
-    case: Case,
+    case: PreparedBead,
     random: np.random.Generator,
     *,
     far_off: float = FAR_OFF,
@@ -68,12 +68,12 @@ def named_effect(
     return Named(one, (), check, after, heldout)
 
 
-def gains_in_words(one: Tried) -> str:
+def gains_in_words(one: FittedEffect) -> str:
     """What a fitted effect gains, in words."""
     return f"gains {one.gain:.0f} in ln likelihood"
 
 
-def too_little(one: Tried, needed: float) -> str:
+def too_little(one: FittedEffect, needed: float) -> str:
     """Why an effect's gain does not pay for its numbers, in words."""
     numbers = one.hypothesis.numbers
     gains = f"gains {one.gain:.1f} in ln likelihood" if one.gain >= 0.05 else "gains nothing"
@@ -81,7 +81,7 @@ def too_little(one: Tried, needed: float) -> str:
     return f"{gains}, too little for its {what} ({one.penalty + needed:.1f} are needed)"
 
 
-def _more_odd(one: Tried, before: BeadCheck, after: BeadCheck) -> str:
+def _more_odd(one: FittedEffect, before: BeadCheck, after: BeadCheck) -> str:
     return (
         f"{gains_in_words(one)}, but with it recording and simulation differ even more "
         f"(p {before.p_value:.1g} → {after.p_value:.1g})"

@@ -15,7 +15,7 @@ import numpy as np
 from scipy import stats
 
 from mtpipe.battery.observed import Observed
-from mtpipe.battery.statistic import Look
+from mtpipe.battery.statistic import Statistic
 from mtpipe.crosschecking.check import BeadCheck, recorded_of
 from mtpipe.diagnosis.left_in_time import clearest_plateau
 from mtpipe.diagnosis.smooth_correction import WORTH_NATS
@@ -73,7 +73,7 @@ class LeftInDistribution:
         )
 
 
-def left_in_distribution(check: BeadCheck, look: Look) -> LeftInDistribution | None:
+def left_in_distribution(check: BeadCheck, look: Statistic) -> LeftInDistribution | None:
     """The distribution that a look is about, in the plateau where it is clearest; None if it is
     about none, or the distribution is not worth a curve.
     """

@@ -9,10 +9,10 @@ from typing import Literal
 
 import numpy as np
 
-from mtpipe.battery.statistic import Look
+from mtpipe.battery.statistic import Statistic
 from mtpipe.battery.temporal import WINDOWS, in_windows, stderr_of_windows
 from mtpipe.crosschecking.check import BeadCheck, recorded_of
-from mtpipe.crosschecking.prepared_bead import Case
+from mtpipe.crosschecking.prepared_bead import PreparedBead
 from mtpipe.diagnosis.heldout import halves_of
 from mtpipe.diagnosis.smooth_correction import WORTH_NATS
 from mtpipe.diagnosis.smooth_curve import SmoothCurve, smooth_curve
@@ -74,7 +74,7 @@ class LeftInTime:
         return f"{words}; alone, its first half gives a force of {first} pN, the second {second} pN"
 
 
-def left_in_time(check: BeadCheck, look: Look) -> LeftInTime | None:
+def left_in_time(check: BeadCheck, look: Statistic) -> LeftInTime | None:
     """The course that a look is about, in the plateau where it is clearest; None if it is about
     none, or the course is not worth a curve.
     """
@@ -99,7 +99,7 @@ def left_in_time(check: BeadCheck, look: Look) -> LeftInTime | None:
     return LeftInTime(kind, axis, plateau, values, stderr, curve, halves)
 
 
-def clearest_plateau(check: BeadCheck, look: Look) -> int:
+def clearest_plateau(check: BeadCheck, look: Statistic) -> int:
     """Index of the plateau in which the look's statistic is oddest along its axis."""
     odd = {
         one.plateaus[0]: float(check.p_values[i])
@@ -120,7 +120,9 @@ def _simulated_spread(check: BeadCheck, axis: int, plateau: int) -> float:
     return float(np.median(check.simulated[:, own[0]]))
 
 
-def _halves_pN(case: Case, plateau: int) -> tuple[tuple[float, float], tuple[float, float]] | None:
+def _halves_pN(
+    case: PreparedBead, plateau: int
+) -> tuple[tuple[float, float], tuple[float, float]] | None:
     halves = None if case.fit.model.experiment.magnets.courses else halves_of(case)
     if halves is None:
         return None

@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 
-from mtpipe.battery.statistic import Look
+from mtpipe.battery.statistic import Statistic
 from mtpipe.crosschecking.check import BeadCheck
 from mtpipe.diagnosis.bent_scale import Beside
 from mtpipe.recording.recording import AXES
@@ -57,7 +57,7 @@ def bent_heights(check: BeadCheck, beside: Beside) -> dict[str, Any]:
     }
 
 
-def concerned(check: BeadCheck, look: Look) -> tuple[int, ...]:
+def concerned(check: BeadCheck, look: Statistic) -> tuple[int, ...]:
     """Plateaus that a look is about; of a pooled one those that show it by themselves, or all."""
     if not look.pooled:
         return look.plateaus

@@ -22,7 +22,7 @@ from mtpipe.diagnosis.location import MOST_PLACES, bent_heights, located
 from mtpipe.diagnosis.sentence import sentence
 from mtpipe.diagnosis.unexplained import Unexplained
 from mtpipe.ground.processes import in_one_thread
-from mtpipe.joint_fit.hypotheses import Tried
+from mtpipe.joint_fit.hypotheses import FittedEffect
 from mtpipe.recording.recording import Recording
 from mtpipe.states import with_states
 
@@ -203,7 +203,7 @@ def _effect(found: Explanation, one: Named) -> dict[str, Any]:
             }
             for strength in _strengths(found, one)
         },
-        "delta_bic": float(-2 * one.found.net) if isinstance(one.found, Tried) else None,
+        "delta_bic": float(-2 * one.found.net) if isinstance(one.found, FittedEffect) else None,
         "heldout_gain_nats": one.heldout_gain if math.isfinite(one.heldout_gain) else None,
         "p_before": one.before.p_value,
         "p_after": one.after.p_value,
@@ -212,7 +212,7 @@ def _effect(found: Explanation, one: Named) -> dict[str, Any]:
 
 
 def _strengths(found: Explanation, one: Named) -> list[Strength]:
-    if not isinstance(one.found, Tried):
+    if not isinstance(one.found, FittedEffect):
         return list(one.found.strengths)
     fit, first = found.fit, found.fit.model.plateaus
     effect = one.found.effect

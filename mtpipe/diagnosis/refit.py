@@ -10,11 +10,11 @@ from mtpipe.experiment.changes import by_formula
 from mtpipe.ground.errors import FitError
 from mtpipe.joint_fit.courses import force_courses
 from mtpipe.joint_fit.fit import ConfiguredFit, first_guess, fit_configured
-from mtpipe.joint_fit.hypotheses import Tried, together
+from mtpipe.joint_fit.hypotheses import FittedEffect, together
 from mtpipe.physics.tether import without_stretching
 
 
-def with_forces_found(best: Tried, check: BeadCheck) -> Tried:
+def with_forces_found(best: FittedEffect, check: BeadCheck) -> FittedEffect:
     """A changing force's course read again from the heights, the forces being known better."""
     if not best.fit.model.experiment.magnets.courses:
         return best

@@ -23,7 +23,7 @@ from mtpipe.diagnosis.unexplained import Rejected
 from mtpipe.effects.effect import Effect, Evidence
 from mtpipe.ground.errors import FitError
 from mtpipe.joint_fit.fit import ConfiguredFit, fit_configured
-from mtpipe.joint_fit.hypotheses import Tried, best_of, together
+from mtpipe.joint_fit.hypotheses import FittedEffect, best_of, together
 
 
 @dataclass(frozen=True)
@@ -42,20 +42,20 @@ class Change:
     effect: Effect
     told: str
 
-    def known(self, one: Explanation) -> Tried | None:
+    def known(self, one: Explanation) -> FittedEffect | None:
         """The shared effect as the bead had it there by itself."""
         there = (tried for tried, _ in accounts(one.named[self.place]))
         return next((tried for tried in there if tried.effect.name == self.effect.name), None)
 
 
-def accounts(named: Named) -> list[tuple[Tried, float]]:
+def accounts(named: Named) -> list[tuple[FittedEffect, float]]:
     """Effects of the spectrum that a named one may be, itself first; net nats less its own."""
-    if not isinstance(named.found, Tried):
+    if not isinstance(named.found, FittedEffect):
         return []
     return [(named.found, 0.0), *((one.found, float(one.nats)) for one in named.alternatives)]
 
 
-def coordinate(fit: ConfiguredFit, tried: Tried) -> int:
+def coordinate(fit: ConfiguredFit, tried: FittedEffect) -> int:
     """Which of θ is the size of an effect of one parameter."""
     names = [parameter.name for parameter in fit.model.parameters]
     return fit.model.plateaus + names.index(tried.hypothesis.parameters[0].name)
@@ -123,8 +123,8 @@ def _sentence(change: Change) -> str:
     return f"It is not {change.effect.name}, which all beads would share: {change.told}."
 
 
-def _spectral(named: Named) -> Tried:
-    assert isinstance(named.found, Tried)
+def _spectral(named: Named) -> FittedEffect:
+    assert isinstance(named.found, FittedEffect)
     return named.found
 
 
@@ -135,7 +135,7 @@ def _in_its_place(named: Sequence[Named], place: int) -> Named:
     ------
     FitError : it does not apply beside the others, or gains nothing on time that was not fitted.
     """
-    fitted = [one for one in named if isinstance(one.found, Tried)]
+    fitted = [one for one in named if isinstance(one.found, FittedEffect)]
     case, mine = fitted[0].before.case, _spectral(named[place])
     everything = [_spectral(one) for one in fitted]
     fit = best_formula(begun_again(together(case.fit, everything, mine.fit)))
@@ -147,7 +147,7 @@ def _in_its_place(named: Sequence[Named], place: int) -> Named:
     return replace(named[place], found=found, heldout_gain=heldout)
 
 
-def _with_prior(fit: ConfiguredFit, tried: Tried, common: Common) -> ConfiguredFit:
+def _with_prior(fit: ConfiguredFit, tried: FittedEffect, common: Common) -> ConfiguredFit:
     """The fit once more, with what the other beads have in common known beforehand."""
     parameters = list(fit.model.parameters)
     k = coordinate(fit, tried) - fit.model.plateaus
@@ -160,7 +160,7 @@ def _begun_again(one: Explanation, change: Change, random: np.random.Generator) 
     known, common = change.known(one), change.settled.others
     # a bead that did without it by itself may go on doing so
     otherwise = one if known is None else _excluded(one, change)
-    first = next(named for named in one.named if isinstance(named.found, Tried))
+    first = next(named for named in one.named if isinstance(named.found, FittedEffect))
     case = first.before.case
     mine = known or best_of(case.fit, change.effect, Evidence((), tuple(case.fit.force_pN)))
     if mine is None or common is None:
@@ -176,7 +176,7 @@ def _begun_again(one: Explanation, change: Change, random: np.random.Generator) 
     besides = ", and this one has a cause of its own beside it" if further.named else ""
     others = f"All beads share this; its size is what the others ask for{besides}."
     shared = Named(found, (), first.before, check, gain, others)
-    named = tuple(other for other in one.named if not isinstance(other.found, Tried))
+    named = tuple(other for other in one.named if not isinstance(other.found, FittedEffect))
     named = (*named, shared, *further.named)
     if further.verdict != "unexplained":
         return Explanation(one.before, further.after, named, "explained", None)

@@ -7,12 +7,12 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
-from mtpipe.battery.statistic import Look
+from mtpipe.battery.statistic import Statistic
 from mtpipe.crosschecking.check import BeadCheck
 from mtpipe.diagnosis.explanation import Explanation, Named
 from mtpipe.diagnosis.location import concerned
 from mtpipe.diagnosis.size_words import capital, factor, is_large, percent
-from mtpipe.joint_fit.hypotheses import Tried
+from mtpipe.joint_fit.hypotheses import FittedEffect
 from mtpipe.physics.camera import FloatArray
 from mtpipe.recording.recording import AXES
 
@@ -24,7 +24,7 @@ LEAST_TOLD = 0.01
 def sentence(found: Explanation, one: Named) -> str:
     """What, where, how strong, and what leaving it out did to the force."""
     fit = found.fit
-    if isinstance(one.found, Tried):
+    if isinstance(one.found, FittedEffect):
         place = _mended(one)
         where = "" if place is None else f"{capital(_where(one.before, place, fit.force_pN))}: "
         cause = one.found.effect.cause(fit.model.described(fit.theta))
@@ -92,7 +92,7 @@ def _to_one_side(ln: FloatArray, stderr: FloatArray, moved: NDArray[np.bool_]) -
     return f"{'raised' if up else 'lowered'} {forces} {by}{middle}"
 
 
-def _mended(one: Named) -> Look | None:
+def _mended(one: Named) -> Statistic | None:
     """The look whose p rises most with the effect; None where none does."""
     after = dict(zip(one.after.looks, one.after.p_values, strict=True))
     rises = {
@@ -104,7 +104,7 @@ def _mended(one: Named) -> Look | None:
     return best if best is not None and rises[best] > 0 else None
 
 
-def _where(check: BeadCheck, look: Look, force_pN: FloatArray) -> str:
+def _where(check: BeadCheck, look: Statistic, force_pN: FloatArray) -> str:
     """Axes, frequencies and forces that a look is about.
 
     Parameters

@@ -11,7 +11,7 @@ from mtpipe.crosschecking.check import (
     check_bead,
     comparable_p_values,
 )
-from mtpipe.crosschecking.prepared_bead import Case
+from mtpipe.crosschecking.prepared_bead import PreparedBead
 from mtpipe.diagnosis.explanation import (
     AGREES_P,
     Named,
@@ -20,7 +20,7 @@ from mtpipe.diagnosis.heldout import MOST_OF_IT, explained_share
 from mtpipe.diagnosis.unexplained import Rejected
 from mtpipe.ground.errors import FitError
 from mtpipe.joint_fit.hypotheses import (
-    Tried,
+    FittedEffect,
     together,
 )
 
@@ -34,7 +34,7 @@ THIRD_NATS = 100.0
 
 
 def without_superfluous(
-    case: Case, named: list[Named], check: BeadCheck, random: np.random.Generator
+    case: PreparedBead, named: list[Named], check: BeadCheck, random: np.random.Generator
 ) -> tuple[list[Named], BeadCheck]:
     """Drop effects that the others make needless.
 
@@ -46,7 +46,7 @@ def without_superfluous(
     -------
     The effects left and the check with them, each effect's checks before and after brought in line.
     """
-    fitted = [one.found for one in named if isinstance(one.found, Tried)]
+    fitted = [one.found for one in named if isinstance(one.found, FittedEffect)]
     for one in fitted if len(fitted) > 1 else []:
         rest = [other for other in fitted if other is not one]
         try:
@@ -62,7 +62,11 @@ def without_superfluous(
 
 
 def _checked_without(
-    case: Case, named: list[Named], dropped: Tried, after: BeadCheck, random: np.random.Generator
+    case: PreparedBead,
+    named: list[Named],
+    dropped: FittedEffect,
+    after: BeadCheck,
+    random: np.random.Generator,
 ) -> list[Named]:
     """The effects but one, those behind it checked anew; `after` : the check with all of them."""
     at = next(i for i, one in enumerate(named) if one.found is dropped)
@@ -72,7 +76,7 @@ def _checked_without(
     for i in range(min(at, last), last + 1):
         there = after
         if i < last:
-            those = [one.found for one in left[: i + 1] if isinstance(one.found, Tried)]
+            those = [one.found for one in left[: i + 1] if isinstance(one.found, FittedEffect)]
             fit = together(case.fit, those, after.case.fit)
             there = check_bead(replace(case, fit=fit), random)
         left[i] = replace(left[i], before=before, after=there)
@@ -89,7 +93,7 @@ def without_unclear_third(
     ----------
     named : in the order found, corrections first. check : with all of them. nearest : as yet.
     """
-    fitted = [one.found for one in named if isinstance(one.found, Tried)]
+    fitted = [one.found for one in named if isinstance(one.found, FittedEffect)]
     if len(fitted) < 3 or fitted[-1].net >= THIRD_NATS:
         return named, check, nearest
     third = fitted[-1]
@@ -108,7 +112,7 @@ def certain(named: list[Named]) -> list[Named]:
         little = explained_share(one.before, one.after) < MOST_OF_IT
         p_before, p_after = comparable_p_values(one.before, one.after)
         still_odd = p_after < p_before ** (1 - MOST_OF_IT)
-        if isinstance(one.found, Tried) and (little or still_odd):
+        if isinstance(one.found, FittedEffect) and (little or still_odd):
             break
         kept.append(one)
     return kept

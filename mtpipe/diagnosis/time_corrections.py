@@ -12,7 +12,7 @@ from mtpipe.corrections.catalogue import CORRECTIONS
 from mtpipe.corrections.correction import Correction
 from mtpipe.corrections.retraced import with_positions
 from mtpipe.crosschecking.check import BeadCheck, check_bead, comparable_p_values, foreseen_p_value
-from mtpipe.crosschecking.prepared_bead import Case
+from mtpipe.crosschecking.prepared_bead import PreparedBead
 from mtpipe.diagnosis.explanation import ALARM_P, Named
 
 # A correction is kept where ln p falls to this share. One with which it does not fall to the second
@@ -50,7 +50,7 @@ def _hardly_helps(check: BeadCheck, found: Correction) -> bool:
 
 
 def late_corrections(
-    check: BeadCheck, corrections: Sequence[Named], case: Case, random: np.random.Generator
+    check: BeadCheck, corrections: Sequence[Named], case: PreparedBead, random: np.random.Generator
 ) -> list[Named]:
     """Corrections that are of use once effects are there, as they are without these.
 

@@ -33,7 +33,7 @@ from mtpipe.diagnosis.smooth_correction import (
     spectra_of,
 )
 from mtpipe.diagnosis.smooth_fit import Spectra
-from mtpipe.joint_fit.hypotheses import Tried
+from mtpipe.joint_fit.hypotheses import FittedEffect
 from mtpipe.physics.camera import FloatArray
 from mtpipe.recording.recording import AXES
 
@@ -56,7 +56,7 @@ class Rejected:
     that does as well.
     """
 
-    tried: Tried
+    tried: FittedEffect
     reason: str
     unseen: bool = False
     instead: Bend | None = None

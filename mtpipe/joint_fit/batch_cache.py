@@ -12,7 +12,7 @@ Key = TypeVar("Key", bound=Hashable)
 Value = TypeVar("Value")
 
 
-class Recent(Generic[Key, Value]):
+class BatchCache(Generic[Key, Value]):
     """So many values by key; the one that has not been asked for longest goes first."""
 
     def __init__(self, most: int) -> None:

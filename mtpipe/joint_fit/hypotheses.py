@@ -33,7 +33,7 @@ FAR_FROM_IT, LOST_SHARE = 8.0, 0.1
 
 
 @dataclass(frozen=True, eq=False)
-class Tried:
+class FittedEffect:
     """An effect with its best hypothesis fitted.
 
     Attributes
@@ -108,7 +108,7 @@ def worth_beginning_afresh(fit: ConfiguredFit, *, beside: bool) -> bool:
     return fit.log_likelihood - fresh.log_likelihood < LOST_SHARE * excess(fit)
 
 
-def gained_by_motion(one: Tried) -> float:
+def gained_by_motion(one: FittedEffect) -> float:
     """ln likelihood that an effect gains by moving over all of it standing still (nats).
 
     inf for one that is no matter of motion, or if it cannot be without.
@@ -125,7 +125,9 @@ def gained_by_motion(one: Tried) -> float:
     return fit.log_likelihood - without.log_likelihood
 
 
-def together(fit: ConfiguredFit, chosen: Sequence[Tried], start: ConfiguredFit) -> ConfiguredFit:
+def together(
+    fit: ConfiguredFit, chosen: Sequence[FittedEffect], start: ConfiguredFit
+) -> ConfiguredFit:
     """Fit several effects at once, their parameters beginning where another fit has them.
 
     Parameters, raises: as `model_with`.
@@ -134,7 +136,7 @@ def together(fit: ConfiguredFit, chosen: Sequence[Tried], start: ConfiguredFit) 
 
 
 def model_with(
-    fit: ConfiguredFit, chosen: Sequence[Tried], start: ConfiguredFit
+    fit: ConfiguredFit, chosen: Sequence[FittedEffect], start: ConfiguredFit
 ) -> tuple[ConfiguredModel, FloatArray]:
     """The model with several effects at once, and where another fit has its coordinates.
 
@@ -169,7 +171,7 @@ def model_with(
     return model, np.concatenate([start.theta[:plateaus], values])
 
 
-def looking_ahead(fit: ConfiguredFit, tried: Sequence[Tried]) -> list[Tried]:
+def looking_ahead(fit: ConfiguredFit, tried: Sequence[FittedEffect]) -> list[FittedEffect]:
     """Effects in the order in which to take them: first one of the pair that explains most.
 
     The best alone may be a substitute for two others (`tried`: best first). Fitted are all pairs of
@@ -188,7 +190,7 @@ def looking_ahead(fit: ConfiguredFit, tried: Sequence[Tried]) -> list[Tried]:
     return [best, *(one for one in tried if one is not best)]
 
 
-def _worth_fitting(fit: ConfiguredFit, tried: Sequence[Tried]) -> list[tuple[int, int]]:
+def _worth_fitting(fit: ConfiguredFit, tried: Sequence[FittedEffect]) -> list[tuple[int, int]]:
     """Pairs of effects, as indices, the better one first."""
     changes = np.array([_change_of(fit, one.fit) for one in tried])
     promised = promised_gains(np.array([one.gain for one in tried]), changes)
@@ -233,7 +235,7 @@ def promised_gains(gains: FloatArray, changes: FloatArray) -> FloatArray:
 
 def try_effects(
     fit: ConfiguredFit, effects: Sequence[Effect], evidence: Evidence, *, beside: bool = False
-) -> list[Tried]:
+) -> list[FittedEffect]:
     """Fit every effect that applies, each with the best of its hypotheses; best first.
 
     All begin with a few steps; those that have gained something like the best are then fitted to
@@ -244,7 +246,7 @@ def try_effects(
     beside : whether the fit has an effect already.
     """
     taken = {parameter.name for parameter in fit.model.parameters}
-    begun: list[Tried] = []
+    begun: list[FittedEffect] = []
     afresh = worth_beginning_afresh(fit, beside=beside)
     for effect in effects:
         hypotheses = effect.hypotheses(fit.model.experiment, evidence)
@@ -258,10 +260,10 @@ def try_effects(
             penalty = 0.5 * hypothesis.numbers * math.log(fit.model.ordinates)
             penalty += math.log(hypothesis.chosen_from)
             gain = fitted.log_likelihood - fit.log_likelihood
-            begun.append(Tried(effect, hypothesis, fitted, gain, penalty, evidence, index))
+            begun.append(FittedEffect(effect, hypothesis, fitted, gain, penalty, evidence, index))
     best = max((one.gain for one in begun), default=0.0)
     worthwhile = best - max(WORTHWHILE_NATS, WORTHWHILE_SHARE * best)
-    strongest: dict[str, Tried] = {}
+    strongest: dict[str, FittedEffect] = {}
     for one in begun:
         if one.gain > worthwhile:
             try:
@@ -274,13 +276,13 @@ def try_effects(
     return sorted(strongest.values(), key=lambda one: one.net, reverse=True)
 
 
-def best_of(fit: ConfiguredFit, effect: Effect, evidence: Evidence) -> Tried | None:
+def best_of(fit: ConfiguredFit, effect: Effect, evidence: Evidence) -> FittedEffect | None:
     """One effect with the best of its hypotheses; None where none applies or can be fitted."""
     tried = try_effects(fit, [effect], evidence)
     return tried[0] if tried else None
 
 
-def _idle_sizes_forgiven(one: Tried, without: ConfiguredFit) -> Tried:
+def _idle_sizes_forgiven(one: FittedEffect, without: ConfiguredFit) -> FittedEffect:
     """The effect at the price it has without those of its sizes that do not earn theirs.
 
     A size is at least 0, which is none. The fit keeps them all: they are unknown as before.
@@ -313,7 +315,7 @@ def _idle_sizes_forgiven(one: Tried, without: ConfiguredFit) -> Tried:
     return replace(one, penalty=min(one.penalty, one.penalty - each_costs * len(idle) + lost))
 
 
-def _ended(one: Tried, without: ConfiguredFit) -> Tried:
+def _ended(one: FittedEffect, without: ConfiguredFit) -> FittedEffect:
     if one.fit.converged:
         return one
     try:

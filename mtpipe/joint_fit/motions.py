@@ -15,7 +15,7 @@ import numpy as np
 
 from mtpipe.experiment.readout import Readout, readout
 from mtpipe.ground.errors import FitError
-from mtpipe.joint_fit.batch_cache import Recent
+from mtpipe.joint_fit.batch_cache import BatchCache
 from mtpipe.joint_fit.data import PlateauData
 from mtpipe.joint_fit.layers import Moving
 from mtpipe.joint_fit.random_walk import line_of, sees_walks
@@ -45,7 +45,7 @@ Key = tuple[PlateauData, Moving, float]
 # Noise is no matter of the motion, which is asked for again with another. So many are those that a
 # fit's slopes ask for in a recording of usual size.
 MOST_KNOWN = 512
-_KNOWN: Recent[Key, Motion] = Recent(MOST_KNOWN)
+_KNOWN: BatchCache[Key, Motion] = BatchCache(MOST_KNOWN)
 
 
 def motions(those: Sequence[Key]) -> list[Motion | FitError]:

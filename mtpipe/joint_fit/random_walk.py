@@ -15,7 +15,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from mtpipe.joint_fit.batch_cache import Recent
+from mtpipe.joint_fit.batch_cache import BatchCache
 from mtpipe.joint_fit.data import PlateauData
 from mtpipe.joint_fit.spectra import Transform
 from mtpipe.physics.camera import FloatArray
@@ -35,7 +35,7 @@ class Line:
 
 
 # All data of the same frames, as simulated ones are, have the same line.
-_LINES: Recent[tuple[Hashable, ...], Line] = Recent(64)
+_LINES: BatchCache[tuple[Hashable, ...], Line] = BatchCache(64)
 
 
 def sees_walks(data: PlateauData) -> bool:

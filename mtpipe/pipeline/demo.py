@@ -16,7 +16,6 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-import mtpipe
 from mtpipe.calibration.recommended_force import BeadForces
 from mtpipe.ground.errors import MtpipeError
 from mtpipe.pipeline.results import Run
@@ -64,7 +63,7 @@ def sample_data() -> Path:
     ------
     MtpipeError : neither is there.
     """
-    package = Path(mtpipe.__file__).parent
+    package = Path(__file__).parents[1]
     for folder in (package / "sample_data", package.parent / "sample_data"):
         if any(folder.glob("*/setup.toml")):
             return folder

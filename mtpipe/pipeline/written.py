@@ -11,9 +11,9 @@ from pathlib import Path
 
 import pandas as pd
 
-import mtpipe
 from mtpipe.ground.files import write_atomically
 from mtpipe.ground.spreadsheets import as_csv
+from mtpipe.ground.version import VERSION
 from mtpipe.pipeline import tables, tables_crosscheck, tables_traces
 from mtpipe.pipeline.results import Run
 from mtpipe.recording.recording import Recording
@@ -74,7 +74,7 @@ def _run_json(result: Run, title: str, identity: str) -> str:
     conditions = result.calibration.conditions
     content = {
         "run": identity,
-        "version": mtpipe.__version__,
+        "version": VERSION,
         "recording": title,
         "setup": recording.setup.model_dump(mode="json", by_alias=True),
         "inputs": [asdict(file) for file in recording.files],

@@ -19,12 +19,12 @@ from typing import Any
 
 import numpy as np
 
-import mtpipe
 from mtpipe.experiment.description import Experiment
 from mtpipe.experiment.recorded_modes import BeadState, recorded_modes
 from mtpipe.experiment.state import bead_state
 from mtpipe.ground.errors import MtpipeError, SetupError
 from mtpipe.ground.files import write_atomically
+from mtpipe.ground.version import VERSION
 from mtpipe.recording.recording import AXES, Recording
 from mtpipe.setup.setup import parse_setup
 from mtpipe.simulation.setup_experiment import stated_experiment
@@ -81,7 +81,7 @@ def simulate_to_folder(
     recording = simulate_experiment(
         experiment, setup, seed, engine=engine, notices=notices, progress=progress
     )
-    told = {"mtpipe": mtpipe.__version__, "seed": seed, "engine": engine}
+    told = {"mtpipe": VERSION, "seed": seed, "engine": engine}
     content_of_truth = {"schema": SCHEMA, **told, **truth(experiment, recording)}
     try:
         write_atomically(out / "setup.toml", text)

@@ -1,0 +1,73 @@
+"""The house: rooms in order, no import that runs up, no circle, files of a readable length."""
+
+import ast
+import re
+from collections.abc import Iterator
+from graphlib import TopologicalSorter
+from pathlib import Path
+
+import mtpipe
+
+PACKAGE = Path(mtpipe.__file__).parent
+DOCUMENT = PACKAGE.parent / "docs" / "architecture.md"
+# Of a file, so that it is read in one sitting (the house's rule).
+MOST_LINES = 400
+
+
+def name_of(path: Path) -> str:
+    parts = path.relative_to(PACKAGE.parent).with_suffix("").parts
+    return ".".join(parts).removesuffix(".__init__")
+
+
+MODULES = {name_of(path): path for path in PACKAGE.rglob("*.py")}
+
+
+def imports(path: Path) -> Iterator[str]:
+    """Modules of mtpipe that a file imports, wherever in the file, for types too."""
+    for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
+        if isinstance(node, ast.ImportFrom) and node.module:
+            for alias in node.names:
+                inner = f"{node.module}.{alias.name}"
+                yield inner if inner in MODULES else node.module
+        elif isinstance(node, ast.Import):
+            yield from (alias.name for alias in node.names)
+
+
+IMPORTS = {
+    name: {one for one in imports(path) if one in MODULES} - {name}
+    for name, path in MODULES.items()
+}
+
+
+def rooms() -> list[str]:
+    """The rooms in the order of the table in docs/architecture.md."""
+    return re.findall(r"^\| `(\w+)` \|", DOCUMENT.read_text(encoding="utf-8"), re.MULTILINE)
+
+
+def test_every_module_has_a_room():
+    loose = {path.stem for path in PACKAGE.glob("*.py")} - {"__init__", "__main__"}
+    assert not loose
+    assert sorted(rooms()) == sorted(path.parent.name for path in PACKAGE.glob("*/__init__.py"))
+
+
+def test_no_import_runs_up():
+    order = {room: place for place, room in enumerate(rooms())}
+    up = [
+        f"{name} imports {other}"
+        for name, others in IMPORTS.items()
+        for other in others
+        if name.count(".") and other.count(".")
+        if order.get(other.split(".")[1], 99) > order.get(name.split(".")[1], 99)
+    ]
+    assert not up
+
+
+def test_no_circle():
+    list(TopologicalSorter(IMPORTS).static_order())  # raises CycleError with the circle
+
+
+def test_files_can_be_read_in_one_sitting():
+    lengths = {
+        name: len(path.read_text(encoding="utf-8").splitlines()) for name, path in MODULES.items()
+    }
+    assert {name: lines for name, lines in lengths.items() if lines > MOST_LINES} == {}
