@@ -171,6 +171,11 @@ KNOWN = [
     Known("force_drift", (-0.4,), (0.0,), which=1),
     Known("anharmonic_tether", (), (), base=LOW),
     Known("hydrodynamic_memory", (0.8,), (0.0,), base=FAST),
+    Known("lateral_scale", (LN(1.05),), (0.0,), which=1),
+    Known("lateral_scale", (LN(1.05),), (0.0,), which=2),
+    Known("lateral_scale", (LN(1.04), LN(0.93)), (0.0, 0.0), which=3),
+    Known("z_crosstalk", (0.2, -0.1), (0.0, 0.0)),
+    Known("bead_turning", (150.0,), (0.0,)),
 ]  # fmt: skip
 each_effect = pytest.mark.parametrize(
     "known", KNOWN, ids=[f"{k.name}-{k.which}" if k.which else k.name for k in KNOWN]
@@ -238,7 +243,7 @@ NAMES = [
     "axial_scale", "dropped_frames", "field_rotation", "magnetic_alignment",
     "lateral_magnet_stiffness", "extensible_tether", "contour_length", "multiple_tethers",
     "surface_sticking", "hopping", "anharmonic_tether", "pixel_locking", "force_drift",
-    "hydrodynamic_memory",
+    "hydrodynamic_memory", "z_crosstalk", "bead_turning",
 ]
 # fmt: on
 

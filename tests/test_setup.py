@@ -115,7 +115,7 @@ def test_exposure_rounded_to_a_tenth_of_a_percent_is_forgiven():
 
 
 def test_every_effect_of_the_contract_is_known():
-    assert len(EFFECTS) == len(set(EFFECTS)) == 25
+    assert len(EFFECTS) == len(set(EFFECTS)) == 27
     parse_setup(
         setup_content(model={"effects": list(EFFECTS), "vibration": {"frequency_hz": 50.0}})
     )

@@ -66,7 +66,7 @@ def beads_together(
         for one in voters.values()
         for named in one.named
         for tried, _ in accounts(named)
-        if tried.effect.shared
+        if tried.shared
     }
     if len(voters) < 2 or not wanted:
         return dict(found)
@@ -144,7 +144,7 @@ def _ballot(one: Explanation, beside: Mapping[str, Curve]) -> Ballot:
             name = tried.effect.name
             slot[name] = net
             fit = one.fit if tried is named.found else tried.fit
-            curve = _curve(tried, fit, net) if tried.effect.shared else None
+            curve = _curve(tried, fit, net) if tried.shared else None
             if curve is not None and (name not in curves or curves[name].nats < curve.nats):
                 curves[name] = curve
         if set(slot) & set(curves):

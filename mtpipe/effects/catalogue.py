@@ -8,6 +8,7 @@ from mtpipe.effects import (
     anharmonic_tether,
     axial_scale,
     bead_radius,
+    bead_turning,
     contour_length,
     drift,
     dropped_frames,
@@ -28,6 +29,7 @@ from mtpipe.effects import (
     vibration,
     viscosity,
     wall_drag,
+    z_crosstalk,
 )
 from mtpipe.effects.effect import Effect
 from mtpipe.setup.setup import EFFECTS_GROUP
@@ -58,6 +60,8 @@ OWN: tuple[Effect, ...] = tuple(
         force_drift,
         anharmonic_tether,
         hydrodynamic_memory,
+        z_crosstalk,
+        bead_turning,
     )
 )
 

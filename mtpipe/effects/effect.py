@@ -46,6 +46,8 @@ class Hypothesis:
     chosen_from : how many forms this one was chosen from beforehand; that costs its logarithm.
     given : how many of the parameters have a prior that is no matter of these data; they cost no
         more than that.
+    own : of an effect that all beads share (`Effect.shared`), a form that each bead may have by
+        itself.
     """
 
     experiment: Experiment
@@ -53,6 +55,7 @@ class Hypothesis:
     read: int = 0
     chosen_from: int = 1
     given: int = 0
+    own: bool = False
 
     @property
     def numbers(self) -> int:

@@ -49,11 +49,14 @@ class Bead:
 
     `turns`: its rotation about the field's axis couples to its motion. `offset_nm`: distance of the
     tether's attachment from the vertical through the bead's centre; 0: at its lowest point.
+    `z_per_turn_nm`: nm per radian by which the recorded height follows its rotation about the
+    field's axis, where its image turns with it (PHYSICS E25).
     """
 
     radius_nm: float
     turns: bool = True
     offset_nm: float = 0.0
+    z_per_turn_nm: float = 0.0
 
     @property
     def lever_nm(self) -> float:
@@ -138,14 +141,19 @@ class Line:
 class Optics:
     """What turns positions into recorded ones.
 
-    x and y are turned by an angle and scaled, z is scaled, and above `bend_from_nm` once more, by
+    x and y are turned by an angle and scaled, by `lateral_scale` and each by its `axis_scales`;
+    None: these are 1, and no form of a fault. z is scaled, and follows x and y of the camera by
+    `z_from_x` and `z_from_y` (PHYSICS E24). Above `bend_from_nm` it is scaled once more, by
     1 + `bend`; then `z_zero_nm` is added to heights.
     """
 
     z_zero_nm: float = 0.0
     lateral_scale: float = 1.0
+    axis_scales: tuple[float, float] | None = None
     axial_scale: float = 1.0
     angle_rad: float = 0.0
+    z_from_x: float = 0.0
+    z_from_y: float = 0.0
     bend: float = 0.0
     bend_from_nm: float = 0.0
 
@@ -154,8 +162,10 @@ class Optics:
         """(3, 3) recorded over true positions."""
         c, s = math.cos(self.angle_rad), math.sin(self.angle_rad)
         turned = np.array([[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]])
-        scale = np.array([self.lateral_scale, self.lateral_scale, self.axial_scale])
-        found = np.asarray(scale[:, None] * turned)
+        x_scale, y_scale = self.axis_scales or (1.0, 1.0)
+        seen = np.diag([self.lateral_scale * x_scale, self.lateral_scale * y_scale, 1.0])
+        seen[2] = self.z_from_x, self.z_from_y, self.axial_scale
+        found = np.asarray(seen @ turned)
         found.flags.writeable = False
         return found
 

@@ -13,6 +13,8 @@ from mtpipe.physics.camera import FloatArray
 from mtpipe.physics.linear import LinearMotion, NormalModes, pair_modes
 from mtpipe.physics.memory import remembering
 
+ALONG, ACROSS, UP, ANGLE = range(4)
+
 # Below this share of an axis's variance a mode is rounding error.
 ROUNDING = 1e-9
 
@@ -47,7 +49,7 @@ class BeadState:
     @property
     def upward(self) -> int:
         """Which of the modes is the harmonic motion away from the surface."""
-        return int(np.argmax(np.abs(self.modes.amplitude_nm[2])))
+        return int(np.argmax(np.abs(self.modes.shape[UP])))
 
 
 @dataclass(frozen=True, eq=False)
@@ -97,10 +99,33 @@ def by_expansion(modes: NormalModes, bending: FloatArray, axial: AxialMotion) ->
     return joined(modes, *(np.concatenate(each) for each in of_z))
 
 
+def turned_nm(modes: NormalModes) -> FloatArray:
+    """(…, d) what one standard deviation of each mode adds to the recorded height by the bead's
+    rotation, its image turning with it (PHYSICS E25)."""
+    return np.asarray(modes.amplitude_nm[..., 2, :] - modes.shape[..., UP, :])
+
+
+def with_turning(moved: RecordedModes, modes: NormalModes) -> RecordedModes:
+    """Motion through the whole potential with what the bead's rotation adds to heights, that as in
+    the linear motion."""
+    turned = turned_nm(modes)
+    there = np.flatnonzero(turned)
+    if len(there) == 0:
+        return moved
+    amplitude = modes.amplitude_nm.T[there]
+    amplitude[:, 2] = turned[there]
+    added = amplitude[:, :, None] * amplitude[:, None, :]
+    added[:, :2, :2] = 0.0
+    return RecordedModes(
+        np.concatenate([moved.tau_s, modes.tau_s[there]]),
+        np.concatenate([moved.covariance_nm2, added]),
+    )
+
+
 def joined(modes: NormalModes, tau_s: FloatArray, variance_nm2: FloatArray) -> RecordedModes:
     """Modes of the lateral motion, and relaxation times and variances (…, k) of z."""
     amplitude = np.swapaxes(modes.amplitude_nm, -1, -2).copy()
-    amplitude[..., 2] = 0.0
+    amplitude[..., 2] = turned_nm(modes)
     linear = amplitude[..., :, None] * amplitude[..., None, :]
     upward = np.zeros((*tau_s.shape, 3, 3))
     upward[..., 2, 2] = variance_nm2

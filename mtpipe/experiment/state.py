@@ -28,11 +28,16 @@ from numpy.typing import ArrayLike
 from mtpipe.experiment.description import Experiment
 from mtpipe.experiment.frictions import LEAST_HEIGHT_NM, frictions_at
 from mtpipe.experiment.recorded_modes import (
+    ACROSS,
+    ALONG,
+    ANGLE,
+    UP,
     BeadState,
     RecordedModes,
     by_expansion,
     joined,
     recorded_modes,
+    with_turning,
 )
 from mtpipe.experiment.tethers import Tether, tethers_at
 from mtpipe.experiment.whole_motion import whole_motion
@@ -44,7 +49,6 @@ from mtpipe.physics.linear import LinearMotion, NormalModes, normal_modes
 from mtpipe.physics.memory import memory_time_s
 from mtpipe.physics.tethered_bead import friction_pN_s_per_nm
 
-ALONG, ACROSS, UP, ANGLE = range(4)
 # Nodes and weights of the mean over a Gaussian distribution of heights.
 _HEIGHTS, _HEIGHT_WEIGHTS = np.polynomial.hermite_e.hermegauss(7)
 _HEIGHT_WEIGHTS = _HEIGHT_WEIGHTS / _HEIGHT_WEIGHTS.sum()
@@ -157,6 +161,8 @@ def _held(
     coordinates = stiffness.shape[-1]
     readout = np.zeros((3, coordinates))
     readout[experiment.along, ALONG] = readout[1 - experiment.along, ACROSS] = readout[2, UP] = 1
+    if experiment.bead.turns:
+        readout[2, ANGLE] = experiment.bead.z_per_turn_nm
     # heights where the bead spends its time; the outermost are not below the surface
     spread, middle = np.sqrt(variance)[:, None], extension_nm[:, None]
     heights = np.maximum(middle + spread * _HEIGHTS, LEAST_SHARE * middle)
@@ -173,7 +179,9 @@ def _held(
     for i, low in enumerate(_low_shares(experiment, force_pN, end)):
         of_one, moved, by_itself = modes.of(i), closed.of(i), axial.of(i)
         if low > 0:
-            lowest = whole[i] or by_expansion(of_one, bending[i], by_itself)
+            lowest = by_expansion(of_one, bending[i], by_itself)
+            if (moves := whole[i]) is not None:
+                lowest = with_turning(moves, of_one)
             moved = lowest if low == 1 else _mixed(lowest, low, moved)
         stepped = None if whole[i] is None else experiment
         found.append(

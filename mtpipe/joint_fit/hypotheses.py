@@ -58,6 +58,11 @@ class FittedEffect:
         """Gain less penalty, in nats; half of −ΔBIC."""
         return self.gain - self.penalty
 
+    @property
+    def shared(self) -> bool:
+        """Whether all beads of a recording have it alike."""
+        return self.effect.shared and not self.hypothesis.own
+
 
 def with_hypothesis(
     fit: ConfiguredFit, hypothesis: Hypothesis, *, rounds: int = MOST_ROUNDS, afresh: bool = False

@@ -34,7 +34,7 @@ EFFECTS = (
     "axial_scale", "dropped_frames", "field_rotation", "magnetic_alignment",
     "lateral_magnet_stiffness", "extensible_tether", "contour_length", "multiple_tethers",
     "surface_sticking", "hopping", "anharmonic_tether", "pixel_locking", "force_drift",
-    "hydrodynamic_memory",
+    "hydrodynamic_memory", "z_crosstalk", "bead_turning",
 )  # fmt: skip
 # The slowest time lapse and the fastest detector with which anybody has followed a tethered bead.
 FRAME_RATES_HZ = (0.1, 1e6)

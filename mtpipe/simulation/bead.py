@@ -35,6 +35,7 @@ class BrownianBead:
     attachment_angle_rad : polar angle of the attachment from the lowest point, towards the
         positive axis of the field, where the field holds the bead; less than pi/2.
     upward_friction : factor on the friction away from the surface.
+    z_per_turn_nm : nm of recorded height per radian of the turn about the field.
     """
 
     chain: tether.Chain
@@ -48,6 +49,7 @@ class BrownianBead:
     sideways_per_nm: float = 0.0
     attachment_angle_rad: float = 0.0
     upward_friction: float = 1.0
+    z_per_turn_nm: float = 0.0
 
     def __post_init__(self) -> None:
         for name in ("radius_nm", "viscosity_mPa_s", "upward_friction"):
@@ -84,4 +86,5 @@ def brownian_bead(experiment: Experiment, force_pN: float | FloatArray) -> Brown
         sideways_per_nm=experiment.magnets.sideways_per_nm,
         attachment_angle_rad=math.asin(experiment.bead.offset_nm / experiment.bead.radius_nm),
         upward_friction=experiment.allowance.upward_friction,
+        z_per_turn_nm=experiment.bead.z_per_turn_nm,
     )

@@ -106,6 +106,7 @@ def simulate_bead(
         bead.alignment_pN_nm is not None,
         bead.alignment_pN_nm or 0.0,
         bead.sideways_per_nm,
+        bead.z_per_turn_nm,
         random,
     )
     order = [0, 1, 2] if bead.along == 0 else [1, 0, 2]

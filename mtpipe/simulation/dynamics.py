@@ -95,6 +95,7 @@ def advance(
     tilts: bool,
     hold: float,
     sideways: float,
+    z_per_turn: float,
     random: np.random.Generator,
 ) -> tuple[FloatArray, FloatArray]:
     """Recorded positions, (frames, 3), from a start (`equilibrium.draw_state`), and the end.
@@ -106,6 +107,7 @@ def advance(
     frictions : `friction_table` for the time step.
     hold : torque stiffness of the field, pN nm, where the bead tilts.
     sideways : lateral stiffness of the magnets over their force, per nm.
+    z_per_turn : nm of recorded height per radian of the bead's turn about the field.
     """
     x, y, z, cos_phi, sin_phi, cos_psi, sin_psi = start
     cells = len(frictions) - 1
@@ -142,7 +144,7 @@ def advance(
             if step < exposed:
                 recorded[frame, 0] += half_x
                 recorded[frame, 1] += half_y
-                recorded[frame, 2] += half_z
+                recorded[frame, 2] += half_z - z_per_turn * half_sin_phi
 
             arm_x, arm_y, arm_z = attachment(
                 sine, cosine, half_cos_phi, half_sin_phi, half_cos_psi, half_sin_psi

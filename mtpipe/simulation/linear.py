@@ -21,8 +21,7 @@ import numpy as np
 from scipy import fft
 from scipy.sparse.csgraph import connected_components
 
-from mtpipe.experiment.recorded_modes import BeadState, followed_modes, recorded_modes
-from mtpipe.experiment.state import UP
+from mtpipe.experiment.recorded_modes import UP, BeadState, followed_modes, recorded_modes
 from mtpipe.physics.camera import (
     Camera,
     FloatArray,

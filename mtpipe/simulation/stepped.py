@@ -13,8 +13,7 @@ from dataclasses import replace
 import numpy as np
 
 from mtpipe.experiment.description import Experiment
-from mtpipe.experiment.recorded_modes import BeadState
-from mtpipe.experiment.state import ACROSS, ALONG, ANGLE, UP
+from mtpipe.experiment.recorded_modes import ACROSS, ALONG, ANGLE, UP, BeadState
 from mtpipe.physics.camera import Camera, FloatArray
 from mtpipe.physics.tether import Chain
 from mtpipe.simulation.bead import BrownianBead, brownian_bead

@@ -15,13 +15,12 @@ def _hypotheses(experiment, evidence):
     return [Hypothesis(experiment, (factor("persistence length over configured", _change),))]
 
 
-EFFECT = Effect(
-    name="persistence_length",
-    hypotheses=_hypotheses,
-    cause=lambda experiment: (
-        f"the tether's persistence length is {experiment.chain.persistence_length_nm:.1f} nm"
-    ),
-    strengths=lambda experiment: [
-        ("persistence_length_nm", experiment.chain.persistence_length_nm, "nm")
-    ],
-)
+def _cause(experiment):
+    return f"the tether's persistence length is {experiment.chain.persistence_length_nm:.1f} nm"
+
+
+def _strengths(experiment):
+    return [("persistence_length_nm", experiment.chain.persistence_length_nm, "nm")]
+
+
+EFFECT = Effect("persistence_length", _hypotheses, _cause, _strengths)

@@ -1,0 +1,42 @@
+"""Recorded height that follows the bead's free turning about the field (PHYSICS E25).
+
+A bead whose image is not round is recorded higher or lower as it turns. The turn is held by the
+tether's pull alone, so that what it adds to z falls as 1/F and is slower than z itself.
+"""
+
+from __future__ import annotations
+
+from mtpipe.effects.effect import Effect, Evidence, Hypothesis, plain
+from mtpipe.experiment.changes import with_bead
+from mtpipe.experiment.description import Experiment
+
+# Real beads have 40 to 390 nm per radian; the height of a bead's centre is at most its radius away.
+STARTS_NM, LARGEST_NM = (-100.0, 100.0), 1000.0
+
+
+def _change(experiment: Experiment, nm_per_rad: float) -> Experiment:
+    return with_bead(experiment, z_per_turn_nm=nm_per_rad)
+
+
+def _hypotheses(experiment: Experiment, evidence: Evidence) -> list[Hypothesis]:
+    if not experiment.bead.turns:
+        return []
+    bounds = (-LARGEST_NM, LARGEST_NM)
+    return [
+        Hypothesis(experiment, (plain("z per turn", "nm", start, bounds, 0.5, _change),))
+        for start in STARTS_NM
+    ]
+
+
+def _cause(experiment: Experiment) -> str:
+    return (
+        "the recorded height follows the bead's turning about the field, by "
+        f"{abs(experiment.bead.z_per_turn_nm):.0f} nm per radian"
+    )
+
+
+def _strengths(experiment: Experiment) -> list[tuple[str, float, str]]:
+    return [("nm_per_rad", experiment.bead.z_per_turn_nm, "nm")]
+
+
+EFFECT = Effect("bead_turning", _hypotheses, _cause, _strengths)
