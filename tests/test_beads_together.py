@@ -322,5 +322,5 @@ def test_explanations_can_be_sent_to_other_processes():
     found = alone("buffer", "b1")
     sent = pickle.loads(pickle.dumps(found))
     assert names(sent) == names(found)
-    assert sent.named[0].found.effect is found.named[0].found.effect
+    assert sent.named[0].found.effect == found.named[0].found.effect
     assert all(sent.fit.force_pN == found.fit.force_pN)
