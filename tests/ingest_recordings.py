@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from mtpipe.setup.setup import Setup, parse_setup
+from mtpipe.setup.usual_errors import exact
 
 RATE = 100.0
 N = 400
@@ -24,7 +25,7 @@ def setup_of(source=None, *, rate=RATE, reference=("ref1",), minimum_s=1.0, **pl
     }
     if source is not None:
         content["source"] = source
-    return parse_setup(content)
+    return parse_setup(exact(content))
 
 
 def motion(n=400, beads=("b1", "ref1"), seed=0) -> dict[str, np.ndarray]:

@@ -8,6 +8,7 @@ import tomllib
 import numpy as np
 
 from mtpipe.setup.setup import Setup, parse_setup
+from mtpipe.setup.usual_errors import exact
 from mtpipe.simulation.bead_image import BeadImage, BeadOptics
 from mtpipe.simulation.images import Sensor, draw
 from mtpipe.tracking.lookup_table import LookUpTable
@@ -89,4 +90,4 @@ def build(
 def setup(exposure_s=1 / 120) -> Setup:
     content = tomllib.loads(SETUP)
     content["camera"]["exposure_s"] = exposure_s
-    return parse_setup(content)
+    return parse_setup(exact(content))

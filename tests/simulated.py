@@ -12,6 +12,7 @@ from mtpipe.physics.tether import Chain, mean_extension_nm, stiffness_pN_per_nm
 from mtpipe.recording.plateaus import find_plateaus
 from mtpipe.recording.recording import Recording
 from mtpipe.setup.setup import Setup, parse_setup
+from mtpipe.setup.usual_errors import exact
 
 RATE_HZ = 120.0
 TEMPERATURE_K = 298.15
@@ -31,7 +32,7 @@ def setup_content(**changes) -> dict:
         "field": {"direction": "x"},
         "model": {"effects": ["wall_drag", "tracking_noise"]},
     }
-    return content | changes
+    return exact(content | changes)
 
 
 def bead_nm(

@@ -11,6 +11,7 @@ from mtpipe.crosschecking.prepared_bead import PreparedBead, prepare
 from mtpipe.drift import subtract_drift
 from mtpipe.recording.recording import Recording
 from mtpipe.setup.setup import Setup, parse_setup
+from mtpipe.setup.usual_errors import exact
 from mtpipe.simulation.simulate import simulate
 
 FORCES_PN = (0.6, 2.0, 7.0)
@@ -30,7 +31,7 @@ def setup(**changes: dict[str, Any]) -> Setup:
     }
     for name, table in changes.items():
         content[name] = content[name] | table
-    return parse_setup(content, where="test")
+    return parse_setup(exact(content), where="test")
 
 
 def raw(seed: int, lost_share: float = 0.0, **changes: dict[str, Any]) -> Recording:

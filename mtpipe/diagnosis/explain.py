@@ -49,6 +49,7 @@ from mtpipe.diagnosis.kept import (
     too_little,
 )
 from mtpipe.diagnosis.refit import begun_again, best_formula, with_forces_found
+from mtpipe.diagnosis.several import several_causes
 from mtpipe.diagnosis.superfluous import (
     KEPT_NATS,
     SEEN_NATS,
@@ -101,8 +102,8 @@ def explain(
     say = progress or (lambda step: None)
     effects = catalogue() if effects is None else effects
     say("looking at the course of time")
-    corrections, check = corrected(before, random)
-    case = check.case
+    corrections, begun = corrected(before, random)
+    check, case = begun, begun.case
     named, check, nearest = _searched(check, corrections, effects, random, say)
     if len(corrections) < len(named):
         # what is seen in time has a test of its own, and effects of the spectrum may have hidden it
@@ -119,6 +120,12 @@ def explain(
     named, check, nearest = without_unclear_third(named, check, nearest)
     named, check = made_sure(before, named, check, random)
     verdict, kept, check, nearest = concluded(before, case.fit, named, check, nearest, random)
+    if verdict == "unexplained":
+        several = several_causes(before, begun, effects, random, say)
+        if several:
+            verdict, kept, check, nearest = concluded(
+                before, begun.case.fit, [*corrections, *several], several[-1].after, None, random
+            )
     # the last was compared with all others there, unless one of them has gone since
     compared = kept[-1:] if len(named) == found_first else []
     distinct = tuple(

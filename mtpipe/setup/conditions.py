@@ -103,6 +103,37 @@ class Conditions:
         return lever if extension_nm > 0 and math.isfinite(lever) else None
 
 
+def usual_errors(setup: Setup) -> list[Notice]:
+    """One notice of all values that the setup states without an error; none where there are none.
+
+    The frame rate's usual error is smaller than anything that is fitted, and is not told.
+    """
+    stated = {
+        "bead radius": setup.beads.radius_nm,
+        "contour length": setup.tether.contour_length_nm,
+        "persistence length": setup.tether.persistence_length_nm,
+        "viscosity": setup.buffer.viscosity_mPa_s,
+        "temperature": setup.buffer.temperature_K,
+        "exposure": setup.camera.exposure_s,
+        "pixel size": setup.camera.pixel_size_nm,
+    }
+    taken = [
+        f"{name} {one.stderr:g} K" if name == "temperature" else f"{name} {one.relative_stderr:.0%}"
+        for name, one in stated.items()
+        if one is not None and one.usual
+    ]
+    if not taken:
+        return []
+    return [
+        Notice(
+            "usual_errors",
+            "info",
+            f"The setup states no error of some values; usual ones were taken: {', '.join(taken)}. "
+            "A line such as radius_nm_stderr = 5.0 states your own, 0.0 an exact value.",
+        )
+    ]
+
+
 def conditions_of(setup: Setup) -> tuple[Conditions, tuple[Notice, ...]]:
     """Conditions from a setup, and what had to be assumed.
 
@@ -159,6 +190,7 @@ def conditions_of(setup: Setup) -> tuple[Conditions, tuple[Notice, ...]]:
                 "and forces near the Nyquist frequency are less certain.",
             )
         )
+    notices += usual_errors(setup)
     pinned = sorted(setup.model.model_extra or {})
     if pinned:
         notices.append(

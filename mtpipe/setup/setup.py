@@ -26,6 +26,7 @@ from pydantic import (
 from mtpipe.ground.errors import NoSetupError, SetupError
 from mtpipe.setup.source_table import Source
 from mtpipe.setup.tracking_table import Tracking
+from mtpipe.setup.usual_errors import usual_stderr
 
 UNKNOWN = "unknown"
 EFFECTS = (
@@ -43,11 +44,15 @@ EFFECTS_GROUP = "mtpipe.effects"
 
 
 class Measured(BaseModel):
-    """A measured value: `value` None means the laboratory does not know it."""
+    """A measured value: `value` None means the laboratory does not know it.
+
+    `usual` : the setup states no error, and `stderr` is what laboratories usually have.
+    """
 
     model_config = ConfigDict(frozen=True)
     value: float | None
     stderr: float = Field(default=0.0, ge=0)
+    usual: bool = False
 
     @property
     def known(self) -> bool:
@@ -95,7 +100,7 @@ class Section(BaseModel):
         for name, field in cls.model_fields.items():
             if not _is_measured(field.annotation) or name not in joined:
                 continue
-            value, stderr = joined.pop(name), joined.pop(f"{name}_stderr", 0.0)
+            value, stderr = joined.pop(name), joined.pop(f"{name}_stderr", None)
             if value is None or isinstance(value, (dict, Measured)):
                 joined[name] = value
             elif value == UNKNOWN and stderr:
@@ -104,6 +109,9 @@ class Section(BaseModel):
                 joined[name] = {"value": None}
             elif isinstance(value, bool) or not isinstance(value, (int, float)):
                 raise ValueError(f'{name}: a number or "{UNKNOWN}" is needed, got {value!r}')
+            elif stderr is None:
+                usual = usual_stderr(name, value)
+                joined[name] = {"value": float(value), "stderr": usual, "usual": usual > 0}
             elif isinstance(stderr, bool) or not isinstance(stderr, (int, float)) or stderr < 0:
                 raise ValueError(f"{name}_stderr: a number of at least 0 is needed, got {stderr!r}")
             else:

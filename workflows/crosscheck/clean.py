@@ -23,6 +23,7 @@ from mtpipe.physics.camera import FloatArray
 from mtpipe.physics.tether import Formula
 from mtpipe.recording.recording import Recording
 from mtpipe.setup.setup import Setup, parse_setup
+from mtpipe.setup.usual_errors import exact
 from mtpipe.simulation.simulate import Engine, simulate_experiment
 
 BROWNIAN_SHARE = 0.2
@@ -62,24 +63,29 @@ def draw(
         if random.random() < share or (chosen == "brownian" and name == "rotation_coupling")
     ]
     setup = parse_setup(
-        {
-            "schema": 1,
-            "camera": {"frame_rate_hz": rate_hz, "exposure_s": random.uniform(0.3, 1.0) / rate_hz},
-            "beads": {
-                "radius_nm": float(random.choice([500.0, 1400.0])),
-                "reference": ["ref1"],
-            },
-            "tether": {
-                "contour_length_nm": float(random.choice([1200.0, 2700.0, 7000.0])),
-                "persistence_length_nm": 50.0,
-            },
-            "buffer": {
-                "temperature_K": random.uniform(294.0, 300.0),
-                "viscosity_mPa_s": random.uniform(0.85, 0.95),
-            },
-            "field": {"direction": str(random.choice(["x", "y"]))},
-            "model": {"effects": listed},
-        },
+        exact(
+            {
+                "schema": 1,
+                "camera": {
+                    "frame_rate_hz": rate_hz,
+                    "exposure_s": random.uniform(0.3, 1.0) / rate_hz,
+                },
+                "beads": {
+                    "radius_nm": float(random.choice([500.0, 1400.0])),
+                    "reference": ["ref1"],
+                },
+                "tether": {
+                    "contour_length_nm": float(random.choice([1200.0, 2700.0, 7000.0])),
+                    "persistence_length_nm": 50.0,
+                },
+                "buffer": {
+                    "temperature_K": random.uniform(294.0, 300.0),
+                    "viscosity_mPa_s": random.uniform(0.85, 0.95),
+                },
+                "field": {"direction": str(random.choice(["x", "y"]))},
+                "model": {"effects": listed},
+            }
+        ),
         where="study",
     )
     plateaus = int(random.integers(4, 9))

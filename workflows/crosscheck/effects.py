@@ -22,6 +22,7 @@ from mtpipe.physics.langevin import simulate_mode
 from mtpipe.recording.plateaus import find_plateaus
 from mtpipe.recording.recording import Recording
 from mtpipe.setup.setup import parse_setup
+from mtpipe.setup.usual_errors import exact
 from mtpipe.simulation.simulate import Engine
 
 BEAD, REFERENCE = "b1", "ref1"
@@ -56,17 +57,19 @@ class Effect:
 def base(unlisted: str = "", rate_hz: float = 120.0) -> clean.Clean:
     """The recording that all effects are put into: 1.4 µm beads, 2.7 µm of DNA."""
     setup = parse_setup(
-        {
-            "schema": 1,
-            "camera": {"frame_rate_hz": rate_hz, "exposure_s": 0.6 / rate_hz},
-            "beads": {"radius_nm": 1400.0, "reference": [REFERENCE]},
-            "tether": {"contour_length_nm": 2700.0, "persistence_length_nm": 50.0},
-            "buffer": {"temperature_K": 298.15, "viscosity_mPa_s": 0.89},
-            "field": {"direction": "x"},
-            "model": {"effects": list(LISTED)},
-            # at high rates the plateaus are short
-            "plateaus": {"minimum_s": min(5.0, 0.8 * FRAMES / rate_hz)},
-        },
+        exact(
+            {
+                "schema": 1,
+                "camera": {"frame_rate_hz": rate_hz, "exposure_s": 0.6 / rate_hz},
+                "beads": {"radius_nm": 1400.0, "reference": [REFERENCE]},
+                "tether": {"contour_length_nm": 2700.0, "persistence_length_nm": 50.0},
+                "buffer": {"temperature_K": 298.15, "viscosity_mPa_s": 0.89},
+                "field": {"direction": "x"},
+                "model": {"effects": list(LISTED)},
+                # at high rates the plateaus are short
+                "plateaus": {"minimum_s": min(5.0, 0.8 * FRAMES / rate_hz)},
+            }
+        ),
         where="study",
     )
     found = clean.configured(setup, [float(force) for force in FORCES_PN], FRAMES, NOISE_NM)

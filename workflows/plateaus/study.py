@@ -28,6 +28,7 @@ from mtpipe.physics.camera import FloatArray
 from mtpipe.recording.plateaus import find_plateaus
 from mtpipe.recording.recording import Plateau, Recording
 from mtpipe.setup.setup import Setup, parse_setup
+from mtpipe.setup.usual_errors import exact
 from mtpipe.simulation.setup_experiment import stated_experiment
 from mtpipe.simulation.simulate import simulate_experiment, timetable
 from mtpipe.states import with_states
@@ -163,15 +164,20 @@ def _setup(random: np.random.Generator, rate_hz: float) -> Setup:
     radius = float(random.choice([500.0, 1400.0]))
     contour = float(np.exp(random.uniform(np.log(700), np.log(5000))))
     return parse_setup(
-        {
-            "schema": 1,
-            "camera": {"frame_rate_hz": rate_hz, "exposure_s": 0.9 / rate_hz},
-            "beads": {"radius_nm": radius, "reference": ["ref1", "ref2"][: random.integers(1, 3)]},
-            "tether": {"contour_length_nm": contour, "persistence_length_nm": 50.0},
-            "buffer": {"temperature_K": 298.15, "viscosity_mPa_s": 0.89},
-            "field": {"direction": "x"},
-            "model": {"effects": ["wall_drag", "rotation_coupling", "tracking_noise"]},
-        }
+        exact(
+            {
+                "schema": 1,
+                "camera": {"frame_rate_hz": rate_hz, "exposure_s": 0.9 / rate_hz},
+                "beads": {
+                    "radius_nm": radius,
+                    "reference": ["ref1", "ref2"][: random.integers(1, 3)],
+                },
+                "tether": {"contour_length_nm": contour, "persistence_length_nm": 50.0},
+                "buffer": {"temperature_K": 298.15, "viscosity_mPa_s": 0.89},
+                "field": {"direction": "x"},
+                "model": {"effects": ["wall_drag", "rotation_coupling", "tracking_noise"]},
+            }
+        )
     )
 
 

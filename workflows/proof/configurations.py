@@ -18,6 +18,7 @@ from mtpipe.experiment.description import Experiment, Stage
 from mtpipe.experiment.from_setup import experiment_of
 from mtpipe.physics.tether import Formula
 from mtpipe.setup.setup import Setup, parse_setup
+from mtpipe.setup.usual_errors import exact
 from mtpipe.simulation.simulate import Engine
 
 EXPOSURES = (0.3, 1.0)
@@ -87,27 +88,29 @@ def draw(
     radius_nm = float(random.choice(RADII_NM))
     effects = sorted({name for name, p in LISTED.items() if random.random() < p} | set(listed))
     number = int(random.integers(PLATEAUS[0], PLATEAUS[1] + 1)) if plateaus is None else plateaus
-    content = {
-        "schema": 1,
-        "camera": {
-            "frame_rate_hz": rate_hz,
-            "exposure_s": math.floor(1e7 * random.uniform(*EXPOSURES) / rate_hz) / 1e7,
-            "pixel_size_nm": round(random.uniform(80.0, 150.0), 1),
-        },
-        "beads": {"radius_nm": radius_nm, "reference": ["ref1"]},
-        "tether": {
-            "contour_length_nm": round(_log_uniform(random, CONTOURS_NM)),
-            "persistence_length_nm": 50.0,
-        },
-        "buffer": {
-            "temperature_K": round(random.uniform(293.0, 300.0), 2),
-            "viscosity_mPa_s": round(random.uniform(0.85, 1.0), 3),
-        },
-        "field": {"direction": str(random.choice(["x", "y"]))},
-        "model": {"effects": effects},
-        # at the highest rates the plateaus are short
-        "plateaus": {"minimum_s": min(5.0, round(0.8 * frames / rate_hz, 2))},
-    }
+    content = exact(
+        {
+            "schema": 1,
+            "camera": {
+                "frame_rate_hz": rate_hz,
+                "exposure_s": math.floor(1e7 * random.uniform(*EXPOSURES) / rate_hz) / 1e7,
+                "pixel_size_nm": round(random.uniform(80.0, 150.0), 1),
+            },
+            "beads": {"radius_nm": radius_nm, "reference": ["ref1"]},
+            "tether": {
+                "contour_length_nm": round(_log_uniform(random, CONTOURS_NM)),
+                "persistence_length_nm": 50.0,
+            },
+            "buffer": {
+                "temperature_K": round(random.uniform(293.0, 300.0), 2),
+                "viscosity_mPa_s": round(random.uniform(0.85, 1.0), 3),
+            },
+            "field": {"direction": str(random.choice(["x", "y"]))},
+            "model": {"effects": effects},
+            # at the highest rates the plateaus are short
+            "plateaus": {"minimum_s": min(5.0, round(0.8 * frames / rate_hz, 2))},
+        }
+    )
     return Configuration(content, _experiment(content, frames, number, formula, random, here))
 
 

@@ -30,6 +30,7 @@ from mtpipe.experiment.state import bead_state
 from mtpipe.fit.tether import Assay
 from mtpipe.setup.conditions import Conditions
 from mtpipe.setup.setup import Setup, parse_setup
+from mtpipe.setup.usual_errors import exact
 from mtpipe.simulation.setup_experiment import stated_experiment
 from mtpipe.simulation.simulate import simulate_experiment
 from mtpipe.simulation.written import canonical_csv
@@ -86,13 +87,13 @@ class World:
     @property
     def setup(self) -> Setup:
         """All that is true."""
-        return parse_setup(self.content)
+        return parse_setup(exact(self.content))
 
     @property
     def told(self) -> Setup:
         """What the analysis is told: the tether's lengths are unknown."""
         lengths = {"contour_length_nm": "unknown", "persistence_length_nm": "unknown"}
-        return parse_setup(self.content | {"tether": lengths})
+        return parse_setup(exact(self.content | {"tether": lengths}))
 
 
 def measure(job: tuple[int, int]) -> list[dict[str, Any]]:

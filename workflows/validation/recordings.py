@@ -36,6 +36,7 @@ from mtpipe.physics.tether import Chain, mean_extension_nm, stiffness_pN_per_nm
 from mtpipe.recording.plateaus import find_plateaus
 from mtpipe.recording.recording import Recording
 from mtpipe.setup.setup import parse_setup
+from mtpipe.setup.usual_errors import exact
 from mtpipe.verdicts.verdict import BeadVerdict, bead_verdicts
 
 FRAMES = 4096
@@ -164,7 +165,7 @@ class World:
 
 def simulate(world: World, random: np.random.Generator) -> Recording:
     """A recording as `mtpipe.load` would give it."""
-    setup = parse_setup(world.setup())
+    setup = parse_setup(exact(world.setup()))
     n = FRAMES * len(FORCES_PN)
     drift = np.cumsum(random.normal(size=(n, 3)), axis=0)
     drift *= world.drift_nm_per_root_s / math.sqrt(world.rate_hz)

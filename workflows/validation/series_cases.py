@@ -27,6 +27,7 @@ from mtpipe.physics.tether import Chain, mean_extension_nm, stiffness_pN_per_nm
 from mtpipe.recording.plateaus import find_plateaus
 from mtpipe.recording.recording import Recording
 from mtpipe.setup.setup import parse_setup
+from mtpipe.setup.usual_errors import exact
 
 RATE_HZ, TEMPERATURE_K, VISCOSITY_MPA_S = 120.0, 293.15, 1.0
 RADIUS_NM, RADIUS_SCATTER = 500.0, 0.03
@@ -89,7 +90,7 @@ class Series:
 
     def recording(self, drift_nm_per_root_s: float = 0.0) -> Recording:
         """As `mtpipe.load` would give it, on a stage that drifts."""
-        setup = parse_setup(self.setup)
+        setup = parse_setup(exact(self.setup))
         n = len(self.bead_nm)
         drift = np.cumsum(self.random.normal(size=(n, 3)), axis=0)
         drift *= drift_nm_per_root_s / math.sqrt(RATE_HZ)
