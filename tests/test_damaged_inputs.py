@@ -198,7 +198,7 @@ def test_an_array_that_is_called_complex_and_is_not_is_told_before_scipy_reads_i
 
 MUTATE = """
 import io, sys, numpy as np, scipy.io
-from mtpipe.errors import RecordingError
+from mtpipe.ground.errors import RecordingError
 from mtpipe.ingest.matlab_check import check_matlab
 whole = sys.stdin.buffer.read()
 random = np.random.default_rng(7)

@@ -417,7 +417,7 @@ def test_what_frees_heights_is_not_named_where_they_are_off(
     monkeypatch.setattr(module, "wanders", lambda fit: fit)
     monkeypatch.setattr(module, "bend_instead", lambda without, fitted, fit: None)
     monkeypatch.setattr(module, "certain", lambda named: list(named))
-    monkeypatch.setattr(module, "explained_share", lambda before, after: 0.5)
+    monkeypatch.setattr("mtpipe.diagnosis.kept.explained_share", lambda before, after: 0.5)
     named, free = [], False
     for name in order:
         free = free or name == "drift"
@@ -476,7 +476,7 @@ def test_the_check_with_what_is_kept_of_a_search_is_made_clearer(monkeypatch):
     monkeypatch.setattr(module, "gained_by_scatter", lambda fit, fitted: 0.0)
     monkeypatch.setattr(module, "bend_instead", lambda without, fitted, fit: None)
     monkeypatch.setattr(module, "certain", lambda named: named[:1])
-    monkeypatch.setattr(module, "explained_share", lambda before, after: 0.5)
+    monkeypatch.setattr("mtpipe.diagnosis.kept.explained_share", lambda before, after: 0.5)
     verdict, kept, check, _ = concluded(named[0].before, None, named, named[-1].after, None, None)
     assert verdict == "unexplained"
     assert [one.name for one in kept] == ["viscosity"]

@@ -21,7 +21,7 @@ from mtpipe.ground.streams import visible
 posix = pytest.mark.skipif(os.name == "nt", reason="signals and descriptors as POSIX has them")
 PRINTS = """
 import sys
-from mtpipe.streams import open_streams, say
+from mtpipe.ground.streams import open_streams, say
 open_streams()
 for _ in range(20_000):
     say("1.0 ± 0.1")
@@ -29,8 +29,8 @@ print("done", file=sys.stderr)
 """
 WORKS = """
 import os, sys, time
-from mtpipe.commands import main
-from mtpipe.processes import executor
+from mtpipe.cli.entry import main
+from mtpipe.ground.processes import executor
 from mtpipe import commands
 
 def busy(_):
