@@ -11,9 +11,9 @@ import pytest
 
 from mtpipe.crosschecking.check import ENOUGH
 from mtpipe.diagnosis import explain
-from mtpipe.diagnosis.bent_scale import Instead, bend_beside, bend_instead
+from mtpipe.diagnosis.bent_scale import BentScale, Instead, bend_beside, bend_instead
 from mtpipe.diagnosis.location import LEAST_P, bent_heights
-from mtpipe.experiment.changes import with_optics
+from mtpipe.experiment.changes import with_optics, with_step
 from mtpipe.experiment.description import Optics
 from mtpipe.joint_fit.data import whitening
 from mtpipe.joint_fit.fit import fit_configured
@@ -39,7 +39,7 @@ ANOTHER = replace(BASE, optics=Optics(axial_scale=0.97))
 
 
 def bent(from_nm=FROM_NM, more=MORE):
-    return with_optics(BASE, bend=more, bend_from_nm=from_nm)
+    return with_step(BASE, BentScale(more, from_nm))
 
 
 @pytest.mark.parametrize("from_nm", [FROM_NM, NEAR_NM])

@@ -19,12 +19,13 @@ from mtpipe.crosschecking.check import check_bead
 from mtpipe.crosschecking.prepared_bead import FORMULAS, prepare
 from mtpipe.diagnosis.before_after import content_of
 from mtpipe.diagnosis.evidence import BLOCK_S, noise_between_blocks_nm2, reference_moves
-from mtpipe.diagnosis.explain import alike, better_judged, concluded, explain, made_sure
+from mtpipe.diagnosis.explain import alike, concluded, explain, made_sure
 from mtpipe.diagnosis.explanation import Alternative, Explanation, Named, agrees
 from mtpipe.diagnosis.forces_to_quote import diagnosed_forces
 from mtpipe.diagnosis.heldout import halves_of
 from mtpipe.diagnosis.mismatch import Mismatch
 from mtpipe.diagnosis.refit import other_formulas
+from mtpipe.diagnosis.rivals import better_judged
 from mtpipe.diagnosis.superfluous import without_superfluous, without_unclear_third
 from mtpipe.diagnosis.unexplained import Rejected
 from mtpipe.drift.lowpass import low_pass

@@ -20,12 +20,13 @@ from mtpipe.diagnosis.heights import gained_by_scatter, wanders
 from mtpipe.drift.lowpass import low_pass
 from mtpipe.effects.catalogue import OWN, catalogue
 from mtpipe.effects.effect import Evidence
+from mtpipe.effects.hopping import Hopping
+from mtpipe.experiment.changes import with_step
 from mtpipe.experiment.description import (
     Bead,
     Experiment,
     Fluid,
     ForceCourse,
-    Hopping,
     Line,
     Optics,
     Rest,
@@ -563,7 +564,7 @@ def test_a_line_at_half_the_frame_rate_is_recorded_with_its_size():
 @pytest.mark.parametrize(("rate_hz", "seen"), [(4.0, True), (1e9, False)])
 def test_hopping_is_told_from_a_tether_that_is_longer_from_some_force_on(rate_hz, seen):
     """Where nothing hops, motion gains 5 nats by chance in 1 of 12 seeds; this one is fixed."""
-    hops = replace(BASE, hopping=Hopping(12.0, 5.0, rate_hz))
+    hops = with_step(BASE, Hopping(12.0, 5.0, rate_hz))
     fit = fitted(hops, np.random.default_rng(31))
     found = best_of(fit, of_name("hopping"), EVIDENCE)
     assert found.net > 20

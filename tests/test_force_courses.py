@@ -10,18 +10,18 @@ import pytest
 
 from mtpipe.effects.catalogue import OWN
 from mtpipe.effects.effect import Evidence
-from mtpipe.experiment.changes import with_magnets, with_stage
+from mtpipe.effects.hopping import Hopping
+from mtpipe.experiment.changes import with_magnets, with_stage, with_step
 from mtpipe.experiment.description import (
     Bead,
     Experiment,
     Fluid,
     ForceCourse,
-    Hopping,
     Rest,
     Stage,
     Tracker,
 )
-from mtpipe.experiment.readout import force_course, hopping_moments
+from mtpipe.experiment.readout import force_course
 from mtpipe.experiment.state import bead_state
 from mtpipe.joint_fit.courses import force_courses
 from mtpipe.joint_fit.data import plateau_data, whitening
@@ -214,10 +214,10 @@ def test_heights_follow_a_smooth_course_within_its_pieces():
     again = height_within_pieces(experiment, 1, force, frames)
     np.testing.assert_array_equal(again, within)
     hopping = Hopping(20.0, force, 5.0)
-    with_hops = height_within_pieces(replace(experiment, hopping=hopping), 1, force, frames)
+    with_hops = height_within_pieces(with_step(experiment, hopping), 1, force, frames)
     energy = experiment.fluid.thermal_energy_pN_nm
     followed, constant = (
-        [hopping_moments(hopping, float(f), energy)[2] for f in forces]
+        [hopping.moments(float(f), energy)[2] for f in forces]
         for forces in (along, force * (1 + pieces))
     )
     np.testing.assert_allclose(

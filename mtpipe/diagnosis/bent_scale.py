@@ -12,6 +12,7 @@ import itertools
 import math
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
+from typing import ClassVar
 
 import numpy as np
 from scipy import stats
@@ -19,19 +20,62 @@ from scipy import stats
 from mtpipe.diagnosis.heldout import share_gone
 from mtpipe.diagnosis.size_words import compared
 from mtpipe.effects.effect import plain
-from mtpipe.experiment.changes import with_optics
+from mtpipe.experiment.changes import step_of, with_step
 from mtpipe.experiment.description import Experiment
+from mtpipe.experiment.step import Place, Seen
 from mtpipe.ground.errors import FitError
 from mtpipe.joint_fit.fit import ConfiguredFit, fit_configured
 from mtpipe.joint_fit.hypotheses import FIRST_ROUNDS, TRIED_NATS, FittedEffect, model_with
 from mtpipe.joint_fit.model import ConfiguredModel
-from mtpipe.physics.camera import FloatArray
+from mtpipe.physics.camera import Camera, FloatArray
 
 # Scales that differ by more are no matter of optics.
 MOST_BENT = 0.33
 NUMBERS = 2
 # It is told where it would explain so much of the misfit.
 TOLD_SHARE = 0.5
+
+
+@dataclass(frozen=True)
+class BentScale:
+    """Above `from_nm` z is recorded larger by a share, `relative`, than below.
+
+    Of Gaussian z, with u its mean's distance from the bend in standard deviations σ: the mean of
+    max(z − bend, 0) is σ (φ(u) + u Φ(u)), and it goes with z by Φ(u) (Booton 1954, statistical
+    linearization).
+    """
+
+    place: ClassVar[Place] = "optics"
+    relative: float = 0.0
+    from_nm: float = 0.0
+
+    def expected(self, seen: Seen, force_pN: float, thermal_energy_pN_nm: float) -> Seen:
+        """z larger by the share of the time above, and its mean by what that adds."""
+        sigma = math.sqrt(float(seen.covariance_nm2[:, 2, 2].sum()))
+        u = (seen.height_nm - self.from_nm) / sigma
+        above = 0.5 * math.erfc(-u / math.sqrt(2))
+        density = math.exp(-(u**2) / 2) / math.sqrt(2 * math.pi)
+        larger = seen.through(np.diag([1.0, 1.0, 1 + self.relative * above]))
+        height = seen.height_nm + self.relative * sigma * (density + u * above)
+        return replace(larger, height_nm=height)
+
+    def played(
+        self,
+        position_nm: FloatArray,
+        force_pN: FloatArray,
+        camera: Camera,
+        thermal_energy_pN_nm: float,
+        random: np.random.Generator,
+    ) -> FloatArray:
+        """z larger above the bend."""
+        bent = position_nm.copy()
+        bent[:, 2] += self.relative * np.maximum(bent[:, 2] - self.from_nm, 0.0)
+        return bent
+
+
+def bent_scale_of(experiment: Experiment) -> BentScale:
+    """The experiment's bend; one that bends nothing where it has none."""
+    return step_of(experiment, BentScale) or BentScale()
 
 
 @dataclass(frozen=True, eq=False)
@@ -49,8 +93,8 @@ class Bend:
     @property
     def from_nm(self) -> float:
         """The height, as recorded."""
-        optics = self.fit.model.described(self.fit.theta).optics
-        return optics.bend_from_nm + optics.z_zero_nm
+        experiment = self.fit.model.described(self.fit.theta)
+        return bent_scale_of(experiment).from_nm + experiment.optics.z_zero_nm
 
     @property
     def above(self) -> tuple[int, ...]:
@@ -198,8 +242,8 @@ def _fitted(model: ConfiguredModel, theta: FloatArray, part: float) -> Configure
 
 
 def _bent(experiment: Experiment, value: float) -> Experiment:
-    return with_optics(experiment, bend=value)
+    return with_step(experiment, replace(bent_scale_of(experiment), relative=value))
 
 
 def _bent_at(experiment: Experiment, value: float) -> Experiment:
-    return with_optics(experiment, bend_from_nm=value)
+    return with_step(experiment, replace(bent_scale_of(experiment), from_nm=value))

@@ -16,7 +16,6 @@ from functools import partial
 
 import numpy as np
 
-from mtpipe.corrections.correction import Correction
 from mtpipe.crosschecking.check import (
     CLEARLY_CONSISTENT,
     CLEARLY_NOT,
@@ -49,6 +48,7 @@ from mtpipe.diagnosis.kept import (
     too_little,
 )
 from mtpipe.diagnosis.refit import begun_again, best_formula, with_forces_found
+from mtpipe.diagnosis.rivals import better_judged, ln_of
 from mtpipe.diagnosis.several import several_causes
 from mtpipe.diagnosis.superfluous import (
     KEPT_NATS,
@@ -226,7 +226,7 @@ def preferred_bend(
         except (FitError, ValueError):
             return None
         p_effects, p_bend = comparable_p_values(check, with_it)
-        lead += _ln_of(p_bend) - _ln_of(p_effects)
+        lead += ln_of(p_bend) - ln_of(p_effects)
     return found if lead > 0 else None
 
 
@@ -288,45 +288,6 @@ def _searched(
         named.append(_beside(found, tried, {found.name}, case))
         check, fit = found.after, found.after.case.fit
     return named, check, nearest
-
-
-def better_judged(
-    found: Named,
-    rivals: Sequence[FittedEffect],
-    refitted: Callable[[FittedEffect], FittedEffect],
-    checked: Callable[[FittedEffect], Named | Rejected],
-) -> Named:
-    """Of effects that are nearly as likely, the one that likelihood and battery together speak for.
-
-    A p-value that is clearly consistent is as good as any; below, its ln is lost. A rival takes the
-    place only if recording and simulation agree with it.
-
-    Parameters
-    ----------
-    found : the likeliest, which has been fitted again since. rivals : those that are alike, best
-        first. refitted : fits one again, too. checked : checks one.
-    """
-
-    for rival in rivals:
-        one = refitted(rival)
-        if _judged(one, CLEARLY_CONSISTENT) <= _judged(found.found, found.after.p_value):
-            continue
-        other = checked(one)
-        if isinstance(other, Rejected) or other.after.p_value < AGREES_P:
-            continue
-        found = max(found, other, key=lambda named: _judged(named.found, named.after.p_value))
-    return found
-
-
-def _judged(one: FittedEffect | Correction, p_value: float) -> float:
-    """Net gain and ln p; of a correction, which nothing rivals, infinite."""
-    net = one.net if isinstance(one, FittedEffect) else math.inf
-    return net + _ln_of(p_value)
-
-
-def _ln_of(p_value: float) -> float:
-    """A p-value that is clearly consistent is as good as any."""
-    return math.log(max(min(p_value, CLEARLY_CONSISTENT), 1e-300))
 
 
 def _with_alternatives(

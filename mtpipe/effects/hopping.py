@@ -2,26 +2,98 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from functools import partial
+from typing import ClassVar
+
+import numpy as np
 
 from mtpipe.effects.effect import Effect, Evidence, Hypothesis, logarithm, plain
-from mtpipe.experiment.description import Experiment, Hopping
+from mtpipe.experiment.changes import step_of, with_step
+from mtpipe.experiment.description import Experiment
 from mtpipe.experiment.parameter import Change, Parameter
+from mtpipe.experiment.step import Place, Seen
+from mtpipe.physics.camera import Camera, FloatArray
 
 STEP_NM, RATE_HZ = 20.0, 3.0
 # So fast that a frame sees the mean of both states.
 UNSEEN_HZ = 1e9
+# In simulations a state lasts at least this part of a frame.
+PARTS = 24
+
+
+@dataclass(frozen=True)
+class Hopping:
+    """Two states of the tether that differ by a step in length, the longer one at high force.
+
+    Both are equally likely at `half_force_pN`, where each is left at `rate_hz`.
+    """
+
+    place: ClassVar[Place] = "tether"
+    step_nm: float
+    half_force_pN: float
+    rate_hz: float
+
+    def moments(self, force_pN: float, thermal_energy_pN_nm: float) -> tuple[float, float, float]:
+        """Variance (nm²), relaxation time (s) and mean (nm) at a force.
+
+        The longer state gains F·step; both rates change by half of it (a barrier half-way).
+        """
+        half = (force_pN - self.half_force_pN) * self.step_nm / (2 * thermal_energy_pN_nm)
+        half = min(max(half, -300.0), 300.0)
+        share = 1 / (1 + math.exp(-2 * half))
+        rate = 2 * self.rate_hz * math.cosh(half)
+        return self.step_nm**2 * share * (1 - share), 1 / rate, self.step_nm * share
+
+    def expected(self, seen: Seen, force_pN: float, thermal_energy_pN_nm: float) -> Seen:
+        """One more mode of z, and the mean of the two lengths."""
+        variance, tau_s, mean = self.moments(force_pN, thermal_energy_pN_nm)
+        hops = seen.with_modes(np.array([tau_s]), np.diag([0.0, 0.0, variance])[None])
+        return replace(hops, height_nm=seen.height_nm + mean)
+
+    def played(
+        self,
+        position_nm: FloatArray,
+        force_pN: FloatArray,
+        camera: Camera,
+        thermal_energy_pN_nm: float,
+        random: np.random.Generator,
+    ) -> FloatArray:
+        """z with the hops, averaged over each exposure.
+
+        The state is drawn at equal parts of each frame by the exact probability to have changed
+        since the last, so that the rates may be anything; within a part it counts as constant.
+        """
+        frames = len(force_pN)
+        exposed = max(1, round(PARTS * camera.exposure_s / camera.frame_s))
+        part_s = camera.frame_s / PARTS
+        stay = np.empty(frames)
+        share = np.empty(frames)
+        for force in np.unique(force_pN):
+            here = force_pN == force
+            _, tau_s, mean = self.moments(float(force), thermal_energy_pN_nm)
+            stay[here] = math.exp(-part_s / tau_s)
+            share[here] = mean / self.step_nm if self.step_nm else 0.0
+        keeps = random.random((frames, PARTS)) < stay[:, None]
+        drawn = random.random((frames, PARTS)) < share[:, None]
+        keeps[0, 0] = False
+        # numba is loaded where there are hops only
+        from mtpipe.physics.telegraph import mean_states
+
+        hopped = position_nm.copy()
+        hopped[:, 2] += self.step_nm * mean_states(keeps, drawn, exposed)
+        return hopped
 
 
 def _hypotheses(experiment: Experiment, evidence: Evidence) -> list[Hypothesis]:
-    if experiment.hopping is not None:
+    if step_of(experiment, Hopping) is not None:
         return []
     forces = sorted(evidence.force_pN)
     found = []
     for force in forces[1:-1:2] or forces:
-        start = replace(experiment, hopping=Hopping(STEP_NM, force, RATE_HZ))
+        start = with_step(experiment, Hopping(STEP_NM, force, RATE_HZ))
         rate = logarithm("rate there", "Hz", RATE_HZ, (0.01, 200.0), _set("rate_hz"))
         found.append(Hypothesis(start, (*_lengths(STEP_NM, force, forces), rate)))
     return found
@@ -37,9 +109,9 @@ def _lengths(step_nm: float, half_pN: float, forces: Sequence[float]) -> tuple[P
 
 def _still(experiment: Experiment) -> Hypothesis:
     """A tether that is longer at high force, and not seen to change."""
-    hopping = experiment.hopping or Hopping(STEP_NM, 1.0, RATE_HZ)
+    hopping = step_of(experiment, Hopping) or Hopping(STEP_NM, 1.0, RATE_HZ)
     forces = [rest.force_pN for rest in experiment.rests]
-    start = replace(experiment, hopping=replace(hopping, rate_hz=UNSEEN_HZ))
+    start = with_step(experiment, replace(hopping, rate_hz=UNSEEN_HZ))
     return Hypothesis(start, _lengths(hopping.step_nm, hopping.half_force_pN, forces))
 
 
@@ -48,12 +120,12 @@ def _set(field: str) -> Change:
 
 
 def _change(field: str, experiment: Experiment, value: float) -> Experiment:
-    hopping = experiment.hopping or Hopping(STEP_NM, 1.0, RATE_HZ)
-    return replace(experiment, hopping=replace(hopping, **{field: value}))
+    hopping = step_of(experiment, Hopping) or Hopping(STEP_NM, 1.0, RATE_HZ)
+    return with_step(experiment, replace(hopping, **{field: value}))
 
 
 def _cause(experiment: Experiment) -> str:
-    hopping = experiment.hopping
+    hopping = step_of(experiment, Hopping)
     if hopping is None:
         return "the tether hops"
     return (
@@ -63,7 +135,7 @@ def _cause(experiment: Experiment) -> str:
 
 
 def _strengths(experiment: Experiment) -> list[tuple[str, float, str]]:
-    hopping = experiment.hopping
+    hopping = step_of(experiment, Hopping)
     if hopping is None:
         return []
     return [

@@ -6,20 +6,60 @@ x and y at once, at every frequency alike.
 
 from __future__ import annotations
 
+from dataclasses import dataclass, replace
+from typing import ClassVar
+
+import numpy as np
+
 from mtpipe.effects.effect import Effect, Evidence, Hypothesis, plain
-from mtpipe.experiment.changes import with_optics
+from mtpipe.experiment.changes import step_of, with_step
 from mtpipe.experiment.description import Experiment
+from mtpipe.experiment.step import Place, Seen
+from mtpipe.physics.camera import Camera, FloatArray
 
 # Shares of real recordings are 0.02 to 0.35; a height that follows by more is no height.
 LARGEST = 0.8
 
 
+@dataclass(frozen=True)
+class Crosstalk:
+    """z as recorded is z + x times `from_x` + y times `from_y`."""
+
+    place: ClassVar[Place] = "optics"
+    from_x: float = 0.0
+    from_y: float = 0.0
+
+    @property
+    def matrix(self) -> FloatArray:
+        """(3, 3) positions behind over positions before."""
+        return np.array([[1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [self.from_x, self.from_y, 1.0]])
+
+    def expected(self, seen: Seen, force_pN: float, thermal_energy_pN_nm: float) -> Seen:
+        """Power of z, and what it has in common with x and y."""
+        return seen.through(self.matrix)
+
+    def played(
+        self,
+        position_nm: FloatArray,
+        force_pN: FloatArray,
+        camera: Camera,
+        thermal_energy_pN_nm: float,
+        random: np.random.Generator,
+    ) -> FloatArray:
+        """z that follows x and y."""
+        return position_nm @ self.matrix.T
+
+
+def _of(experiment: Experiment) -> Crosstalk:
+    return step_of(experiment, Crosstalk) or Crosstalk()
+
+
 def _from_x(experiment: Experiment, share: float) -> Experiment:
-    return with_optics(experiment, z_from_x=share)
+    return with_step(experiment, replace(_of(experiment), from_x=share))
 
 
 def _from_y(experiment: Experiment, share: float) -> Experiment:
-    return with_optics(experiment, z_from_y=share)
+    return with_step(experiment, replace(_of(experiment), from_y=share))
 
 
 def _hypotheses(experiment: Experiment, evidence: Evidence) -> list[Hypothesis]:
@@ -31,18 +71,16 @@ def _hypotheses(experiment: Experiment, evidence: Evidence) -> list[Hypothesis]:
 
 
 def _cause(experiment: Experiment) -> str:
-    optics = experiment.optics
+    share = _of(experiment)
     return (
-        f"the recorded height follows x and y: it contains {optics.z_from_x:+.3f} of x and "
-        f"{optics.z_from_y:+.3f} of y"
+        f"the recorded height follows x and y: it contains {share.from_x:+.3f} of x and "
+        f"{share.from_y:+.3f} of y"
     )
 
 
 def _strengths(experiment: Experiment) -> list[tuple[str, float, str]]:
-    return [
-        ("slope_x", experiment.optics.z_from_x, ""),
-        ("slope_y", experiment.optics.z_from_y, ""),
-    ]
+    share = _of(experiment)
+    return [("slope_x", share.from_x, ""), ("slope_y", share.from_y, "")]
 
 
 EFFECT = Effect("z_crosstalk", _hypotheses, _cause, _strengths)

@@ -4,8 +4,10 @@ from __future__ import annotations
 
 import math
 from dataclasses import replace
+from typing import TypeVar
 
 from mtpipe.experiment.description import Experiment
+from mtpipe.experiment.step import Step
 from mtpipe.physics.camera import Camera
 from mtpipe.physics.tether import Formula, with_formula
 
@@ -46,6 +48,20 @@ def with_magnets(experiment: Experiment, **changes: object) -> Experiment:
 def with_stage(experiment: Experiment, **changes: object) -> Experiment:
     """The experiment with another stage."""
     return replace(experiment, stage=replace(experiment.stage, **changes))  # type: ignore[arg-type]
+
+
+Kind = TypeVar("Kind", bound=Step)
+
+
+def step_of(experiment: Experiment, kind: type[Kind]) -> Kind | None:
+    """The experiment's step of a kind; None where it has none."""
+    return next((step for step in experiment.steps if isinstance(step, kind)), None)
+
+
+def with_step(experiment: Experiment, step: Step) -> Experiment:
+    """The experiment with a step, in the place of one of its kind if it has one."""
+    steps = tuple(step if type(one) is type(step) else one for one in experiment.steps)
+    return replace(experiment, steps=steps if step in steps else (*steps, step))
 
 
 def scaled_radius(experiment: Experiment, ln_factor: float) -> Experiment:

@@ -17,6 +17,7 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
+from mtpipe.experiment.step import Step
 from mtpipe.physics.buffer import thermal_energy_pN_nm
 from mtpipe.physics.camera import Camera
 from mtpipe.physics.tether import Chain
@@ -97,18 +98,6 @@ class Magnets:
 
 
 @dataclass(frozen=True)
-class Hopping:
-    """Two states of the tether that differ by a step in length, the longer one at high force.
-
-    Both are equally likely at `half_force_pN`, where each is left at `rate_hz`.
-    """
-
-    step_nm: float
-    half_force_pN: float
-    rate_hz: float
-
-
-@dataclass(frozen=True)
 class Stage:
     """Slow motion and vibration, along x, y, z.
 
@@ -142,9 +131,8 @@ class Optics:
     """What turns positions into recorded ones.
 
     x and y are turned by an angle and scaled, by `lateral_scale` and each by its `axis_scales`;
-    None: these are 1, and no form of a fault. z is scaled, and follows x and y of the camera by
-    `z_from_x` and `z_from_y` (PHYSICS E24). Above `bend_from_nm` it is scaled once more, by
-    1 + `bend`; then `z_zero_nm` is added to heights.
+    None: these are 1, and no form of a fault. z is scaled; then `z_zero_nm` is added to
+    heights.
     """
 
     z_zero_nm: float = 0.0
@@ -152,10 +140,6 @@ class Optics:
     axis_scales: tuple[float, float] | None = None
     axial_scale: float = 1.0
     angle_rad: float = 0.0
-    z_from_x: float = 0.0
-    z_from_y: float = 0.0
-    bend: float = 0.0
-    bend_from_nm: float = 0.0
 
     @functools.cached_property
     def matrix(self) -> NDArray[np.float64]:
@@ -163,8 +147,9 @@ class Optics:
         c, s = math.cos(self.angle_rad), math.sin(self.angle_rad)
         turned = np.array([[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]])
         x_scale, y_scale = self.axis_scales or (1.0, 1.0)
-        seen = np.diag([self.lateral_scale * x_scale, self.lateral_scale * y_scale, 1.0])
-        seen[2] = self.z_from_x, self.z_from_y, self.axial_scale
+        seen = np.diag(
+            [self.lateral_scale * x_scale, self.lateral_scale * y_scale, self.axial_scale]
+        )
         found = np.asarray(seen @ turned)
         found.flags.writeable = False
         return found
@@ -220,6 +205,7 @@ class Experiment:
     along : axis of the camera along the field, 0 (x) or 1 (y).
     rests : plateaus in time order; between two the magnets move for `move_s`.
     tethered, references : how many beads; all tethered beads are alike.
+    steps : what else is between motion and record, from effects' own files.
     anharmonic : at low force a bead that turns is followed through the whole of the tether's
         potential, down to the surface, and not by expansions about its mean.
     """
@@ -237,7 +223,7 @@ class Experiment:
     references: int = 1
     optics: Optics = Optics()
     magnets: Magnets = Magnets()
-    hopping: Hopping | None = None
+    steps: tuple[Step, ...] = ()
     clock: Clock = Clock()
     allowance: Allowance = Allowance()
     anharmonic: bool = False

@@ -1,20 +1,20 @@
 """From a bead's motion to what is recorded of it: the later steps of a recording, as covariances.
 
-Motion and hopping pass the camera's exposure; optics scale and turn; what subtraction left of the
-stage is added, in recorded nm; the tracker adds white noise; the clock loses frames. Each step
-takes sums of exponential covariances to such sums, so that spectra stay closed forms (PHYSICS
-section 3).
+Motion passes the camera's exposure, and with it what steps of the tether add; optics scale and
+turn; what subtraction left of the stage is added, in recorded nm; the tracker adds white noise; the
+clock loses frames. Each takes sums of exponential covariances to such sums, so that spectra stay
+closed forms (PHYSICS section 3).
 """
 
 from __future__ import annotations
 
-import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
-from mtpipe.experiment.description import Experiment, ForceCourse, Hopping
+from mtpipe.experiment.description import Experiment, ForceCourse
 from mtpipe.experiment.recorded_modes import BeadState, recorded_modes
+from mtpipe.experiment.step import Place, Seen, nothing_seen
 from mtpipe.physics.camera import Camera, FloatArray, frame_variance, lag_one_covariance
 
 # Heights along a force's course follow from those at so many forces.
@@ -45,70 +45,57 @@ class Readout:
 
 def readout(experiment: Experiment, state: BeadState, duration_s: float) -> Readout:
     """What is recorded of a bead at one force, without vibration lines."""
-    motion = recorded_modes(state)
-    tau_s, covariance = motion.tau_s, motion.covariance_nm2
-    if experiment.hopping is not None:
-        energy = experiment.fluid.thermal_energy_pN_nm
-        variance, hop_s, _ = hopping_moments(experiment.hopping, state.force_pN, energy)
-        extra = np.zeros((1, 3, 3))
-        extra[0, 2, 2] = variance
-        tau_s, covariance = np.append(tau_s, hop_s), np.concatenate([covariance, extra])
-    optics = experiment.optics.matrix
-    covariance = optics @ covariance @ optics.T
-    if experiment.optics.bend != 0:
-        gain = np.ones(3)
-        gain[2] = _bent(experiment, state)[1]
-        covariance = covariance * np.outer(gain, gain)
+    seen = _behind_optics(experiment, state)
     walks = any(experiment.stage.unsubtracted_nm_per_root_s)
     if walks:
         walk = np.square(experiment.stage.unsubtracted_nm_per_root_s)
         walk_s = WALK_DURATIONS * duration_s
         # a mode of variance D τ/2 and relaxation τ spreads like a random walk of D per second
-        tau_s = np.append(tau_s, walk_s)
-        covariance = np.concatenate([covariance, np.diag(walk * walk_s / 2)[None]])
-    white = np.diag(np.square(experiment.tracker.noise_nm))
+        seen = seen.with_modes(np.array([walk_s]), np.diag(walk * walk_s / 2)[None])
+    noise = np.diag(np.square(experiment.tracker.noise_nm))
+    before = len(seen.tau_s)
+    seen = _behind(
+        replace(seen, white_nm2=seen.white_nm2 + noise), "tracker", state.force_pN, experiment
+    )
+    if walks and len(seen.tau_s) > before:
+        # the walk stays the last of all modes
+        order = [*range(before - 1), *range(before, len(seen.tau_s)), before - 1]
+        seen = replace(seen, tau_s=seen.tau_s[order], covariance_nm2=seen.covariance_nm2[order])
+    tau_s, covariance, white = seen.tau_s, seen.covariance_nm2, seen.white_nm2
     if experiment.clock.dropped_share > 0:
         tau_s, covariance, lost = _with_dropped_frames(
             tau_s, covariance, experiment.camera, experiment.clock.dropped_share
         )
         white = white + lost
-    height = recorded_height_nm(experiment, state)
-    return Readout(tau_s, covariance, white, height, walks)
+    return Readout(tau_s, covariance, white, seen.height_nm + experiment.optics.z_zero_nm, walks)
 
 
 def recorded_height_nm(experiment: Experiment, state: BeadState) -> float:
     """Mean of the recorded z of a bead at one force."""
-    if experiment.optics.bend != 0:
-        return _bent(experiment, state)[0] + experiment.optics.z_zero_nm
-    return _scaled_height_nm(experiment, state) + experiment.optics.z_zero_nm
+    seen = _behind_optics(experiment, state)
+    behind = _behind(seen, "tracker", state.force_pN, experiment)
+    return behind.height_nm + experiment.optics.z_zero_nm
 
 
-def _scaled_height_nm(experiment: Experiment, state: BeadState) -> float:
-    """Mean height as scaled alike everywhere."""
-    extension = state.extension_nm
-    if experiment.hopping is not None:
-        energy = experiment.fluid.thermal_energy_pN_nm
-        extension += hopping_moments(experiment.hopping, state.force_pN, energy)[2]
-    return experiment.optics.axial_scale * extension
+def _behind_optics(experiment: Experiment, state: BeadState) -> Seen:
+    motion = recorded_modes(state)
+    seen = Seen(motion.tau_s, motion.covariance_nm2, np.zeros((3, 3)), state.extension_nm)
+    seen = _behind(seen, "tether", state.force_pN, experiment)
+    seen = seen.through(experiment.optics.matrix)
+    return _behind(seen, "optics", state.force_pN, experiment)
 
 
-def _bent(experiment: Experiment, state: BeadState) -> tuple[float, float]:
-    """Mean height where z's scale changes at some height, and what small motion is scaled by.
+def _behind(seen: Seen, place: Place, force_pN: float, experiment: Experiment) -> Seen:
+    """What is seen behind all steps of one place."""
+    for step in experiment.steps:
+        if step.place == place:
+            seen = step.expected(seen, force_pN, experiment.fluid.thermal_energy_pN_nm)
+    return seen
 
-    Of Gaussian z, with u its mean's distance from the bend in standard deviations σ: the mean of
-    max(z − bend, 0) is σ (φ(u) + u Φ(u)), and it goes with z by Φ(u) (Booton 1954, statistical
-    linearization).
-    """
-    optics, height = experiment.optics, _scaled_height_nm(experiment, state)
-    variance = float(recorded_modes(state).covariance_nm2[:, 2, 2].sum())
-    if experiment.hopping is not None:
-        energy = experiment.fluid.thermal_energy_pN_nm
-        variance += hopping_moments(experiment.hopping, state.force_pN, energy)[0]
-    sigma = optics.axial_scale * math.sqrt(variance)
-    u = (height - optics.bend_from_nm) / sigma
-    above = 0.5 * math.erfc(-u / math.sqrt(2))
-    density = math.exp(-(u**2) / 2) / math.sqrt(2 * math.pi)
-    return height + optics.bend * sigma * (density + u * above), 1 + optics.bend * above
+
+def height_by_tether_nm(experiment: Experiment, force_pN: float) -> float:
+    """What steps of the tether add to the mean height at a force."""
+    return _behind(nothing_seen(), "tether", force_pN, experiment).height_nm
 
 
 def force_course(course: ForceCourse, points: int) -> FloatArray:
@@ -138,20 +125,6 @@ def height_weights(nodes: FloatArray, relative: FloatArray) -> FloatArray:
     above = np.where(others[:, :, None], places - at[:, None], 1.0)
     below = np.where(others, at[:, None] - at, 1.0)
     return np.asarray(np.prod(above, axis=1) / np.prod(below, axis=1)[:, None])
-
-
-def hopping_moments(
-    hopping: Hopping, force_pN: float, thermal_energy_pN_nm: float
-) -> tuple[float, float, float]:
-    """Variance (nm²), relaxation time (s) and mean (nm) of hopping at a force (PHYSICS E19).
-
-    The longer state gains F·step; both rates change by half of it (a barrier half-way).
-    """
-    half = (force_pN - hopping.half_force_pN) * hopping.step_nm / (2 * thermal_energy_pN_nm)
-    half = min(max(half, -300.0), 300.0)
-    share = 1 / (1 + math.exp(-2 * half))
-    rate = 2 * hopping.rate_hz * math.cosh(half)
-    return hopping.step_nm**2 * share * (1 - share), 1 / rate, hopping.step_nm * share
 
 
 def _with_dropped_frames(

@@ -81,7 +81,7 @@ def _moving(experiment: Experiment) -> Moving:
 
 @functools.lru_cache(maxsize=MOST_KNOWN)
 def _the_moving(experiment: Experiment) -> Moving:
-    core = replace(experiment, stage=Stage(), optics=Optics(), clock=Clock(), hopping=None)
+    core = replace(experiment, stage=Stage(), optics=Optics(), clock=Clock(), steps=())
     return Moving(experiment, _the_core(core))
 
 

@@ -11,24 +11,24 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
-from mtpipe.experiment.description import Experiment, Hopping
+from mtpipe.experiment.description import Experiment
 from mtpipe.experiment.readout import (
     COURSE_POINTS,
     force_course,
+    height_by_tether_nm,
     height_weights,
-    hopping_moments,
 )
 from mtpipe.experiment.state import all_states
-from mtpipe.physics.camera import Camera, FloatArray
+from mtpipe.experiment.step import Place
+from mtpipe.physics.camera import FloatArray
 from mtpipe.physics.langevin import simulate_mode
 from mtpipe.physics.normal_numbers import standard_normal
 
-HOP_PARTS = 24
 # Stretches of constant force that stand for a plateau during which it changes, fewer where it would
 # change by less than this share within one. The course of the height is followed within them.
 MOST_PIECES, FEWEST_PIECES, PIECE_CHANGE = 24, 4, 0.05
-# What hopping adds is a straight line between so many forces.
-HOPPING_POINTS = 201
+# What steps of the tether add to heights is a straight line between so many forces.
+ADDED_POINTS = 201
 
 
 def force_pieces(experiment: Experiment, plateau: int, frames: int) -> list[tuple[float, int]]:
@@ -53,8 +53,8 @@ def force_pieces(experiment: Experiment, plateau: int, frames: int) -> list[tupl
 def height_within_pieces(
     experiment: Experiment, plateau: int, force_pN: float, frames: int
 ) -> FloatArray:
-    """(frames,) nm: what the mean height of the force's course is above that of its pieces, hopping
-    included.
+    """(frames,) nm: what the mean height of the force's course is above that of its pieces, with
+    what steps of the tether add.
     """
     pieces = force_pieces(experiment, plateau, frames)
     if len(pieces) <= 2:
@@ -65,11 +65,10 @@ def height_within_pieces(
     states = all_states(experiment, (force_pN * (1 + nodes)).tolist())
     heights = np.array([state.extension_nm for state in states])
     within = heights @ (height_weights(nodes, relative) - height_weights(nodes, constant))
-    if experiment.hopping is not None:
-        energy = experiment.fluid.thermal_energy_pN_nm
-        points = np.linspace(relative.min(), relative.max(), HOPPING_POINTS)
+    if any(step.place == "tether" for step in experiment.steps):
+        points = np.linspace(relative.min(), relative.max(), ADDED_POINTS)
         forces = (force_pN * (1 + points)).tolist()
-        means = [hopping_moments(experiment.hopping, force, energy)[2] for force in forces]
+        means = [height_by_tether_nm(experiment, force) for force in forces]
         within += np.interp(relative, points, means) - np.interp(constant, points, means)
     return np.asarray(within)
 
@@ -84,15 +83,9 @@ def recorded(
     motion_nm : (frames, 3) averaged over each exposure. force_pN : (frames,) that acts.
     """
     camera, frames = experiment.camera, len(motion_nm)
-    seen = motion_nm
-    if experiment.hopping is not None:
-        energy = experiment.fluid.thermal_energy_pN_nm
-        seen = seen.copy()
-        seen[:, 2] += hops(experiment.hopping, force_pN, energy, camera, random)
-    optics = experiment.optics
-    seen = seen @ optics.matrix.T
-    if optics.bend:
-        seen[:, 2] += optics.bend * np.maximum(seen[:, 2] - optics.bend_from_nm, 0.0)
+    seen = _played(motion_nm, "tether", force_pN, experiment, random)
+    seen = seen @ experiment.optics.matrix.T
+    seen = _played(seen, "optics", force_pN, experiment, random)
     walk = np.asarray(experiment.stage.unsubtracted_nm_per_root_s)
     if walk.any():
         steps = standard_normal(random, (frames, 3))
@@ -112,39 +105,24 @@ def recorded(
     noise = standard_normal(random, seen.shape)
     noise *= np.asarray(experiment.tracker.noise_nm)
     seen += noise
+    seen = _played(seen, "tracker", force_pN, experiment, random)
     seen[:, 2] += experiment.optics.z_zero_nm
     return np.asarray(seen)
 
 
-def hops(
-    hopping: Hopping,
+def _played(
+    position_nm: FloatArray,
+    place: Place,
     force_pN: FloatArray,
-    thermal_energy_pN_nm: float,
-    camera: Camera,
+    experiment: Experiment,
     random: np.random.Generator,
 ) -> FloatArray:
-    """(frames,) what hopping adds to z, averaged over each exposure.
-
-    The state is drawn at equal parts of each frame by the exact probability to have changed since
-    the last, so that the rates may be anything; within a part it counts as constant.
-    """
-    frames = len(force_pN)
-    exposed = max(1, round(HOP_PARTS * camera.exposure_s / camera.frame_s))
-    part_s = camera.frame_s / HOP_PARTS
-    stay = np.empty(frames)
-    share = np.empty(frames)
-    for force in np.unique(force_pN):
-        here = force_pN == force
-        _, tau_s, mean = hopping_moments(hopping, float(force), thermal_energy_pN_nm)
-        stay[here] = math.exp(-part_s / tau_s)
-        share[here] = mean / hopping.step_nm if hopping.step_nm else 0.0
-    keeps = random.random((frames, HOP_PARTS)) < stay[:, None]
-    drawn = random.random((frames, HOP_PARTS)) < share[:, None]
-    keeps[0, 0] = False
-    # numba is loaded where there are hops only
-    from mtpipe.simulation.hop_steps import mean_states
-
-    return np.asarray(hopping.step_nm * mean_states(keeps, drawn, exposed))
+    """(frames, 3) positions behind all steps of one place."""
+    camera, energy = experiment.camera, experiment.fluid.thermal_energy_pN_nm
+    for step in experiment.steps:
+        if step.place == place:
+            position_nm = step.played(position_nm, force_pN, camera, energy, random)
+    return position_nm
 
 
 def reference_motion(

@@ -17,8 +17,10 @@ from typing import Any
 import numpy as np
 import spoiled_traces
 
+from mtpipe.effects.hopping import Hopping
 from mtpipe.experiment import changes
-from mtpipe.experiment.description import Experiment, ForceCourse, Hopping, Line
+from mtpipe.experiment.changes import with_step
+from mtpipe.experiment.description import Experiment, ForceCourse, Line
 from mtpipe.physics.camera import Camera
 from mtpipe.recording.recording import Recording
 
@@ -218,7 +220,7 @@ def _hopping(experiment: Experiment, random: np.random.Generator) -> Family:
     rate_hz = math.exp(random.uniform(math.log(0.3), math.log(10.0)))
 
     def change(there: Experiment, size: float) -> Experiment:
-        return replace(there, hopping=Hopping(size, half_pN, rate_hz))
+        return with_step(there, Hopping(size, half_pN, rate_hz))
 
     told = {"half_force_pN": half_pN, "rate_hz": rate_hz}
     return Family(change, (1.0, 50.0), "nm", told, axes="z")

@@ -236,7 +236,7 @@ def _state(experiment: Experiment, force_pN: float) -> BeadState:
 def _at(experiment: Experiment, rest: Rest, lines_hz: tuple[float, ...]) -> _Expected:
     camera, stage = experiment.camera, experiment.stage
     dynamics = replace(
-        experiment, tracker=Tracker(), stage=Stage(), optics=Optics(), clock=Clock(), hopping=None
+        experiment, tracker=Tracker(), stage=Stage(), optics=Optics(), clock=Clock(), steps=()
     )
     parts = readout(experiment, _state(dynamics, rest.force_pN), rest.frames * camera.frame_s)
     frequency, ordinates = _grid(rest, camera.frame_s, lines_hz)

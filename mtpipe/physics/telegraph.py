@@ -1,4 +1,4 @@
-"""The loop in time of `mtpipe.simulation.readout.hops`, compiled."""
+"""Telegraph motion between two states, averaged over exposures: the loop in time, compiled."""
 
 from __future__ import annotations
 

@@ -1,0 +1,85 @@
+"""A step between the bead's motion and its record: what effects of the readout bring.
+
+Each has a place in the way of a recording (docs/architecture.md) and is read twice: as covariances
+(`mtpipe.experiment.readout`), and played in time (`mtpipe.simulation.readout`). An experiment has
+any number of them; within one place they act in the order in which they were added.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from typing import ClassVar, Literal, Protocol
+
+import numpy as np
+
+from mtpipe.physics.camera import Camera, FloatArray
+
+# In the order of a recording. What moves with the tether is blurred by the exposure; positions are
+# as recorded behind the optics.
+Place = Literal["tether", "optics", "tracker"]
+
+
+@dataclass(frozen=True, eq=False)
+class Seen:
+    """Motion of a bead at one force on its way to the record, as covariances.
+
+    Attributes
+    ----------
+    tau_s : (m,) relaxation times of modes that pass the exposure; covariance_nm2 : (m, 3, 3).
+    white_nm2 : (3, 3) covariance of what is independent from frame to frame.
+    height_nm : mean of z.
+    """
+
+    tau_s: FloatArray
+    covariance_nm2: FloatArray
+    white_nm2: FloatArray
+    height_nm: float
+
+    def with_modes(self, tau_s: FloatArray, covariance_nm2: FloatArray) -> Seen:
+        """With more modes: times (k,), covariances (k, 3, 3)."""
+        return replace(
+            self,
+            tau_s=np.concatenate([self.tau_s, tau_s]),
+            covariance_nm2=np.concatenate([self.covariance_nm2, covariance_nm2]),
+        )
+
+    def through(self, matrix: FloatArray) -> Seen:
+        """Positions turned and scaled by a matrix (3, 3); the mean height as z is scaled."""
+        return Seen(
+            self.tau_s,
+            matrix @ self.covariance_nm2 @ matrix.T,
+            matrix @ self.white_nm2 @ matrix.T,
+            float(matrix[2, 2]) * self.height_nm,
+        )
+
+
+def nothing_seen(height_nm: float = 0.0) -> Seen:
+    """A bead that does not move."""
+    return Seen(np.empty(0), np.empty((0, 3, 3)), np.zeros((3, 3)), height_nm)
+
+
+class Step(Protocol):
+    """One step, a frozen dataclass of numbers: experiments are compared and kept by them.
+
+    `place` : where in the way of a recording it acts.
+    """
+
+    place: ClassVar[Place]
+
+    def expected(self, seen: Seen, force_pN: float, thermal_energy_pN_nm: float) -> Seen:
+        """What is seen behind this step of a bead at a steady force."""
+
+    def played(
+        self,
+        position_nm: FloatArray,
+        force_pN: FloatArray,
+        camera: Camera,
+        thermal_energy_pN_nm: float,
+        random: np.random.Generator,
+    ) -> FloatArray:
+        """(frames, 3) positions behind this step, averaged over exposures, from those before it.
+
+        Parameters
+        ----------
+        force_pN : (frames,) that acts.
+        """
