@@ -5,6 +5,7 @@ from __future__ import annotations
 import functools
 import itertools
 import math
+import pickle
 import re
 import tomllib
 from dataclasses import dataclass, field, replace
@@ -90,6 +91,7 @@ FAST = replace(
 # What passes the subtraction of the reference bead, where there is one.
 CUTOFF_HZ, REFERENCE_NOISE_NM = 8.0, 0.5
 PACKAGE = Path(__file__).parent / "data" / "effect_package"
+FLICKER = PACKAGE.parent / "flicker_package"
 EFFECTS_PAGE = Path(__file__).parents[1] / "docs" / "effects.md"
 
 
@@ -468,10 +470,11 @@ def test_the_better_of_both_beginnings_is_taken(monkeypatch):
     assert both.log_likelihood > begun.log_likelihood
 
 
-def installed(folder, content, name="mtpipe_persistence.py"):
-    """Install the example package into a folder that is then on the path."""
-    (folder / name).write_text(content)
-    project = tomllib.loads((PACKAGE / "pyproject.toml").read_text())["project"]
+def installed(folder, package=PACKAGE):
+    """Install an example package into a folder that is then on the path."""
+    for module in package.glob("*.py"):
+        (folder / module.name).write_text(module.read_text())
+    project = tomllib.loads((package / "pyproject.toml").read_text())["project"]
     info = folder / f"{project['name'].replace('-', '_')}-{project['version']}.dist-info"
     info.mkdir()
     (info / "METADATA").write_text(
@@ -486,8 +489,7 @@ RIVALS = ("persistence_length", "contour_length", "axial_scale", "multiple_tethe
 
 
 def test_an_effect_of_another_package_is_tried_and_found(tmp_path, monkeypatch):
-    module = PACKAGE / "mtpipe_persistence.py"
-    installed(tmp_path, module.read_text())
+    installed(tmp_path)
     monkeypatch.syspath_prepend(tmp_path)
     assert catalogue()[: len(OWN)] == OWN
     (other,) = catalogue()[len(OWN) :]
@@ -508,11 +510,39 @@ def test_an_effect_of_another_package_is_tried_and_found(tmp_path, monkeypatch):
     )
 
 
+def test_new_physics_of_another_package_is_simulated_as_expected_and_found(tmp_path, monkeypatch):
+    """A step that mtpipe does not know; mean powers within 5 standard errors, missed 1 in 500."""
+    installed(tmp_path, FLICKER)
+    monkeypatch.syspath_prepend(tmp_path)
+    (other,) = catalogue()[len(OWN) :]
+    assert pickle.loads(pickle.dumps(other)) == other
+    (hypothesis,) = other.hypotheses(BASE, EVIDENCE)
+    flickering = changed(hypothesis, (1.0, 0.25, 4.0))
+    powers = []
+    for seed in range(REPEATS):
+        model, _ = model_of(flickering, np.random.default_rng((51, seed)))
+        expected = [model.expected(flickering, i, f) for i, f in enumerate(FORCES_PN)]
+        powers.append(
+            [
+                np.mean(data.spectrum.power[:, axis, axis] / one.power[:, axis, axis])
+                for data, one in zip(model.data, expected, strict=True)
+                for axis in range(3)
+            ]
+        )
+    mean, error = np.mean(powers, axis=0), np.std(powers, axis=0, ddof=1) / math.sqrt(REPEATS)
+    assert np.all(np.abs(mean - 1) < 5 * error + UPWARD_SHARE)
+    silent = fit_configured(replace(model, experiment=BASE))
+    best = try_effects(silent, catalogue(), EVIDENCE)[0]
+    assert best.effect == other
+    sizes = {n: v for n, v, _ in other.strengths(best.fit.model.described(best.fit.theta))}
+    assert sizes["flicker_z_nm"] == pytest.approx(2.0, rel=0.2)
+
+
 def test_an_effect_of_another_package_can_be_listed_and_pinned(tmp_path, monkeypatch):
     table = {"effects": ["persistence_length"], "persistence_length": {"persistence_nm": 46.0}}
     with pytest.raises(SetupError, match="persistence_length"):
         parse_setup(setup_content(model=table))
-    installed(tmp_path, (PACKAGE / "mtpipe_persistence.py").read_text())
+    installed(tmp_path)
     monkeypatch.syspath_prepend(tmp_path)
     assert parse_setup(setup_content(model=table)).model.effects == ("persistence_length",)
 
@@ -520,8 +550,12 @@ def test_an_effect_of_another_package_can_be_listed_and_pinned(tmp_path, monkeyp
 def test_the_page_on_effects_shows_the_example_as_it_is_and_every_name():
     page = EFFECTS_PAGE.read_text()
     blocks = re.findall(r"```(?:python|toml)\n(.*?)```", page, re.DOTALL)
-    for name in ("mtpipe_persistence.py", "pyproject.toml"):
-        assert (PACKAGE / name).read_text() in blocks
+    for file in (
+        PACKAGE / "mtpipe_persistence.py",
+        PACKAGE / "pyproject.toml",
+        FLICKER / "mtpipe_flicker.py",
+    ):
+        assert file.read_text() in blocks
     for effect in OWN:
         assert f"`{effect.name}`" in page
 
