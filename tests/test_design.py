@@ -29,6 +29,7 @@ from mtpipe.methods.integrated_spectrum import Correction, fit_spectrum
 from mtpipe.physics.camera import Camera, power_spectrum
 from mtpipe.physics.modes import SINGLE_MODE
 from mtpipe.setup.setup import Setup, parse_setup
+from mtpipe.setup.usual_errors import exact
 
 ROOT = Path(__file__).parents[1]
 SETUP = """schema = 1
@@ -60,7 +61,7 @@ def setup_text(effects: str = "", **values: object) -> str:
 def setup_of(effects: str = "", **values: object) -> Setup:
     import tomllib
 
-    return parse_setup(tomllib.loads(setup_text(effects, **values)))
+    return parse_setup(exact(tomllib.loads(setup_text(effects, **values))))
 
 
 def plan_a(frames: int = 16_384, **values: object) -> Plan:

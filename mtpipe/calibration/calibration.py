@@ -24,7 +24,7 @@ from mtpipe.ground.notice import Notice
 from mtpipe.ground.processes import executor
 from mtpipe.recording.recording import FloatArray, Recording
 from mtpipe.recording.traces import Trace, traces_of
-from mtpipe.setup.conditions import Conditions, conditions_of
+from mtpipe.setup.conditions import Conditions, conditions_of, usual_errors
 from mtpipe.states import with_states
 
 Progress = Callable[[int, int], None]
@@ -78,6 +78,7 @@ def calibrate(
     """
     recording = with_states(recording)
     conditions, notices = conditions_of(recording.setup)
+    notices = (*notices, *usual_errors(recording.setup))
     beads = {bead: traces_of(recording, bead) for bead in recording.tethered}
     noise = _reference_noise(recording)
     if recording.setup.camera.exposure_s.value is None:

@@ -203,7 +203,11 @@ def measured(value: Measured, unit: str) -> str:
     if value.value is None:
         return "unknown"
     # the digits the laboratory wrote, not a rounding of them
-    shown = with_error(value.value, value.stderr) if value.stderr else f"{value.value:.10g}"
+    shown = f"{value.value:.10g}"
+    if value.usual:
+        return f"{shown} {unit} (usual error, ± {value.stderr:.2g})"
+    if value.stderr:
+        shown = with_error(value.value, value.stderr)
     return f"{shown} {unit}"
 
 

@@ -190,7 +190,6 @@ def conditions_of(setup: Setup) -> tuple[Conditions, tuple[Notice, ...]]:
                 "and forces near the Nyquist frequency are less certain.",
             )
         )
-    notices += usual_errors(setup)
     pinned = sorted(setup.model.model_extra or {})
     if pinned:
         notices.append(
