@@ -9,7 +9,7 @@ from pathlib import Path
 import pytest
 
 from mtpipe.battery import spectral
-from mtpipe.battery.statistic_words import STATISTICS
+from mtpipe.battery.kinds import KINDS
 from mtpipe.report import crosscheck_words, words
 
 
@@ -115,7 +115,7 @@ def test_comparisons_of_the_cross_check_are_sentences() -> None:
 
 
 def test_every_statistic_of_the_battery_has_its_words() -> None:
-    named = set(STATISTICS)
+    named = set(KINDS)
     source = Path(spectral.__file__).parent
     said = {"line", "second_line", "stiffness_along_series", "friction_along_series"}
     for file in source.glob("*.py"):

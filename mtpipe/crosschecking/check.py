@@ -9,6 +9,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from mtpipe.battery import agreement, shape, spectral, temporal
+from mtpipe.battery.kinds import KINDS
 from mtpipe.battery.observed import Observed, whitened
 from mtpipe.battery.statistic import Statistic
 from mtpipe.crosschecking.curves import Curve, CurveSet
@@ -35,9 +36,6 @@ ENOUGH = 48
 CLEARLY_CONSISTENT, CLEARLY_NOT, FAR_OFF = 0.2, 1e-4, 1e-8
 # Twice its cutoff the low-pass of the drift takes 6 % of a motion's amplitude.
 CLEAR_OF_CUTOFF = 2.0
-# Statistics that are not taken relative to what is fitted, and of which only large values are odd.
-ABSOLUTE = ("allan_variance",)
-UPPER = ("line", "second_line", "mean_step", "mean_excursion", "variance_step", "variance_spread")
 
 
 @dataclass(frozen=True, eq=False)
@@ -154,7 +152,7 @@ def foreseen_p_value(check: BeadCheck, case: PreparedBead) -> float:
     """
     looks, observed = _Battery(case).looks(recorded_of(case))
     before, there = _numbered(check.looks), _numbered(looks)
-    both = [key for key in there if key in before and key[0] not in ABSOLUTE]
+    both = [key for key in there if key in before and KINDS[str(key[0])].relative]
     new, old = [there[key] for key in both], [before[key] for key in both]
     judged = tuple(looks[i] for i in new)
     return _judged(judged, observed[new], check.simulated[:, old])[1].p_value
@@ -187,7 +185,7 @@ def _judged(
 
 
 def _is_upper(look: Statistic) -> bool:
-    return look.statistic in UPPER or (look.statistic == "extension" and look.pooled)
+    return KINDS[look.statistic].only_large or (look.statistic == "extension" and look.pooled)
 
 
 class _Battery:

@@ -18,7 +18,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from mtpipe.battery.statistic_words import STATISTICS
+from mtpipe.battery.kinds import KINDS
 from mtpipe.crosschecking.check import BeadCheck
 from mtpipe.diagnosis.bent_scale import Bend, Beside, bend_beside
 from mtpipe.diagnosis.heldout import MOST_OF_IT, share_gone
@@ -190,7 +190,7 @@ class Unexplained:
 
     def _of_look(self, i: int) -> str:
         look, value = self.check.looks[i], float(self.check.observed[i])
-        what = STATISTICS.get(look.statistic, ("", look.statistic.replace("_", " ")))[1]
+        what = KINDS[look.statistic].words
         parts = [f"along {' and '.join(look.axis)}"] if look.axis else []
         parts.append(
             "over all plateaus" if look.pooled else f"in plateau {self.number(look.plateaus[0])}"

@@ -5,16 +5,22 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Any
 
-from mtpipe.battery.statistic_words import STATISTICS
+from mtpipe.battery.kinds import KINDS, Kind
 from mtpipe.report import words
 
 CONSISTENT, MISMATCH = 0.05, 0.01
 LINES = ("line", "second_line")
 
 
+def _kind(statistic: str) -> Kind:
+    """What a statistic is called; one of another version by its name."""
+    name = words.label(statistic)
+    return KINDS.get(statistic, Kind(name, name))
+
+
 def line_of(row: Mapping[str, Any]) -> str:
     """The line of the map that a row of the table belongs to, without its axis."""
-    line = STATISTICS.get(row["statistic"], (words.label(str(row["statistic"])), ""))[0]
+    line = _kind(str(row["statistic"])).line
     return line or f"{band(row)} Hz"
 
 
@@ -44,7 +50,7 @@ def verdict(p_value: float, comparisons: int, simulations: int) -> str:
 def comparison(row: Mapping[str, Any]) -> str:
     """One row of the table in a sentence."""
     statistic = str(row["statistic"])
-    what = STATISTICS.get(statistic, ("", words.label(statistic)))[1]
+    what = _kind(statistic).words
     parts = [str(row["axis"])] if row["axis"] else []
     parts.append("all plateaus together" if row["plateau"] is None else f"plateau {row['plateau']}")
     if statistic in LINES:
@@ -67,7 +73,7 @@ def comparison(row: Mapping[str, Any]) -> str:
 def place_in_words(located: Mapping[str, Any]) -> str:
     """An entry of `located` of `mismatch.json`: what differs and where."""
     statistic = str(located["statistic"])
-    parts = [STATISTICS.get(statistic, ("", words.label(statistic)))[1]]
+    parts = [_kind(statistic).words]
     if located["axis"]:
         parts.append(f"along {words.listed(list(located['axis']))}")
     if located["band_hz"] is not None:
