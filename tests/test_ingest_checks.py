@@ -161,6 +161,9 @@ def test_blocks_that_were_written_twice_are_told(tmp_path):
     assert "60 positions of bead b2 (10 %) are those of 100 rows before" in said.message
     assert "line 302" in said.message
     assert "1 of 3 beads" in said.message
+    lost = np.isnan(recording.positions_nm["b2"]).all(axis=1)
+    assert np.flatnonzero(lost).tolist() == [*range(300, 350), *range(400, 410)]
+    assert not np.isnan(recording.positions_nm["b1"]).any()
 
 
 def test_a_camera_that_stalls_is_told(tmp_path):

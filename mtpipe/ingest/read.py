@@ -32,7 +32,7 @@ from mtpipe.ingest.kinds import kind_of
 from mtpipe.ingest.magnets import read_magnets
 from mtpipe.ingest.magscope import open_magscope
 from mtpipe.ingest.parquet import open_parquet
-from mtpipe.ingest.repeats import check_repeats
+from mtpipe.ingest.repeats import without_repeats
 from mtpipe.ingest.surface import find_surface
 from mtpipe.ingest.text import TextTable, open_text
 from mtpipe.ingest.tracked import read_tracked
@@ -168,7 +168,7 @@ def _assembled(
     magnets = read_magnets(data, clock.time_s, clock.rate_hz, source, files, folder, open_table)
     positions = _without(data, source)
     sound = check_beads(positions, setup, clock.rate_hz)
-    repeats = check_repeats(sound.positions_nm, locate)
+    positions, repeats = without_repeats(sound.positions_nm, locate)
     plateaus = find_plateaus(
         clock.time_s, magnets.position_mm, setup.plateaus, resting=magnets.resting
     )
@@ -177,7 +177,7 @@ def _assembled(
         setup=_with_rate(setup, clock.rate_hz),
         time_s=clock.time_s,
         frame=clock.frame,
-        positions_nm=sound.positions_nm,
+        positions_nm=positions,
         magnet_mm=magnets.position_mm,
         plateaus=plateaus,
         files=tuple(describe(file, folder) for file in files),
@@ -196,11 +196,11 @@ def _assembled(
         recording = dataclasses.replace(recording, tracked=tracked)
     surface = find_surface(recording)
     for bead, height in surface.height_nm.items():
-        sound.positions_nm[bead][:, 2] -= height
+        positions[bead][:, 2] -= height
     notices = (
         *said,
         *_guesses(tables, source),
-        *_remarks(data, sound.positions_nm),
+        *_remarks(data, positions),
         *clock.notices,
         *check_gaps(clock.frame, locate),
         *repeats,

@@ -52,14 +52,16 @@ def repeated_rows(position_nm: FloatArray) -> tuple[NDArray[np.int64], int]:
     return found, int(distances[np.argmax(how_often)])
 
 
-def check_repeats(
+def without_repeats(
     positions_nm: Mapping[str, FloatArray], locate: Callable[[int], str]
-) -> tuple[Notice, ...]:
-    """Say how many rows of how many beads repeat earlier ones, and where the first does."""
+) -> tuple[dict[str, FloatArray], tuple[Notice, ...]]:
+    """Positions whose repeats of earlier ones are lost, as the frames they stand for are; with how
+    many rows of how many beads that are, and where the first is.
+    """
     found = {bead: repeated_rows(xyz) for bead, xyz in positions_nm.items()}
     found = {bead: one for bead, one in found.items() if len(one[0])}
     if not found:
-        return ()
+        return dict(positions_nm), ()
     worst = max(found, key=lambda bead: len(found[bead][0]))
     rows, distance = found[worst]
     share = len(rows) / len(positions_nm[worst])
@@ -67,7 +69,13 @@ def check_repeats(
     said = (
         f"{len(rows)} positions of bead {worst} ({100 * share:.2g} %) are those of {earlier} to "
         f"the last digit, first in {locate(int(rows[0]))}; {len(found)} of {len(positions_nm)} "
-        "beads have such blocks. They are no new frames, but are used as they are: spectra may "
-        "show their period."
+        "beads have such blocks. They are copies and no new frames, and count as lost."
     )
-    return (Notice("repeated_rows", "caution" if share > CAUTION_SHARE else "info", said),)
+    kept = {}
+    for bead, xyz in positions_nm.items():
+        kept[bead] = xyz
+        if bead in found:
+            kept[bead] = xyz.copy()
+            kept[bead][found[bead][0]] = np.nan
+    notice = Notice("repeated_rows", "caution" if share > CAUTION_SHARE else "info", said)
+    return kept, (notice,)
