@@ -2,8 +2,8 @@
 
     python workflows/house/fields.py
 
-Each effect of the catalogue is given to an experiment; what it changes there are its fields. Counted
-are the files of mtpipe, apart from the effect's and the description's own, that name one of them.
+Each effect of the catalogue is given to an experiment; what it changes there are its fields.
+Counted are the files of mtpipe, apart from the effect's and the description's own, that name one.
 """
 
 from __future__ import annotations
