@@ -155,7 +155,6 @@ def test_every_effect_has_something_to_do_about_it() -> None:
         said = remedy(effect.name)
         assert said.endswith(".")
         assert said[0].islower()
-    assert "magnet_log_lag" not in remedy("magnet_log_lag")
     assert "list shape_memory under [model] effects" in remedy("shape_memory")
 
 

@@ -15,3 +15,7 @@ CORRECTIONS: tuple[Callable[[BeadCheck], Correction | None], ...] = (
     surface_sticking.find,
     pixel_locking.find,
 )
+# What a user can do about each, by name.
+REMEDIES: dict[str, str] = {
+    module.NAME: module.REMEDY for module in (surface_sticking, pixel_locking)
+}

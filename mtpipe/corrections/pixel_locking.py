@@ -25,6 +25,8 @@ from mtpipe.crosschecking.check import BeadCheck
 from mtpipe.ground.errors import FitError
 from mtpipe.physics.camera import FloatArray
 
+REMEDY = "check the tracker with an immobile bead on a moving stage."
+
 NAME = "pixel_locking"
 # Periods that are tried where the setup states no pixel.
 SHORTEST_NM, LONGEST_NM = 40.0, 400.0

@@ -20,6 +20,8 @@ from mtpipe.crosschecking.check import BeadCheck
 from mtpipe.ground.errors import FitError
 from mtpipe.physics.camera import FloatArray
 
+REMEDY = "passivate the surface better, or leave out the plateaus of low force."
+
 NAME = "surface_sticking"
 # A bound bead's spring, in springs of the free one; its noise when frozen, in variances of what a
 # free bead moves from frame to frame without being pulled back.

@@ -30,4 +30,8 @@ def _strengths(experiment: Experiment) -> list[tuple[str, float, str]]:
     return [("factor", experiment.optics.axial_scale, "")]
 
 
-EFFECT = Effect("axial_scale", _hypotheses, _cause, _strengths)
+_REMEDY = (
+    "measure it again; if it is confirmed, correct the scale of z (focus scan, "
+    "refractive index) in the setup."
+)
+EFFECT = Effect("axial_scale", _hypotheses, _cause, _strengths, remedy=_REMEDY)

@@ -39,4 +39,5 @@ def _strengths(experiment: Experiment) -> list[tuple[str, float, str]]:
     return [("nm_per_rad", experiment.bead.z_per_turn_nm, "nm")]
 
 
-EFFECT = Effect("bead_turning", _hypotheses, _cause, _strengths)
+_REMEDY = "use a smoother bead, or take heights only from means over a long time."
+EFFECT = Effect("bead_turning", _hypotheses, _cause, _strengths, remedy=_REMEDY)

@@ -27,4 +27,5 @@ def _strengths(experiment: Experiment) -> list[tuple[str, float, str]]:
     return [("contour_length_nm", experiment.chain.contour_length_nm, "nm")]
 
 
-EFFECT = Effect("contour_length", _hypotheses, _cause, _strengths)
+_REMEDY = "measure it again; if it is confirmed, correct [tether] contour_length_nm in the setup."
+EFFECT = Effect("contour_length", _hypotheses, _cause, _strengths, remedy=_REMEDY)

@@ -45,4 +45,5 @@ def _strengths(experiment: Experiment) -> list[tuple[str, float, str]]:
     ]
 
 
-EFFECT = Effect("drift", _hypotheses, _cause, _strengths)
+_REMEDY = "use a reference bead nearer to this one, or let the stage settle before recording."
+EFFECT = Effect("drift", _hypotheses, _cause, _strengths, remedy=_REMEDY)

@@ -27,4 +27,5 @@ def _strengths(experiment: Experiment) -> list[tuple[str, float, str]]:
     return [("share", experiment.clock.dropped_share, "")]
 
 
-EFFECT = Effect("dropped_frames", _hypotheses, _cause, _strengths, shared=True)
+_REMEDY = "check the camera's frame counter and the time column of the file."
+EFFECT = Effect("dropped_frames", _hypotheses, _cause, _strengths, shared=True, remedy=_REMEDY)

@@ -81,6 +81,8 @@ class Effect:
         recording. Its hypotheses then have one parameter, which is 0 where there is no effect.
     still : for an effect that is one only if it moves: from the fitted experiment to what has all
         of it but the motion. Where that fits as well the effect is not named.
+    remedy : what a user can do about it, in words that continue "…: "; empty for physics that an
+        experiment has, which a setup lists.
     """
 
     name: str
@@ -89,6 +91,7 @@ class Effect:
     strengths: Callable[[Experiment], Sequence[tuple[str, float, str]]]
     shared: bool = False
     still: Callable[[Experiment], Hypothesis] | None = None
+    remedy: str = ""
 
 
 def factor(name: str, change: Change, *, start: float = 0.0, width: float = 1.5) -> Parameter:

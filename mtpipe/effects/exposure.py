@@ -43,4 +43,5 @@ def _strengths(experiment: Experiment) -> list[tuple[str, float, str]]:
     return [("exposure_s", experiment.camera.exposure_s, "s")]
 
 
-EFFECT = Effect("exposure", _hypotheses, _cause, _strengths, shared=True)
+_REMEDY = "measure it again; if it is confirmed, correct [camera] exposure_s in the setup."
+EFFECT = Effect("exposure", _hypotheses, _cause, _strengths, shared=True, remedy=_REMEDY)

@@ -33,4 +33,8 @@ def _strengths(experiment: Experiment) -> list[tuple[str, float, str]]:
     return [("angle_deg", math.degrees(experiment.optics.angle_rad), "°")]
 
 
-EFFECT = Effect("field_rotation", _hypotheses, _cause, _strengths, shared=True)
+_REMEDY = (
+    "measure it again; if it is confirmed, correct [field] direction, or the "
+    "orientation of the camera, in the setup."
+)
+EFFECT = Effect("field_rotation", _hypotheses, _cause, _strengths, shared=True, remedy=_REMEDY)

@@ -102,4 +102,7 @@ def _strengths(experiment: Experiment) -> list[tuple[str, float, str]]:
     ]
 
 
-EFFECT = Effect("force_drift", _hypotheses, _cause, _strengths)
+_REMEDY = (
+    "check whether the magnets moved or settled within the plateau; record it again or cut it."
+)
+EFFECT = Effect("force_drift", _hypotheses, _cause, _strengths, remedy=_REMEDY)

@@ -145,4 +145,8 @@ def _strengths(experiment: Experiment) -> list[tuple[str, float, str]]:
     ]
 
 
-EFFECT = Effect("hopping", _hypotheses, _cause, _strengths, still=_still)
+_REMEDY = (
+    "expect it of a molecule that folds or binds; otherwise check what sticks to "
+    "the tether or the bead."
+)
+EFFECT = Effect("hopping", _hypotheses, _cause, _strengths, still=_still, remedy=_REMEDY)

@@ -51,4 +51,8 @@ def _strengths(experiment: Experiment) -> list[tuple[str, float, str]]:
     return [("factor_x", x, ""), ("factor_y", y, "")]
 
 
-EFFECT = Effect("lateral_scale", _hypotheses, _cause, _strengths, shared=True)
+_REMEDY = (
+    "measure it again; if it is confirmed, correct [camera] pixel_size_nm (the "
+    "scale of x and y) in the setup."
+)
+EFFECT = Effect("lateral_scale", _hypotheses, _cause, _strengths, shared=True, remedy=_REMEDY)

@@ -32,4 +32,8 @@ def _strengths(experiment: Experiment) -> list[tuple[str, float, str]]:
     return [("equivalent_persistence_length_nm", experiment.chain.persistence_length_nm, "nm")]
 
 
-EFFECT = Effect("multiple_tethers", _hypotheses, _cause, _strengths)
+_REMEDY = (
+    "turn the magnets: the extension of a bead on two tethers drops with the turns. "
+    "Leave the bead out if it does."
+)
+EFFECT = Effect("multiple_tethers", _hypotheses, _cause, _strengths, remedy=_REMEDY)

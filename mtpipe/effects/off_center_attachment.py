@@ -35,4 +35,8 @@ def _strengths(experiment: Experiment) -> list[tuple[str, float, str]]:
     return [("offset_nm", experiment.bead.offset_nm, "nm")]
 
 
-EFFECT = Effect("off_center_attachment", _hypotheses, _cause, _strengths)
+_REMEDY = (
+    "expect it of beads with many binding sites; list it under [model] effects to "
+    "have it in every fit."
+)
+EFFECT = Effect("off_center_attachment", _hypotheses, _cause, _strengths, remedy=_REMEDY)

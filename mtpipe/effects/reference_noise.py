@@ -73,4 +73,5 @@ def _strengths(experiment: Experiment) -> list[tuple[str, float, str]]:
     ] + [("relaxation_s", experiment.stage.reference_s, "s")]
 
 
-EFFECT = Effect("reference_noise", _hypotheses, _cause, _strengths)
+_REMEDY = "use another reference bead, or several: this one moves by itself."
+EFFECT = Effect("reference_noise", _hypotheses, _cause, _strengths, remedy=_REMEDY)

@@ -104,4 +104,5 @@ def _strengths(experiment: Experiment) -> list[tuple[str, float, str]]:
     return found
 
 
-EFFECT = Effect("vibration", _hypotheses, _cause, _strengths)
+_REMEDY = "look for a pump, fan or mains line of this frequency near the microscope."
+EFFECT = Effect("vibration", _hypotheses, _cause, _strengths, remedy=_REMEDY)

@@ -19,4 +19,8 @@ def _strengths(experiment: Experiment) -> list[tuple[str, float, str]]:
     return [("viscosity_mPa_s", experiment.fluid.viscosity_mPa_s, "mPa s")]
 
 
-EFFECT = Effect("viscosity", _hypotheses, _cause, _strengths, shared=True)
+_REMEDY = (
+    "measure it again; if it is confirmed, correct [buffer] viscosity_mPa_s or "
+    "temperature_K in the setup."
+)
+EFFECT = Effect("viscosity", _hypotheses, _cause, _strengths, shared=True, remedy=_REMEDY)

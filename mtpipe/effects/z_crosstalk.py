@@ -83,4 +83,5 @@ def _strengths(experiment: Experiment) -> list[tuple[str, float, str]]:
     return [("slope_x", share.from_x, ""), ("slope_y", share.from_y, "")]
 
 
-EFFECT = Effect("z_crosstalk", _hypotheses, _cause, _strengths)
+_REMEDY = "check the focus and the illumination: the image is tilted or lopsided."
+EFFECT = Effect("z_crosstalk", _hypotheses, _cause, _strengths, remedy=_REMEDY)

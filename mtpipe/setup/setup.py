@@ -29,14 +29,15 @@ from mtpipe.setup.tracking_table import Tracking
 from mtpipe.setup.usual_errors import usual_stderr
 
 UNKNOWN = "unknown"
-EFFECTS = (
-    "wall_drag", "rotation_coupling", "off_center_attachment", "tracking_noise", "exposure",
-    "drift", "reference_noise", "vibration", "viscosity", "bead_radius", "lateral_scale",
-    "axial_scale", "dropped_frames", "field_rotation", "magnetic_alignment",
-    "lateral_magnet_stiffness", "extensible_tether", "contour_length", "multiple_tethers",
-    "surface_sticking", "hopping", "anharmonic_tether", "pixel_locking", "force_drift",
-    "hydrodynamic_memory", "z_crosstalk", "bead_turning",
-)  # fmt: skip
+# An effect is one file, called as it is; the files beside them are these.
+PACKAGE, ROOMS = Path(__file__).parents[1], ("effects", "corrections")
+NO_EFFECTS = ("__init__", "catalogue", "effect", "setup_sizes", "correction", "retraced")
+EFFECTS = tuple(
+    path.stem
+    for room in ROOMS
+    for path in sorted((PACKAGE / room).glob("*.py"))
+    if path.stem not in NO_EFFECTS
+)
 # The slowest time lapse and the fastest detector with which anybody has followed a tethered bead.
 FRAME_RATES_HZ = (0.1, 1e6)
 # Entry points of other packages that bring effects.
