@@ -38,8 +38,8 @@ from mtpipe.joint_fit.hypotheses import FittedEffect, best_of
 T = TypeVar("T")
 Progress = Callable[[int, int], None]
 WORDS = {
-    ASKED: ("asks for it too", "ask for it too"),
-    ANOTHER: ("asks for another size", "ask for another size"),
+    ASKED: ("has it too", "have it too"),
+    ANOTHER: ("has another size", "have another size"),
     EXCLUDED: ("excludes it", "exclude it"),
     UNKNOWN: ("cannot tell", "cannot tell"),
 }

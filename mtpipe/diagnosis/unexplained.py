@@ -146,8 +146,8 @@ class Unexplained:
         worst = int(np.argmax(np.abs(shift)))
         changed = compared(float(shift[worst]), float(stderr[worst]), "higher", "lower")
         return (
-            f"Heights are as if there were {beside.bend.words}, which raises ln likelihood by "
-            f"{beside.gain:.0f}; forces would then be up to {changed} "
+            f"Heights fit better with {beside.bend.words} (ln likelihood higher by "
+            f"{beside.gain:.0f}); forces would then be up to {changed} "
             f"(plateau {self.number(worst)})."
         )
 
@@ -168,10 +168,10 @@ class Unexplained:
         shift, stderr = correction.ln_force_shift, correction.ln_force_stderr
         worst = int(np.argmax(np.abs(shift) + stderr))
         if abs(shift[worst]) + stderr[worst] < 0.005:
-            sentences.append("A fit that is free there gives the same forces within 0.5 %.")
+            sentences.append("A fit that allows for it gives the same forces within 0.5 %.")
         else:
             sentences.append(
-                f"In a fit that is free there, forces are up to "
+                f"In a fit that allows for it, forces are up to "
                 f"{compared(float(shift[worst]), float(stderr[worst]), 'higher', 'lower')} "
                 f"(plateau {self.number(worst)})."
             )

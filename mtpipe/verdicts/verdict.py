@@ -241,7 +241,7 @@ FLAG_WORDS = {
     "extension": "extension impossible for the tether",
     "unlike_the_series": "traces that contradict the bead's others",
     "fx_fy": "forces from x and y differ",
-    "known_force": "force unlike the one that the setup knows",
+    "known_force": "force unlike the one that the setup states",
     "reference_stepped": "reference beads step in z",
     "beyond_dna": "force beyond what double-stranded DNA bears",
     "focus_moved": "stage or focus moved far in z",
