@@ -119,7 +119,7 @@ def test_every_statistic_of_the_battery_has_its_words() -> None:
     source = Path(spectral.__file__).parent
     said = {"line", "second_line", "stiffness_along_series", "friction_along_series"}
     for file in source.glob("*.py"):
-        said |= set(re.findall(r'Look\("(\w+)"', file.read_text(encoding="utf-8")))
+        said |= set(re.findall(r'Statistic\("(\w+)"', file.read_text(encoding="utf-8")))
     assert len(said) > 10
     assert said <= named
 

@@ -209,13 +209,15 @@ def _why_short(
         return "; z (its scale, or where it is 0) or the number of tethers may not be as stated"
     short = [other.persistence_length_nm.value < SHORT_PERSISTENCE * value for other in others]
     if 2 * sum(short) > len(short):
-        return "; so have the other beads: z (its scale, or where it is 0) is likelier wrong"
+        return (
+            "; the other beads differ likewise: z (its scale, or where it is 0) is likelier wrong"
+        )
     several = any(
         abs(one.value - value / n) < SIGMAS * math.hypot(one.stderr, stated.stderr / n)
         for n in SEVERAL_TETHERS
     )
     if several and not any(short):
-        return "; the other beads have not: it may be held by more than one tether"
+        return "; the other beads do not differ so: it may be held by more than one tether"
     return ""
 
 
