@@ -155,7 +155,7 @@ def _inside(
             return walkers
         walkers[outside] = 0.5 * (walkers[outside] + centre)
     raise FitError(
-        "the priors exclude the best fit: stated friction, noise and data contradict each other"
+        "priors exclude the best fit: stated friction, noise and data contradict one another"
     )
 
 

@@ -209,9 +209,7 @@ def _why_short(
         return "; z (its scale, or where it is 0) or the number of tethers may not be as stated"
     short = [other.persistence_length_nm.value < SHORT_PERSISTENCE * value for other in others]
     if 2 * sum(short) > len(short):
-        return (
-            "; the other beads differ likewise: z (its scale, or where it is 0) is likelier wrong"
-        )
+        return "; the other beads differ too: z (its scale, or where it is 0) is likelier wrong"
     several = any(
         abs(one.value - value / n) < SIGMAS * math.hypot(one.stderr, stated.stderr / n)
         for n in SEVERAL_TETHERS
