@@ -1,4 +1,4 @@
-"""The second look: beads recorded together share camera, optics and buffer.
+"""The second round: beads recorded together share camera, optics and buffer.
 
 Every bead has been explained by itself. Where one names, or cannot exclude, an effect whose size is
 shared (`Effect.shared`), all beads are asked what size they would have it: a bead that names it by

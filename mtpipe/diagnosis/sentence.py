@@ -93,7 +93,7 @@ def _to_one_side(ln: FloatArray, stderr: FloatArray, moved: NDArray[np.bool_]) -
 
 
 def _mended(one: Named) -> Statistic | None:
-    """The look whose p rises most with the effect; None where none does."""
+    """The statistic whose p rises most with the effect; None where none does."""
     after = dict(zip(one.after.looks, one.after.p_values, strict=True))
     rises = {
         look: math.log(max(float(after[look]), 1e-300) / max(float(p), 1e-300))
@@ -105,7 +105,7 @@ def _mended(one: Named) -> Statistic | None:
 
 
 def _where(check: BeadCheck, look: Statistic, force_pN: FloatArray) -> str:
-    """Axes, frequencies and forces that a look is about.
+    """Axes, frequencies and forces that a statistic is about.
 
     Parameters
     ----------
