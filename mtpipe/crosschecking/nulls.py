@@ -85,8 +85,8 @@ class Nulls:
         return np.asarray(np.clip(np.where(self.upper, one, both), SMALLEST_P, 1.0))
 
     def _skewness(self, by_itself: FloatArray, s: int) -> FloatArray:
-        """(…, statistics) skewnesses, each drawn to its statistic's mean as far as chance may have made
-        them differ (empirical Bayes, Efron & Morris 1973).
+        """(…, statistics) skewnesses, each drawn to the mean of its places as far as they may
+        differ by chance (empirical Bayes, Efron & Morris 1973).
         """
         # a place without values takes nothing from the others
         by_itself = np.clip(np.nan_to_num(by_itself), -LARGEST_SKEWNESS, LARGEST_SKEWNESS)
