@@ -129,7 +129,7 @@ def test_the_p_value_of_all_comparisons_is_a_sentence() -> None:
         "Recording and simulations agree: p = 0.43 "
         "(700 comparisons with 48 simulations, counted together)."
     )
-    assert "of 42 recordings" in crosscheck_words.verdict(0.024, 700, 120)
+    assert "one in 42 recordings" in crosscheck_words.verdict(0.024, 700, 120)
     assert "simulations differ" in crosscheck_words.verdict(0.0095, 700, 120)
     assert "no simulation differs as much" in crosscheck_words.verdict(1e-9, 700, 48)
     assert "p < 10⁻¹²" in crosscheck_words.verdict(1e-90, 700, 48)

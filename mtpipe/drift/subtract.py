@@ -59,8 +59,8 @@ def subtract_drift(recording: Recording, *, choice: DriftChoice | None = None) -
         return _untouched(recording, "none", Notice("drift_kept", "info", text))
     if not recording.references:
         text = (
-            "no reference bead: drift was not removed, and slow motion may contain it; to remove slow "
-            'motion, set [drift] method = "highpass" and cutoff_hz = <number in Hz>'
+            "no reference bead: drift was not removed, and slow motion may contain it; to remove "
+            'slow motion, set [drift] method = "highpass" and cutoff_hz = <number in Hz>'
         )
         return _untouched(recording, "reference", Notice("no_reference", "caution", text))
     return _referenced(recording, choice)
