@@ -8,7 +8,8 @@ from typing import Any
 from mtpipe.battery.statistic_words import STATISTICS
 from mtpipe.report import words
 
-CONSISTENT, MISMATCH = 0.05, 0.01
+# Below the second the diagnosis has an alarm; above it the verdict is "consistent".
+CONSISTENT, MISMATCH = 0.05, 0.004
 LINES = ("line", "second_line")
 
 
