@@ -31,7 +31,7 @@ STATUS_MEANING = {
     "not_identified": "the data do not determine a parameter",
     "not_converged": "the fit found no minimum",
     "not_one_state": "bead or force change within the plateau, so it has no single force",
-    "unlike_model": "the spectrum differs from the model's, so the trace's numbers are not to be used",
+    "unlike_model": "the spectrum differs from the model's, so do not use the trace's numbers",
     "zero_force": "the force cannot be told from zero",
 }
 # Where the force to quote comes from (docs/forces.md): in a few words, and what that means.
