@@ -206,7 +206,7 @@ def test_a_distribution_is_told_in_words_and_not_as_a_spectrum():
     left = unexplained(check, None, beside=True)
     # which of the looks at it is the oddest is a matter of the simulations
     assert re.match(
-        r"What is named does not explain all of the difference from the simulation\. Skewness of "
+        r"The causes found do not explain all of the difference from the simulation\. Skewness of "
         r"the positions along x "
         r"(over all plateaus|in plateau \d) is 0\.",
         left.sentence,

@@ -112,7 +112,7 @@ class Unexplained:
     def sentence(self) -> str:
         """All of it in words."""
         opening = (
-            "What is named does not explain all of the difference from the simulation."
+            "The causes found do not explain all of the difference from the simulation."
             if self.beside
             else "No effect in the catalogue explains the difference from the simulation."
         )

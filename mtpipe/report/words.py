@@ -38,7 +38,7 @@ STATUS_MEANING = {
 SOURCE = {
     "spectra": "spectra of x and y",
     "heights": "spectra and heights",
-    "named": "with what was named",
+    "named": "with the causes found",
     "spectra_alone": "spectra of x and y only",
     "heights_alone": "mostly heights",
     "none": "none",
@@ -47,7 +47,7 @@ SOURCE_MEANING = {
     "spectra": "all spectra of x and y of the bead, fitted together",
     "heights": "spectra and mean heights fitted together as the setup states the experiment, which "
     "the cross-check does not contradict",
-    "named": "spectra and mean heights fitted together, with the causes that were named",
+    "named": "spectra and mean heights fitted together, with the causes found",
     "spectra_alone": "spectra of x and y only: something is not explained, and mean heights do not "
     "agree with the forces",
     "heights_alone": "spectra and mean heights fitted together as the setup states the experiment: "
