@@ -39,7 +39,7 @@ def sentence(found: Explanation, one: Named) -> str:
         else f"with {it} the recording is nearer to its simulation, but still differs"
     )
     if not single:
-        agrees += "; this one alone changes p from"
+        agrees += "; adding this one changes p from"
         p_values = f"{one.before.p_value:.1g} to {one.after.p_value:.2g}"
     else:
         p_values = f"(p {one.before.p_value:.1g} → {one.after.p_value:.2g})"
