@@ -185,7 +185,7 @@ def bead_row(bead: str, forces: pd.DataFrame, plateaus: int) -> dict[str, Any]:
     verdict = {NO_Z: "caution", REFUSED: "refused", UNEXPLAINED: "caution"}.get(bead, "good")
     differs = "it differs from its simulation (p = 2e-07), and the cause is not known"
     reasons = {
-        NASTY: "it shows what the setup leaves out: viscosity; the forces quoted are with it",
+        NASTY: "it differs from the setup by viscosity; the forces to quote include this",
         NO_Z: "z was not recorded, so there is no force | stiffness and friction are determined",
         REFUSED: f"all traces refused: the bead is stuck to the surface | {differs}",
         UNEXPLAINED: f"its friction is 1.37 ± 0.06 times that expected | {differs}",

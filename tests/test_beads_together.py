@@ -215,7 +215,7 @@ def test_beads_that_cannot_tell_buffer_from_bead_can_do_so_together():
         (named,) = found.named
         assert named.equivalent == ()
         assert named.others == (
-            "All beads share this: of 2 other beads 1 asks for it too, 1 asks for another size."
+            "All beads share this: of 2 other beads 1 has it too, 1 has another size."
         )
         assert named.others in sentence(found, named)
         assert named.after is found.after
@@ -253,8 +253,8 @@ def test_a_bead_that_is_larger_in_the_same_buffer_has_both():
     found = thick_buffer()["b3"]
     assert (found.verdict, names(found)) == ("explained", ["viscosity", "bead_radius"])
     assert found.named[0].others == (
-        "All beads share this; its size is what the others ask for, and this one has a cause of "
-        "its own beside it."
+        "All beads share this; its size is taken from the others; this bead has a further cause "
+        "of its own."
     )
     value, stderr = strength("b3", "viscosity", "viscosity_mPa_s")
     assert abs(value - MORE * VISCOSITY_MPA_S) < 3 * stderr

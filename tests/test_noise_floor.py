@@ -79,7 +79,7 @@ def test_noise_beyond_that_is(calibration, recording):
     assert told(calibration, tracked(recording, 5.0, 5.0, 5.0)) == z_too
     assert told(calibration, tracked(recording, 5.0, *NOISE_NM[1:])) == {"x": "caution"}
     (said,) = noise_notices(bead, tracked(recording, 5.0, *NOISE_NM[1:]))
-    assert "make 5 nm of it by the images" in said.message
+    assert "light and camera make 5 nm" in said.message
     # within three standard errors of 1.5 times as much
     floor = noise_floor_nm(bead, "x")
     for sigmas, codes in ((2.5, set()), (3.5, {"x"})):

@@ -86,6 +86,14 @@ def test_a_mismatch_that_does_not_matter_is_a_note(folder: Path) -> None:
     assert finding(folder, NASTY).note == ""
 
 
+def test_forces_of_a_consistent_bead_are_used_only_if_nothing_else_is_wrong(folder: Path) -> None:
+    assert finding(folder, "more1").actions == ("Use the forces as they are.",)
+    change_bead(folder, "more1", verdict="caution", reasons="its contour length is 2 nm")
+    found = finding(folder, "more1")
+    assert found.kind == "consistent"
+    assert found.actions == ("Settle the points above before you use the forces.",)
+
+
 def test_what_is_described_stands_with_its_terms(folder: Path) -> None:
     def described(content: dict[str, Any]) -> None:
         one = content["beads"][UNEXPLAINED]

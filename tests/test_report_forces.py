@@ -49,9 +49,9 @@ def test_a_plateau_has_one_force_with_the_others_beside_it(folder: Path) -> None
     assert list(shown) == ["0", "1", "2", "3"]
     one = shown["1"]
     assert one["Force to quotepN"] == f"{x.force_pN:.3f} ± {x.force_stderr_pN:.3f}"
-    assert one["From"] == "with what was named"
+    assert one["From"] == "with the causes found"
     assert one["As configuredpN"].startswith(f"{x.force_configured_pN:.3f} ±")
-    assert one["With what was namedpN"].startswith(f"{x.force_named_pN:.3f} ±")
+    assert one["With the causes foundpN"].startswith(f"{x.force_named_pN:.3f} ±")
     assert one["x alonepN"].startswith(f"{x.force_axis_pN:.3f} ±")
     assert one["y alonepN"].startswith(f"{y.force_axis_pN:.3f} ±")
     apart = (x.force_axis_pN - y.force_axis_pN) / np.hypot(
@@ -63,7 +63,7 @@ def test_a_plateau_has_one_force_with_the_others_beside_it(folder: Path) -> None
 def test_columns_of_forces_that_nobody_has_are_left_out(folder: Path) -> None:
     unexplained = forces_of(Page(folder / "report" / "bead-more0.html"))["0"]
     assert "As configuredpN" in unexplained
-    assert "With what was namedpN" not in unexplained
+    assert "With the causes foundpN" not in unexplained
     no_z = forces_of(Page(folder / "report" / "bead-b2.html"))["0"]
     assert "As configuredpN" not in no_z
     assert no_z["Force to quotepN"] == "—empty: there is no extension"

@@ -116,7 +116,7 @@ def test_a_whole_tether_needs_a_bead_that_turns():
 
     assert not told(["rotation_coupling"])
     (said,) = told(["wall_drag"])
-    assert "only a bead that turns" in said
+    assert "only simulated for a bead that turns" in said
 
 
 def test_an_effect_that_does_not_apply_is_told():

@@ -149,7 +149,7 @@ def test_a_spectrum_is_told_with_band_axis_size_and_what_it_does_to_the_forces()
     assert left.sentence.startswith("No effect in the catalogue explains the difference")
     assert " Hz along y the recorded power is " in left.sentence
     assert " % above what is simulated, at all forces." in left.sentence
-    assert "In a fit that is free there, forces are" in left.sentence
+    assert "In a fit that allows for it, forces are" in left.sentence
     assert "viscosity" not in left.sentence
     content = json.loads(json.dumps(content_of(left), allow_nan=False))
     assert set(content) == {"sentence", "looks", "shapes", "nearest", "bend", "correction"}
@@ -187,8 +187,8 @@ def test_a_bend_of_the_heights_is_told_with_its_place_and_what_it_does_to_the_fo
     before = np.log(check.case.fit.force_pN / truth)
     assert np.abs(np.log(mended / truth)).max() < 0.5 * np.abs(before).max()
     assert re.search(
-        r" Heights are as if there were a scale of z that is .* % larger above \d+ nm, which "
-        r"raises ln likelihood by \d+; forces would then be up to .* % (higher|lower) "
+        r" Heights fit better with a scale of z that is .* % larger above \d+ nm "
+        r"\(ln likelihood higher by \d+\); forces would then be up to .* % (higher|lower) "
         r"\(plateau \d\)\. ",
         left.sentence,
     )
@@ -206,7 +206,7 @@ def test_a_distribution_is_told_in_words_and_not_as_a_spectrum():
     left = unexplained(check, None, beside=True)
     # which of the looks at it is the oddest is a matter of the simulations
     assert re.match(
-        r"What is named does not explain all of the difference from the simulation\. Skewness of "
+        r"The causes found do not explain all of the difference from the simulation\. Skewness of "
         r"the positions along x "
         r"(over all plateaus|in plateau \d) is 0\.",
         left.sentence,

@@ -105,7 +105,7 @@ def fractional_pixel(seen: Sequence[Observed], longest_nm: FloatArray) -> Values
     Parameters
     ----------
     longest_nm : from `smooth_periods_nm` of the recording. Plateaus that hardly cover a pixel have
-        no look.
+        no such statistic.
     """
     values: Values = []
     periods = FOLD_NM / np.arange(1, FOLD_BINS // 2 + 1)

@@ -1,4 +1,4 @@
-"""One look at a recording: which statistic, and where it looked."""
+"""A statistic and its place: axis, plateaus, band, time."""
 
 from __future__ import annotations
 

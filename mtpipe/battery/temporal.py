@@ -17,7 +17,7 @@ QUIET_S = 1.0
 
 
 def over_time(seen: Sequence[Observed]) -> Values:
-    """All looks along time, per axis and plateau, and the trends of all plateaus together."""
+    """All statistics along time, per axis and plateau, and the trends of all plateaus together."""
     values: Values = []
     pooled: dict[tuple[str, str], list[float]] = {}
     for i, one in enumerate(seen):

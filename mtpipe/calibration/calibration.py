@@ -152,7 +152,7 @@ def _estimated_radii(conditions: Conditions, beads: Sequence[BeadResult]) -> lis
             "radius_estimated",
             "info",
             f"Its radius, which the setup does not know, is {bead.radius.value:.0f} ± "
-            f"{bead.radius.stderr:.0f} nm by its friction and lever.",
+            f"{bead.radius.stderr:.0f} nm by its friction and by x against y.",
             bead.bead,
         )
         for bead in beads

@@ -93,8 +93,8 @@ def noise_notices(bead: BeadResult, recording: Recording) -> Iterator[Notice]:
         yield Notice(
             "noise_above_images",
             "info" if axis == "z" else "caution",
-            f"The spectra show a noise of {floor.value:.2g} ± {floor.stderr:.1g} nm; light and "
-            f"camera{also} make {explained:.2g} nm of it by the images. The rest is vibration, the "
+            f"The spectra show a noise of {floor.value:.2g} ± {floor.stderr:.1g} nm. By the "
+            f"images, light and camera{also} make {explained:.2g} nm. The rest is vibration, the "
             "tracker (pixel locking, a look-up table that is not the bead's) or motion that the "
             "model does not have; the fit takes it for white noise.",
             bead.bead,

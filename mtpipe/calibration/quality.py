@@ -64,15 +64,15 @@ def trace_flags(
         flag(
             "reference_stepped",
             "caution",
-            f"The reference beads step by {trace.stage_step_nm:.0f} nm in z since the plateau "
-            "before: if the stage did not, every extension from here on is wrong by that.",
+            f"The reference beads step by {trace.stage_step_nm:.0f} nm in z after the plateau "
+            "before: unless the stage did too, every extension from here on is wrong by as much.",
         )
     if trace.stage_z_nm > STAGE_MOVED_NM:
         flag(
             "focus_moved",
             "caution",
-            f"Stage or focus moved by {trace.stage_z_nm:.0f} nm in z: the extension rests on bead "
-            "and reference being scaled alike over that range.",
+            f"Stage or focus moved by {trace.stage_z_nm:.0f} nm in z: the extension is right "
+            "only if z of bead and reference have the same scale over that range.",
         )
     if plateau.not_one_state:
         flag("not_one_state", "caution", f"No force to use: {plateau.not_one_state}.")
@@ -114,7 +114,7 @@ def _known_force(plateau: PlateauResult, setup: Setup) -> str | None:
             continue
         if differs(force, stated.value, stated.stderr, FORCE_DIFFERENCE):
             return (
-                f"The setup knows a force of {stated.value:.3g} pN at {at:g} mm; the measured one "
+                f"The setup states a force of {stated.value:.3g} pN at {at:g} mm; the measured one "
                 f"is {force.value:.3g} ± {force.stderr:.2g} pN."
             )
     return None
@@ -129,7 +129,7 @@ def _axis_flags(one: AxisResult, conditions: Conditions) -> list[tuple[str, Seve
     ratio = fit.nyquist_ratio
     if ratio > NYQUIST_RATIO:
         given = fit.model.friction is not None or one.method.startswith("series")
-        informed = "rests on the friction it was given" if given else "is poorly known"
+        informed = "rests on the friction assumed" if given else "is poorly known"
         flags.append((
             "above_nyquist", "caution" if lateral else "info",
             f"The corner frequency is {ratio:.2g} times the Nyquist frequency: the stiffness "

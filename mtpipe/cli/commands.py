@@ -97,7 +97,7 @@ def run(
     overwrite: Annotated[
         bool,
         typer.Option(
-            "--overwrite", help="Replace an earlier run's cross-check, even by a run without one."
+            "--overwrite", help="Let a run without cross-check erase the one of an earlier run."
         ),
     ] = False,
 ) -> None:
@@ -175,7 +175,7 @@ def lut(
             metavar="FACTOR",
             help="Height per focus position: 0.8 to 0.88 for an oil objective and a bead in water, "
             "1 for a water objective or heights that are corrected already; negative where the "
-            "focus counts the other way. Default: 1, and said.",
+            "focus counts the other way. Default: 1, with a warning.",
         ),
     ] = None,
     bead: Annotated[
@@ -183,7 +183,7 @@ def lut(
     ] = None,
     region: Annotated[
         str | None,
-        typer.Option(metavar="X,Y,SIZE", help="Its region: centre and side, in pixels."),
+        typer.Option(metavar="X,Y,SIZE", help="Region of the bead: centre and side, in pixels."),
     ] = None,
     setup: Annotated[
         Path | None,
@@ -261,7 +261,7 @@ def simulate(
     engine: Annotated[
         str,
         typer.Option(
-            help="linear: exact and fast; brownian: step by step, with all that is not linear.",
+            help="linear: exact and fast; brownian: step by step, nonlinear motion included.",
             callback=given.known_engine,
         ),
     ] = "linear",
@@ -310,7 +310,7 @@ def design(
         float | None, typer.Option(metavar="SECONDS", help="Length of a plateau.")
     ] = None,
     frames: Annotated[
-        int | None, typer.Option(help="The same in frames; default: 16384.", min=1)
+        int | None, typer.Option(help="Length of a plateau in frames, default: 16384.", min=1)
     ] = None,
     reach: Annotated[
         float | None,

@@ -44,9 +44,9 @@ class BeadCheck:
 
     Attributes
     ----------
-    looks : (statistics,) what was looked at. observed : the recording's values.
-    simulated : (simulations, statistics). p_values : of each look by itself.
-    overall : all looks together. curves : to draw; empty where not asked for.
+    looks : (statistics,) the statistics and their places. observed : the recording's values.
+    simulated : (simulations, statistics). p_values : of each by itself.
+    overall : all together. curves : to draw; empty where not asked for.
     """
 
     case: PreparedBead
@@ -59,7 +59,7 @@ class BeadCheck:
 
     @property
     def p_value(self) -> float:
-        """Of the whole battery, the number of looks accounted for."""
+        """Of the whole battery, corrected for the number of statistics."""
         return self.overall.p_value
 
 
@@ -130,7 +130,7 @@ def check_bead(
 def comparable_p_values(one: BeadCheck, other: BeadCheck) -> tuple[float, float]:
     """p-values of two checks, of as many simulations where one has few; enough are as good as more.
 
-    Student's law of few has longer tails: what is equally far off is less odd by it.
+    Student's law of few has longer tails: the same distance is less significant by it.
     """
     simulations = min(len(one.simulated), len(other.simulated))
     if simulations >= ENOUGH:
@@ -144,7 +144,7 @@ def comparable_p_values(one: BeadCheck, other: BeadCheck) -> tuple[float, float]
 
 def foreseen_p_value(check: BeadCheck, case: PreparedBead) -> float:
     """p-value of a bead's traces, changed and fitted anew, beside the simulations that there are of
-    the old ones, by the looks that both have and that do not change with the forces found.
+    the old ones, by the statistics that both have and that do not change with the forces found.
 
     Parameters
     ----------
@@ -159,7 +159,7 @@ def foreseen_p_value(check: BeadCheck, case: PreparedBead) -> float:
 
 
 def _numbered(looks: tuple[Statistic, ...]) -> dict[tuple[object, ...], int]:
-    """Index of each look, by what it is at and the how manieth of those it is."""
+    """Index of each statistic, by its place and its number among those of the same place."""
     found: dict[tuple[object, ...], int] = {}
     so_many: dict[tuple[object, ...], int] = {}
     for i, look in enumerate(looks):
@@ -172,13 +172,13 @@ def _numbered(looks: tuple[Statistic, ...]) -> dict[tuple[object, ...], int]:
 def _judged(
     looks: tuple[Statistic, ...], observed: FloatArray, simulated: FloatArray
 ) -> tuple[FloatArray, Together]:
-    """p-value of each look by itself, and of all together."""
+    """p-value of each statistic by itself, and of all together."""
     upper = np.array([_is_upper(look) for look in looks])
     pooled = np.array([look.pooled for look in looks])
     kinds = [(look.statistic, look.pooled) for look in looks]
     statistic = np.array([kinds.index(kind) for kind in kinds])
     nulls = Nulls(simulated, upper, statistic)
-    # where the fitted experiment is so far off that a look has no value, it is as odd as can be
+    # where the fitted experiment is so far off that a statistic has no value, p is the least
     p_values = np.nan_to_num(nulls.p_values(observed), nan=SMALLEST_P)
     own = np.nan_to_num(nulls.own_p_values(), nan=1.0)
     return p_values, together(p_values, own, [pooled, ~pooled])
@@ -214,7 +214,7 @@ class _Battery:
         return _observed(case, twin.positions_nm, twin.references_nm, data, again.expected, off)
 
     def looks(self, seen: list[Observed]) -> tuple[tuple[Statistic, ...], FloatArray]:
-        """All looks, and their values."""
+        """All statistics, and their values."""
         if self.edges_hz is None or self.periods_nm is None:
             self.edges_hz = spectral.band_edges_hz(seen)
             self.periods_nm = shape.smooth_periods_nm(seen)
@@ -238,7 +238,7 @@ class _Battery:
 
 
 def recorded_of(case: PreparedBead) -> list[Observed]:
-    """The recording, plateau by plateau, as the battery looks at it."""
+    """The recording, plateau by plateau, as the battery takes it."""
     fit, known = case.fit, case.fit.model.known_forces
     off = ln_off(fit.force_pN, known) if known else np.full(fit.model.plateaus, np.nan)
     return _observed(case, case.positions_nm, case.references_nm, fit.model.data, fit.expected, off)

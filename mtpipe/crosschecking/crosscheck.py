@@ -42,7 +42,7 @@ class CrossCheck:
         """A row per statistic, bead, plateau and axis: value, simulated distribution, p-value.
 
         Rows of statistics that take several plateaus together have no plateau. `p_value` is that
-        of the row alone; `bead_p_value` that of the whole bead, all looks accounted for.
+        of the row alone; `bead_p_value` that of the whole bead, corrected for the number of rows.
         `extrapolated`: smaller than the number of simulations supports without a fitted tail.
         """
         rows = [row for check in self.beads.values() for row in _rows(check)]

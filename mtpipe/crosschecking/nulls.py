@@ -1,10 +1,10 @@
 """From simulated values of many statistics to p-values, one by one and all together.
 
-Each look's simulated values give a mean, a spread and a skewness; the tail is that of a Pearson
+Each statistic's simulated values give mean, spread and skewness; the tail is that of a Pearson
 type III law with them, and of Student's law in the number of simulations, because mean and spread
 are themselves only estimated. A skewness is hardly known from some fifty values, and the smallest
-of hundreds of p-values depends on it: looks at the same statistic learn theirs from one another.
-The p-value of all together is that of the smallest: with the number of effective looks n, it is
+of hundreds of p-values depends on it: the places of one statistic share what they know of theirs.
+The p-value of all together is that of the smallest: with an effective number of statistics n it is
 1 − (1 − p)^n, and n is what makes the simulations' own smallest p-values uniform, each simulation
 being judged by the others (Westfall & Young 1993, min-p).
 """
@@ -20,7 +20,7 @@ from scipy import special, stats
 from mtpipe.physics.camera import FloatArray
 
 # What is known of skewnesses beforehand: the standard deviation of a statistic's about zero, that
-# of its looks' about the statistic's own, and the number of looks that the latter is worth.
+# of its places' about the statistic's own, and the number of places that the latter is worth.
 OF_STATISTICS, OF_LOOKS, LOOKS_BEFOREHAND = 0.7, 0.2, 10
 LEAST_SKEWNESS = 0.02
 LARGEST_SKEWNESS = 1.9
@@ -33,12 +33,12 @@ _EVENLY, _EVENLY_WEIGHTS = (_EVENLY + 1) / 2, _EVENLY_WEIGHTS / 2
 
 @dataclass(frozen=True, eq=False)
 class Nulls:
-    """Simulated values of all looks.
+    """Simulated values of all statistics at their places.
 
     Attributes
     ----------
-    values : (simulations, looks). upper : (looks,) only large values are odd.
-    statistic : (looks,) number of the statistic; looks with the same have laws of similar shape.
+    values : (simulations, statistics). upper : (statistics,) only large values are odd.
+    statistic : (statistics,) number of the statistic; its places have laws of similar shape.
     """
 
     values: FloatArray
@@ -51,7 +51,7 @@ class Nulls:
         return len(self.values)
 
     def p_values(self, observed: FloatArray) -> FloatArray:
-        """(looks,) p-value of each, two-sided where both ways are odd."""
+        """(statistics,) p-value of each, two-sided where both ways are odd."""
         s = self.simulations
         mean = self.values.mean(axis=0)
         deviation = self.values - mean
@@ -59,7 +59,7 @@ class Nulls:
         return self._p_values(observed - mean, square, cube, s)
 
     def own_p_values(self) -> FloatArray:
-        """(simulations, looks) p-values of each simulation judged by all the others."""
+        """(simulations, statistics) p-values of each simulation judged by all the others."""
         s = self.simulations
         deviation = self.values - self.values.mean(axis=0)
         square, cube = np.sum(deviation**2, axis=0), np.sum(deviation**3, axis=0)
@@ -85,10 +85,10 @@ class Nulls:
         return np.asarray(np.clip(np.where(self.upper, one, both), SMALLEST_P, 1.0))
 
     def _skewness(self, by_itself: FloatArray, s: int) -> FloatArray:
-        """(…, looks) skewnesses, each drawn to its statistic's mean as far as chance may have made
-        them differ (empirical Bayes, Efron & Morris 1973).
+        """(…, statistics) skewnesses, each drawn to the mean of its places as far as they may
+        differ by chance (empirical Bayes, Efron & Morris 1973).
         """
-        # a look without values takes nothing from the others
+        # a place without values takes nothing from the others
         by_itself = np.clip(np.nan_to_num(by_itself), -LARGEST_SKEWNESS, LARGEST_SKEWNESS)
         numbers, index = np.unique(self.statistic, return_inverse=True)
         member = np.equal.outer(np.arange(len(numbers)), index).astype(float)
@@ -126,7 +126,7 @@ class Together:
     Attributes
     ----------
     p_value : of the recording.
-    looks : effective number of looks in each family.
+    looks : effective number of statistics in each family.
     extrapolated : the p-value is smaller than the simulations alone can support.
     own : (simulations,) p-value of each simulation judged by all the others.
     """
@@ -142,9 +142,9 @@ def together(p_values: FloatArray, own: FloatArray, families: list[NDArray[np.bo
 
     Parameters
     ----------
-    p_values : (looks,) of the recording. own : (simulations, looks) of the simulations.
-    families : which looks belong together; every family gets the same share of the looks, so
-        that a few pooled ones are not drowned by many single ones.
+    p_values : (statistics,) of the recording. own : (simulations, statistics) of the simulations.
+    families : which statistics belong together; every family gets the same share, so that a
+        few pooled ones are not drowned by many single ones.
     """
     looks, observed, simulated = [], [], []
     for family in families:
@@ -162,17 +162,17 @@ def together(p_values: FloatArray, own: FloatArray, families: list[NDArray[np.bo
 
 
 def of_those_looked_at_again(p_value: float, below: float, alike: float) -> float:
-    """p-value of a second look that is taken only where a first one's p-value lies below a limit.
+    """p-value of a second round, simulated only where the first one's p-value is below a limit.
 
     Without this few recordings would have p-values just below the limit: those that the second
-    look would bring there from above it are never looked at again. The chance is taken that both
-    looks are as odd, p₁ below the limit and p₂ below what it is, their normal scores being jointly
-    normal. Among recordings that are looked at again it is uniform below the limit.
+    round would bring there from above it have none. It is the chance that both rounds are as far
+    off, p₁ below the limit and p₂ below what it is, their normal scores being jointly
+    normal. Among recordings that have a second round it is uniform below the limit.
 
     Parameters
     ----------
-    p_value : of the second look. below : limit of the first's.
-    alike : correlation of both looks' normal scores.
+    p_value : of the second round. below : limit of the first's.
+    alike : correlation of both rounds' normal scores.
     """
     smaller = p_value * _EVENLY
     score = stats.norm.ppf(below) - alike * stats.norm.ppf(smaller)
@@ -181,7 +181,7 @@ def of_those_looked_at_again(p_value: float, below: float, alike: float) -> floa
 
 
 def alikeness(own: FloatArray, again: FloatArray) -> float:
-    """Correlation of the normal scores of two looks at the same simulations, from 0 to below 1."""
+    """Correlation of the normal scores of two rounds, for the same simulations, 0 to below 1."""
     scores = stats.norm.ppf(np.clip([own, again], LEAST_OWN, 1 - LEAST_OWN))
     spread = scores.std(axis=1)
     if not spread.all():

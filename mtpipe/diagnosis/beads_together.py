@@ -1,4 +1,4 @@
-"""The second look: beads recorded together share camera, optics and buffer.
+"""The second round: beads recorded together share camera, optics and buffer.
 
 Every bead has been explained by itself. Where one names, or cannot exclude, an effect whose size is
 shared (`Effect.shared`), all beads are asked what size they would have it: a bead that names it by
@@ -38,8 +38,8 @@ from mtpipe.joint_fit.hypotheses import FittedEffect, best_of
 T = TypeVar("T")
 Progress = Callable[[int, int], None]
 WORDS = {
-    ASKED: ("asks for it too", "ask for it too"),
-    ANOTHER: ("asks for another size", "ask for another size"),
+    ASKED: ("has it too", "have it too"),
+    ANOTHER: ("has another size", "have another size"),
     EXCLUDED: ("excludes it", "exclude it"),
     UNKNOWN: ("cannot tell", "cannot tell"),
 }

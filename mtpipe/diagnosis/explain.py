@@ -101,13 +101,13 @@ def explain(
     """
     say = progress or (lambda step: None)
     effects = catalogue() if effects is None else effects
-    say("looking at the course of time")
+    say("looking for sticking and pixel locking")
     corrections, begun = corrected(before, random)
     check, case = begun, begun.case
     named, check, nearest = _searched(check, corrections, effects, random, say)
     if len(corrections) < len(named):
         # what is seen in time has a test of its own, and effects of the spectrum may have hidden it
-        say("looking at the course of time again")
+        say("looking for sticking and pixel locking again")
         late = late_corrections(check, corrections, case, random)
         again = (
             _searched(late[-1].after, [*corrections, *late], effects, random, say) if late else None

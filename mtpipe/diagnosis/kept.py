@@ -53,11 +53,11 @@ def named_effect(
     """
     without = check.case.fit
     if gained_by_motion(one) < ALIKE_NATS:
-        reason = f"{gains_in_words(one)}, and as much without its motion being seen"
+        reason = f"{gains_in_words(one)}, but fits no better than a longer tether that does not hop"
         return Rejected(one, reason, unseen=True)
     heldout = heldout_gain(case, without, one.fit)
     if heldout <= 0:
-        return Rejected(one, f"{gains_in_words(one)}, but nothing on time that was not fitted")
+        return Rejected(one, f"{gains_in_words(one)}, but nothing in data kept out of the fit")
     try:
         after = check_bead(replace(case, fit=one.fit), random, rounds=SEARCHING, far_off=far_off)
     except (FitError, ValueError) as error:

@@ -74,7 +74,7 @@ class LeftInDistribution:
 
 
 def left_in_distribution(check: BeadCheck, look: Statistic) -> LeftInDistribution | None:
-    """The distribution that a look is about, in the plateau where it is clearest; None if it is
+    """The distribution that a statistic judges, in the plateau where it is clearest; None if it is
     about none, or the distribution is not worth a curve.
     """
     if look.statistic not in STATISTICS:

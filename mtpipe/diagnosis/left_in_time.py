@@ -75,7 +75,7 @@ class LeftInTime:
 
 
 def left_in_time(check: BeadCheck, look: Statistic) -> LeftInTime | None:
-    """The course that a look is about, in the plateau where it is clearest; None if it is about
+    """The course that a statistic judges, in the plateau where it is clearest; None if it is about
     none, or the course is not worth a curve.
     """
     kind = KINDS.get(look.statistic)
@@ -100,7 +100,7 @@ def left_in_time(check: BeadCheck, look: Statistic) -> LeftInTime | None:
 
 
 def clearest_plateau(check: BeadCheck, look: Statistic) -> int:
-    """Index of the plateau in which the look's statistic is oddest along its axis."""
+    """Index of the plateau in which the statistic differs most along its axis."""
     odd = {
         one.plateaus[0]: float(check.p_values[i])
         for i, one in enumerate(check.looks)

@@ -18,7 +18,7 @@ LEAST_P = 1e-300
 
 
 def located(check: BeadCheck) -> list[dict[str, Any]]:
-    """The most significant looks, one per statistic and axis, best first.
+    """The most significant places, one per statistic and axis, best first.
 
     What concerns two axes together, or all, is listed for each of them.
     """
@@ -58,7 +58,7 @@ def bent_heights(check: BeadCheck, beside: Beside) -> dict[str, Any]:
 
 
 def concerned(check: BeadCheck, look: Statistic) -> tuple[int, ...]:
-    """Plateaus that a look is about; of a pooled one those that show it by themselves, or all."""
+    """Plateaus of a statistic; of a pooled one those that show it by themselves, or all."""
     if not look.pooled:
         return look.plateaus
     alone = {

@@ -142,7 +142,7 @@ def _in_its_place(named: Sequence[Named], place: int) -> Named:
     without = together(case.fit, [one for one in everything if one is not mine], fit)
     heldout = heldout_gain(case, without, fit)
     if heldout <= 0:
-        raise FitError(f"{mine.effect.name} gains nothing on time that was not fitted")
+        raise FitError(f"{mine.effect.name} gains nothing in data kept out of the fit")
     found = replace(mine, fit=fit, gain=fit.log_likelihood - without.log_likelihood)
     return replace(named[place], found=found, heldout_gain=heldout)
 
@@ -173,8 +173,8 @@ def _begun_again(one: Explanation, change: Change, random: np.random.Generator) 
     found = replace(mine, fit=fit, gain=fit.log_likelihood - case.fit.log_likelihood)
     gain = heldout_gain(case, case.fit, fit)
     further = explain(check, random)
-    besides = ", and this one has a cause of its own beside it" if further.named else ""
-    others = f"All beads share this; its size is what the others ask for{besides}."
+    besides = "; this bead has a further cause of its own" if further.named else ""
+    others = f"All beads share this; its size is taken from the others{besides}."
     shared = Named(found, (), first.before, check, gain, others)
     named = tuple(other for other in one.named if not isinstance(other.found, FittedEffect))
     named = (*named, shared, *further.named)

@@ -31,20 +31,22 @@ def sentence(found: Explanation, one: Named) -> str:
     else:
         where, cause = "", one.found.cause
     # forces and verdict are those of all effects together
-    it = "it" if len(found.named) == 1 else "all that is named"
+    single = len(found.named) == 1
+    it = "it" if single else "all causes found"
     agrees = (
         f"with {it} the recording agrees with its simulation"
         if found.verdict == "explained"
         else f"with {it} the recording is nearer to its simulation, but still differs"
     )
-    if len(found.named) > 1:
-        agrees += "; this one takes p from"
+    if not single:
+        agrees += "; adding this one changes p from"
         p_values = f"{one.before.p_value:.1g} to {one.after.p_value:.2g}"
     else:
         p_values = f"(p {one.before.p_value:.1g} → {one.after.p_value:.2g})"
     also = f" Equally possible: {', '.join(one.equivalent)}." if one.equivalent else ""
     others = f" {one.others}" if one.others else ""
-    left_out = f"leaving {it} out {_consequence(found)}"
+    without = "leaving it out" if single else f"leaving out {it}"
+    left_out = f"{without} {_consequence(found)}"
     return f"{where}{cause}; {left_out}; {agrees} {p_values}.{also}{others}"
 
 
@@ -93,7 +95,7 @@ def _to_one_side(ln: FloatArray, stderr: FloatArray, moved: NDArray[np.bool_]) -
 
 
 def _mended(one: Named) -> Statistic | None:
-    """The look whose p rises most with the effect; None where none does."""
+    """The statistic whose p rises most with the effect; None where none does."""
     after = dict(zip(one.after.looks, one.after.p_values, strict=True))
     rises = {
         look: math.log(max(float(after[look]), 1e-300) / max(float(p), 1e-300))
@@ -105,7 +107,7 @@ def _mended(one: Named) -> Statistic | None:
 
 
 def _where(check: BeadCheck, look: Statistic, force_pN: FloatArray) -> str:
-    """Axes, frequencies and forces that a look is about.
+    """Axes, frequencies and forces that a statistic is about.
 
     Parameters
     ----------

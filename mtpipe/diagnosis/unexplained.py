@@ -3,7 +3,7 @@
 Four things are said. Of spectra, the smooth factor that the recording asks for
 (`mtpipe.diagnosis.smooth_correction`), and what it does to the forces when it is free: a force then
 lies between the fit and the corrected fit, give or take the error. Of what is no matter of
-frequency (a distribution, a course of time, a narrow line), the looks of the battery that show it,
+frequency (a distribution, a course of time, a narrow line), the statistics that show it,
 with the recorded value beside the simulated ones, and of courses and distributions a smooth curve
 and what it leaves open about the force (`left_in_time`, `left_in_distribution`). Of heights,
 whether they are as if z's scale changed at one (`bent_scale`). Of the catalogue, the effect that
@@ -85,7 +85,7 @@ class Unexplained:
 
     @functools.cached_property
     def looks(self) -> tuple[int, ...]:
-        """Indices of the looks that differ most and that the correction is not about, the most
+        """Indices of the statistics that differ most and that the correction is not about, the most
         significant first; of each kind one.
         """
         kinds: dict[tuple[str, str], int] = {}
@@ -99,7 +99,7 @@ class Unexplained:
 
     @functools.cached_property
     def shapes(self) -> tuple[LeftInTime | LeftInDistribution, ...]:
-        """Courses of time and distributions that the looks are about, each once."""
+        """Courses of time and distributions that the statistics are about, each once."""
         found: dict[tuple[str, int, int], LeftInTime | LeftInDistribution] = {}
         for i in self.looks:
             look = self.check.looks[i]
@@ -112,7 +112,7 @@ class Unexplained:
     def sentence(self) -> str:
         """All of it in words."""
         opening = (
-            "What is named does not explain all of the difference from the simulation."
+            "The causes found do not explain all of the difference from the simulation."
             if self.beside
             else "No effect in the catalogue explains the difference from the simulation."
         )
@@ -146,8 +146,8 @@ class Unexplained:
         worst = int(np.argmax(np.abs(shift)))
         changed = compared(float(shift[worst]), float(stderr[worst]), "higher", "lower")
         return (
-            f"Heights are as if there were {beside.bend.words}, which raises ln likelihood by "
-            f"{beside.gain:.0f}; forces would then be up to {changed} "
+            f"Heights fit better with {beside.bend.words} (ln likelihood higher by "
+            f"{beside.gain:.0f}); forces would then be up to {changed} "
             f"(plateau {self.number(worst)})."
         )
 
@@ -168,17 +168,17 @@ class Unexplained:
         shift, stderr = correction.ln_force_shift, correction.ln_force_stderr
         worst = int(np.argmax(np.abs(shift) + stderr))
         if abs(shift[worst]) + stderr[worst] < 0.005:
-            sentences.append("A fit that is free there gives the same forces within 0.5 %.")
+            sentences.append("A fit that allows for it gives the same forces within 0.5 %.")
         else:
             sentences.append(
-                f"In a fit that is free there, forces are up to "
+                f"In a fit that allows for it, forces are up to "
                 f"{compared(float(shift[worst]), float(stderr[worst]), 'higher', 'lower')} "
                 f"(plateau {self.number(worst)})."
             )
         return sentences
 
     def simulated(self, i: int) -> tuple[float, float, float]:
-        """Median and central 95 % of a look's simulated values."""
+        """Median and central 95 % of a statistic's simulated values."""
         low, median, high = np.quantile(
             self.check.simulated[:, i], [INTERVAL_95[0], 0.5, INTERVAL_95[1]]
         )

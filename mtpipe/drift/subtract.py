@@ -59,8 +59,8 @@ def subtract_drift(recording: Recording, *, choice: DriftChoice | None = None) -
         return _untouched(recording, "none", Notice("drift_kept", "info", text))
     if not recording.references:
         text = (
-            "no reference bead: drift was not removed, and low frequencies may hold it; "
-            '[drift] method = "highpass", cutoff_hz = <number in Hz> removes slow motion by choice'
+            "no reference bead: drift was not removed, and slow motion may contain it; to remove "
+            'slow motion, set [drift] method = "highpass" and cutoff_hz = <number in Hz>'
         )
         return _untouched(recording, "reference", Notice("no_reference", "caution", text))
     return _referenced(recording, choice)
@@ -201,7 +201,7 @@ def _high_passed(recording: Recording, cutoff_hz: float) -> Recording:
     drift = Drift("highpass", cutoffs, (), mean, _rms(mean), (0.0,) * 3, (0.0,) * 3)
     text = (
         f"all motion slower than {cutoff_hz:g} Hz was removed, the beads' own included; "
-        "frequencies below are no part of a fit, and z keeps its drift from plateau to plateau"
+        "lower frequencies are not fitted, and z keeps its drift from plateau to plateau"
     )
     notice = Notice("highpass", "info", text)
     result = replace(
@@ -243,9 +243,9 @@ def _share_notice(bead: str, found: FastShare) -> Notice:
     span = f"{low:.2f}" if f"{low:.2f}" == f"{high:.2f}" else f"{low:.2f} to {high:.2f}"
     text = (
         f"z of {bead} shows {span} of the fast motion along z that the reference beads show, where "
-        f"they vibrate together ({len(found.share)} stretches of time): its look-up table has "
-        "another slope there than theirs; so much of their motion faster than "
-        f"{OWN_MOTION_HZ:g} Hz was subtracted, and its own z may be as far off"
+        f"they vibrate together ({len(found.share)} stretches of time): the slope "
+        "of its look-up table differs from theirs; this share of their motion faster than "
+        f"{OWN_MOTION_HZ:g} Hz was subtracted, and the scale of its own z may be as far off"
     )
     return Notice("z_slope", "caution", text, bead, axis="z")
 

@@ -57,8 +57,8 @@ def left_notice(recording: Recording, course: StageCourse | None) -> Notice | No
         variance, between = covariance[0, 0], "on average since the beginning"
     text = (
         f"the stage may have moved by ± {math.sqrt(variance):.2g} nm along z {between}, if it goes "
-        f"on as within the plateaus ({_rates(course)}); no reference bead took that off, and "
-        "extensions and the tether's lengths carry it as an error"
+        f"on as within the plateaus ({_rates(course)}); no reference bead corrects for it, "
+        "and errors of extensions and of the tether's lengths include it"
     )
     return Notice("drift_left", "caution", text, axis="z")
 

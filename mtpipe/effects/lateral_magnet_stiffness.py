@@ -26,7 +26,7 @@ def _hypotheses(experiment: Experiment, evidence: Evidence) -> list[Hypothesis]:
 
 def _cause(experiment: Experiment) -> str:
     return (
-        "the magnets hold the bead sideways, with a stiffness of the force over "
+        "the magnets hold the bead sideways, with a stiffness of the force divided by "
         f"{1 / max(experiment.magnets.sideways_per_nm, 1e-12) / 1e3:.3g} µm"
     )
 

@@ -71,7 +71,7 @@ def known_force_notices(setup: Setup, plateaus_mm: Sequence[float | None]) -> li
                 "known_force_unused",
                 "caution",
                 f"No plateau has the position of [[magnet]] at {_listed(unused)}: what is stated "
-                "there is not used. [plateaus] tolerance_mm says how near is near enough.",
+                "there is not used. [plateaus] tolerance_mm sets how near a plateau has to be.",
             )
         )
     return notices

@@ -154,7 +154,9 @@ def _inside(
         if not outside.any():
             return walkers
         walkers[outside] = 0.5 * (walkers[outside] + centre)
-    raise FitError("the priors exclude the best fit: stated friction, noise and data contradict")
+    raise FitError(
+        "priors exclude the best fit: stated friction, noise and data contradict one another"
+    )
 
 
 def split_r_hat(chain: FloatArray) -> FloatArray:

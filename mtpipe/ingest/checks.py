@@ -179,7 +179,7 @@ def _check_units(tethered: Mapping[str, FloatArray], setup: Setup) -> list[Notic
             elif spread < QUIETEST_NM:
                 said = f"moves by only {spread:.2g} nm (rms) in {AXES[axis]}"
             if said:
-                said = f"Bead {bead} {said}: no tethered bead, or not in nm."
+                said = f"Bead {bead} {said}: not a tethered bead, or not in nm."
                 notices.append(Notice("unit", "warning", said, bead=bead, axis=AXES[axis]))
                 break
     if notices and len(notices) == len(tethered):

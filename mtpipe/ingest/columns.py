@@ -127,7 +127,7 @@ class Names:
         )
         inner = tuple(name for name in self.names if name.startswith((f"{column}[", f"{column}/")))
         others = [f"{key} ({what_it_is})" for key, what_it_is in self.unusable.items()]
-        more = f" Of no use are: {_some(tuple(others))}." if others else ""
+        more = f" Unusable: {_some(tuple(others))}." if others else ""
         if held is not None:
             return RecordingError(
                 f"{column!r} ({what}) is there, but is no column of numbers: {self.unusable[held]}",

@@ -217,9 +217,11 @@ def _reference_warnings(recording: Recording) -> tuple[str, ...]:
         if notice.code in REFERENCE_CODES and notice.bead in subtracted
     }
     names = ", ".join(sorted(name for name in faulty if name is not None))
-    reasons = [f"reference motion of its own ({names}) is in every trace"] if names else []
+    reasons = [f"the own motion of reference beads ({names}) is in every trace"] if names else []
     if any(notice.code == "drift_unknown" for notice in recording.notices):
-        reasons.append("how far the stage moved along z is unknown: errors of extensions lack it")
+        reasons.append(
+            "how far the stage moved along z is unknown: errors of extensions do not include it"
+        )
     return tuple(reasons)
 
 

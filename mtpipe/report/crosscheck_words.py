@@ -8,7 +8,8 @@ from typing import Any
 from mtpipe.battery.kinds import KINDS, Kind
 from mtpipe.report import words
 
-CONSISTENT, MISMATCH = 0.05, 0.01
+# Below the second the diagnosis has an alarm; above it the verdict is "consistent".
+CONSISTENT, MISMATCH = 0.05, 0.004
 LINES = ("line", "second_line")
 
 
@@ -36,7 +37,7 @@ def verdict(p_value: float, comparisons: int, simulations: int) -> str:
     if p_value >= CONSISTENT:
         return f"Recording and simulations agree: {p} ({basis})."
     once = words.number(1 / max(p_value, 1e-300), 2)
-    often = f"of {once} recordings of the configured experiment one differs as much by chance"
+    often = f"one in {once} recordings of the configured experiment differs as much by chance"
     if p_value >= MISMATCH:
         return f"No clear mismatch: {p}; {often} ({basis})."
     if p_value < 1 / (simulations + 1):

@@ -23,7 +23,7 @@ from mtpipe.report.plotly_json import (
 )
 from mtpipe.report.words import number
 
-STAGES = {"before": "as configured", "after": "with what was named"}
+STAGES = {"before": "as configured", "after": "with the causes found"}
 # Domains of the upper and the lower row of spectra.
 UPPER, LOWER = (0.44, 1.0), (0.0, 0.36)
 # Colours end so many standard errors from none; blue is too little, orange too much.

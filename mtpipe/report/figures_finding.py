@@ -96,7 +96,7 @@ def _named(arrays: Arrays, named: Mapping[str, Any]) -> Picture | None:
     data = []
     for stage, colour, symbol, name in (
         ("before", GREY, "circle-open", "as configured"),
-        ("after", AXIS_COLOUR[best], "circle", "with what was named"),
+        ("after", AXIS_COLOUR[best], "circle", "with the causes found"),
     ):
         ratio = np.array(one[stage]["ratio"])
         error = bars(arrays, ratio / np.sqrt(one["ordinates"]), colour)
@@ -113,7 +113,7 @@ def _heights(arrays: Arrays, named: Mapping[str, Any]) -> Picture:
     data = []
     for stage, colour, symbol, name in (
         ("before", GREY, "circle-open", "as configured"),
-        ("after", AXIS_COLOUR["z"], "circle", "with what was named"),
+        ("after", AXIS_COLOUR["z"], "circle", "with the causes found"),
     ):
         height = named["residuals"][stage]["height"]
         values = np.array([np.nan if one is None else one for one in height], dtype=float)

@@ -19,8 +19,8 @@ from mtpipe.report.remedies import remedy
 HEADLINES = {
     "consistent": "The recording agrees with its simulation.",
     "explained": "The recording differs from the setup, and the cause was found.",
-    "described": "The recording differs from the setup. No known cause explains it, but its form "
-    "was found.",
+    "described": "The recording differs from the setup. No known cause explains it, but the form "
+    "of the difference was found.",
     "unexplained": "The recording differs from its simulation, and the cause is not known.",
     "unchecked": "Not checked against a simulation.",
     "refused": "This bead gives no force.",
@@ -102,7 +102,7 @@ def bead_finding(run: RunFolder, bead: Mapping[str, Any]) -> Finding:
         source=words.listed(sources),
         change=_change(forces),
         reasons=() if kind == "refused" else reasons,
-        actions=_actions(run, name, kind, found),
+        actions=_actions(run, name, kind, found, doubted=bool(reasons)),
     )
 
 
@@ -243,10 +243,14 @@ def _change(forces: Any) -> str:
     )
 
 
-def _actions(run: RunFolder, bead: str, kind: str, found: Mapping[str, Any]) -> tuple[str, ...]:
+def _actions(
+    run: RunFolder, bead: str, kind: str, found: Mapping[str, Any], *, doubted: bool
+) -> tuple[str, ...]:
     if kind == "refused":
         return ("Leave this bead out.",)
     if kind == "consistent":
+        if doubted:
+            return ("Settle the points above before you use the forces.",)
         return ("Use the forces as they are.",)
     if kind == "unchecked":
         if _unsimulated(run, bead):

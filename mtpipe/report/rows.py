@@ -140,5 +140,6 @@ def quality(statistic: Any, dof: Any, p_value: Any, name: str) -> str:
     """How well a fit describes its data, in words; empty where there is none."""
     if not (words.is_number(statistic) and words.is_number(dof)):
         return ""
-    shown = f"{name} {words.number(statistic, 4)} for {words.number(dof, 4)} degrees of freedom"
+    degrees = "degree" if dof == 1 else "degrees"
+    shown = f"{name} {words.number(statistic, 4)} for {words.number(dof, 4)} {degrees} of freedom"
     return shown + (f", p = {words.number(p_value, 2)}" if words.is_number(p_value) else "")

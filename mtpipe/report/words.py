@@ -31,14 +31,14 @@ STATUS_MEANING = {
     "not_identified": "the data do not determine a parameter",
     "not_converged": "the fit found no minimum",
     "not_one_state": "bead or force change within the plateau, so it has no single force",
-    "unlike_model": "the spectrum differs from the model's, so the number is not to be used",
+    "unlike_model": "the spectrum differs from the model's, so do not use the trace's numbers",
     "zero_force": "the force cannot be told from zero",
 }
 # Where the force to quote comes from (docs/forces.md): in a few words, and what that means.
 SOURCE = {
     "spectra": "spectra of x and y",
     "heights": "spectra and heights",
-    "named": "with what was named",
+    "named": "with the causes found",
     "spectra_alone": "spectra of x and y only",
     "heights_alone": "mostly heights",
     "none": "none",
@@ -47,7 +47,7 @@ SOURCE_MEANING = {
     "spectra": "all spectra of x and y of the bead, fitted together",
     "heights": "spectra and mean heights fitted together as the setup states the experiment, which "
     "the cross-check does not contradict",
-    "named": "spectra and mean heights fitted together, with the causes that were named",
+    "named": "spectra and mean heights fitted together, with the causes found",
     "spectra_alone": "spectra of x and y only: something is not explained, and mean heights do not "
     "agree with the forces",
     "heights_alone": "spectra and mean heights fitted together as the setup states the experiment: "

@@ -186,8 +186,8 @@ def conditions_of(setup: Setup) -> tuple[Conditions, tuple[Notice, ...]]:
             Notice(
                 "radius_unknown",
                 "caution",
-                "The bead radius is unknown: it is estimated from each bead's friction and lever, "
-                "and forces near the Nyquist frequency are less certain.",
+                "The bead radius is unknown: it is estimated from each bead's friction and from x "
+                "against y, and forces near the Nyquist frequency are less certain.",
             )
         )
     pinned = sorted(setup.model.model_extra or {})

@@ -194,18 +194,18 @@ def _departures(experiment: Experiment, engine: Engine) -> tuple[Notice, ...]:
     """What an engine does otherwise than the experiment says."""
     found = []
     if engine == "brownian" and experiment.fluid.memory > 0:
-        said = "Step by step the fluid has no memory, although the setup lists it."
+        said = "The step-by-step engine has no hydrodynamic memory, although the setup lists it."
         found.append(Notice("no_memory", "caution", said))
     if engine == "linear" and experiment.anharmonic and not has_whole_motion(experiment):
         said = (
-            "anharmonic_tether is not in the simulation: only a bead that turns "
-            "(rotation_coupling), and does not lean, is followed through the whole potential."
+            "anharmonic_tether is not in the simulation: it is only simulated for a "
+            "bead that turns (rotation_coupling) and does not lean."
         )
         found.append(Notice("effects_not_simulated", "caution", said))
     if engine == "brownian" and not experiment.bead.turns:
         said = (
-            "Step by step a bead turns about the field's axis as tether and field let it, although "
-            "the setup does not list rotation_coupling."
+            "The step-by-step engine lets the bead turn about the field's axis, although the setup "
+            "does not list rotation_coupling."
         )
         found.append(Notice("turns_anyway", "info", said))
     return tuple(found)

@@ -22,7 +22,7 @@ ALONE_REASON = "the bead changes within the plateau while the others do not"
 LONE_REASON = (
     "the bead changes within the plateau, and no other bead shows whether the force changes"
 )
-TREND_REASON = "the force drifts so far within the plateau that no one force is its"
+TREND_REASON = "the force drifts so far within the plateau that no single force describes it"
 Rows = tuple[int, int]
 
 
@@ -36,7 +36,7 @@ def lag_notices(
     if common and lag.per_row == 0:
         said.append(
             f"the magnets' log is {_late(lag.common)} by {abs(motion.rows_s(lag.common)):.2f} ± "
-            f"{motion.rows_s(lag.common_error):.2f} s, as the beads change together at {seen} moves"
+            f"{motion.rows_s(lag.common_error):.2f} s, judged by how the beads move at {seen} moves"
         )
     elif common:
         first, last = motion.rows_s(lag.shift[0]), motion.rows_s(lag.shift[-1])
@@ -112,7 +112,7 @@ def part_notices(
             f"All beads change together at {motion.time_s[change.row]:.2f} s, where the magnets' "
             "log shows no move; by their sideways motion the force changes by "
             f"{100 * math.expm1(ratio):+.0f} ± {100 * error * math.exp(ratio):.0f} %. The "
-            f"plateau{position} is cut there, and its magnet position is not to be believed."
+            f"plateau{position} is cut there, and its magnet position is not trusted."
         )
         said.append(Notice(HIDDEN, "caution", told, plateau=number))
     for start, stop in parts:
@@ -124,7 +124,7 @@ def part_notices(
 def _left_out(motion: Motion, start: int, stop: int, why: str) -> Notice:
     told = (
         f"{motion.rows_s(max(stop - start, 0)):.2f} s from {motion.time_s[start]:.2f} s on are in "
-        f"no plateau: {why}, and what is left is too short ([plateaus] minimum_s)."
+        f"no plateau: {why}, and this piece is too short ([plateaus] minimum_s)."
     )
     return Notice(LEFT_OUT, "info", told)
 
@@ -136,7 +136,7 @@ def alone_notice(motion: Motion, one: Alone) -> Notice:
     done = (
         "Too little is left of the plateau for a force of this bead."
         if one.whole
-        else f"Its {left:.3g} s on the shorter side of that are left out."
+        else f"The shorter part of the plateau, {left:.3g} s, is left out."
     )
     told = (
         f"It changes for good at {at:.2f} s while the other beads do not: it lets go, sticks or is "

@@ -46,7 +46,7 @@ def with_diagnosis(
 
 def _explained(found: Explanation, forces: BeadForces) -> str:
     return (
-        f"it shows what the setup leaves out: {_names(found)}; the forces quoted are with it, "
+        f"it differs from the setup by {_names(found)}; the forces to quote include this, "
         f"which moved them by up to {forces.changed_percent:.2g} %"
     )
 
@@ -55,7 +55,7 @@ def _left(found: Explanation, forces: BeadForces) -> str:
     beside = f" also with {_names(found)}" if found.named else ""
     return (
         f"it differs from its simulation{beside} (p = {found.after.p_value:.0e}), and the cause is "
-        f"not known; that may move its forces by up to {forces.bound_percent:.2g} %"
+        f"not known; this may move its forces by up to {forces.bound_percent:.2g} %"
     )
 
 

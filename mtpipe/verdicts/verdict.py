@@ -209,13 +209,13 @@ def _why_short(
         return "; z (its scale, or where it is 0) or the number of tethers may not be as stated"
     short = [other.persistence_length_nm.value < SHORT_PERSISTENCE * value for other in others]
     if 2 * sum(short) > len(short):
-        return "; so have the other beads: z (its scale, or where it is 0) is likelier wrong"
+        return "; the other beads differ too: z (its scale, or where it is 0) is likelier wrong"
     several = any(
         abs(one.value - value / n) < SIGMAS * math.hypot(one.stderr, stated.stderr / n)
         for n in SEVERAL_TETHERS
     )
     if several and not any(short):
-        return "; the other beads have not: it may be held by more than one tether"
+        return "; the other beads do not differ so: it may be held by more than one tether"
     return ""
 
 
@@ -241,7 +241,7 @@ FLAG_WORDS = {
     "extension": "extension impossible for the tether",
     "unlike_the_series": "traces that contradict the bead's others",
     "fx_fy": "forces from x and y differ",
-    "known_force": "force unlike the one that the setup knows",
+    "known_force": "force unlike the one that the setup states",
     "reference_stepped": "reference beads step in z",
     "beyond_dna": "force beyond what double-stranded DNA bears",
     "focus_moved": "stage or focus moved far in z",
