@@ -28,13 +28,11 @@ def with_listed(case: PreparedBead, setup: Setup) -> PreparedBead:
             continue
         forces = tuple(float(f) for f in case.fit.force_pN)
         evidence = Evidence((), forces)
-        if known.name == "vibration":
-            strongest = strongest_lines(case)[:1]
-            evidence = replace(evidence, lines_hz=tuple(line_hz for _, line_hz in strongest))
-        if known.name == "force_drift":
+        if known.read is not None:
             each, common = force_courses(case.fit, case.positions_nm, case.frame_s)
-            evidence = replace(evidence, courses=each, common_course=common)
-        held, evidence = read_sizes(known.name, pinned.get(known.name, {}), evidence)
+            lines_hz = tuple(line_hz for _, line_hz in strongest_lines(case)[:1])
+            evidence = Evidence(lines_hz, forces, courses=each, common_course=common)
+        held, evidence = read_sizes(known, pinned.get(known.name, {}), evidence)
         case = apart(case, distinct_lines((*evidence.lines_hz, *case.lines_hz)))
         tried = best_of(case.fit, with_pinned(known, held), evidence)
         if tried is not None:

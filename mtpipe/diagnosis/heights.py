@@ -10,7 +10,7 @@ from collections.abc import Sequence
 from dataclasses import replace
 
 from mtpipe.diagnosis.explanation import ALIKE_NATS
-from mtpipe.effects import drift
+from mtpipe.effects import drift, reference_noise
 from mtpipe.effects.effect import Evidence
 from mtpipe.experiment.changes import with_stage
 from mtpipe.ground.errors import FitError
@@ -43,7 +43,7 @@ def gained_by_scatter(fit: ConfiguredFit, named: Sequence[FittedEffect]) -> floa
         return 0.0
     gained = _gained(fit)
     for one in named:
-        walk = _as_a_walk(fit, one) if one.effect.name == "reference_noise" else None
+        walk = _as_a_walk(fit, one) if one.effect == reference_noise.EFFECT else None
         if walk is not None:
             beside = _gained(walk)
             if walk.log_likelihood + beside > fit.log_likelihood - ALIKE_NATS:

@@ -64,6 +64,21 @@ class Hypothesis:
 
 
 @dataclass(frozen=True)
+class Read:
+    """A size that hypotheses are made of, as it was seen.
+
+    Attributes
+    ----------
+    name : as it is reported and pinned. seen : the evidence with another one.
+    fitted : it is a parameter too, and not taken as it was seen.
+    """
+
+    name: str
+    seen: Callable[[Evidence, float], Evidence]
+    fitted: bool = False
+
+
+@dataclass(frozen=True)
 class Effect:
     """One entry of the catalogue.
 
@@ -81,6 +96,7 @@ class Effect:
         recording. Its hypotheses then have one parameter, which is 0 where there is no effect.
     still : for an effect that is one only if it moves: from the fitted experiment to what has all
         of it but the motion. Where that fits as well the effect is not named.
+    read : a size of which its hypotheses are made.
     remedy : what a user can do about it, in words that continue "…: "; empty for physics that an
         experiment has, which a setup lists.
     """
@@ -92,6 +108,7 @@ class Effect:
     shared: bool = False
     still: Callable[[Experiment], Hypothesis] | None = None
     remedy: str = ""
+    read: Read | None = None
 
 
 def factor(name: str, change: Change, *, start: float = 0.0, width: float = 1.5) -> Parameter:

@@ -11,7 +11,7 @@ from collections.abc import Iterable
 from dataclasses import replace
 from functools import partial
 
-from mtpipe.effects.effect import Effect, Evidence, Hypothesis, plain
+from mtpipe.effects.effect import Effect, Evidence, Hypothesis, Read, plain
 from mtpipe.experiment.changes import with_magnets
 from mtpipe.experiment.description import Experiment, ForceCourse
 from mtpipe.experiment.parameter import Change, Parameter
@@ -102,7 +102,13 @@ def _strengths(experiment: Experiment) -> list[tuple[str, float, str]]:
     ]
 
 
+def _by(evidence: Evidence, relative_change: float) -> Evidence:
+    """The same change in all plateaus."""
+    return replace(evidence, courses=(), common_course=ForceCourse(relative_change))
+
+
 _REMEDY = (
     "check whether the magnets moved or settled within the plateau; record it again or cut it."
 )
-EFFECT = Effect("force_drift", _hypotheses, _cause, _strengths, remedy=_REMEDY)
+_READ = Read("relative_change", _by, fitted=True)
+EFFECT = Effect("force_drift", _hypotheses, _cause, _strengths, remedy=_REMEDY, read=_READ)

@@ -13,15 +13,11 @@ from functools import partial
 from scipy import optimize
 
 from mtpipe.effects.effect import Effect, Evidence, Hypothesis
-from mtpipe.experiment.description import Experiment, ForceCourse
+from mtpipe.experiment.description import Experiment
 from mtpipe.experiment.from_setup import DESCRIBED
 from mtpipe.experiment.parameter import Parameter
 from mtpipe.ground.errors import SetupError
 from mtpipe.setup.setup import Setup
-
-# Sizes of which hypotheses are made, and not fitted: a line's frequency, and the change of the
-# force where it is alike in all plateaus.
-READ = {"vibration": "line_hz", "force_drift": "relative_change"}
 
 
 def pinned_sizes(setup: Setup) -> dict[str, dict[str, float]]:
@@ -45,20 +41,21 @@ def pinned_sizes(setup: Setup) -> dict[str, dict[str, float]]:
 
 
 def read_sizes(
-    effect: str, sizes: Mapping[str, float], evidence: Evidence
+    effect: Effect, sizes: Mapping[str, float], evidence: Evidence
 ) -> tuple[dict[str, float], Evidence]:
-    """Take what the setup says of `READ` for what was seen.
+    """Take what the setup says of a size that is read (`Effect.read`) for what was seen.
 
     Returns
     -------
     The sizes that are left to be held, and the evidence.
     """
-    left, read = dict(sizes), READ.get(effect)
-    if read is None or read not in left:
-        return left, evidence
-    if effect == "vibration":
-        return left, replace(evidence, lines_hz=(left.pop(read),))
-    return left, replace(evidence, courses=(), common_course=ForceCourse(left[read]))
+    left = dict(sizes)
+    read = effect.read
+    if read is not None and read.name in left:
+        evidence = read.seen(evidence, left[read.name])
+        if not read.fitted:
+            del left[read.name]
+    return left, evidence
 
 
 def with_pinned(effect: Effect, sizes: Mapping[str, float]) -> Effect:

@@ -7,7 +7,7 @@ from dataclasses import replace
 from functools import partial
 from typing import Any
 
-from mtpipe.effects.effect import Effect, Evidence, Hypothesis, logarithm, variance
+from mtpipe.effects.effect import Effect, Evidence, Hypothesis, Read, logarithm, variance
 from mtpipe.experiment.changes import with_stage
 from mtpipe.experiment.description import Experiment, Line
 from mtpipe.experiment.parameter import Parameter
@@ -104,5 +104,12 @@ def _strengths(experiment: Experiment) -> list[tuple[str, float, str]]:
     return found
 
 
+def _at(evidence: Evidence, line_hz: float) -> Evidence:
+    return replace(evidence, lines_hz=(line_hz,))
+
+
 _REMEDY = "look for a pump, fan or mains line of this frequency near the microscope."
-EFFECT = Effect("vibration", _hypotheses, _cause, _strengths, remedy=_REMEDY)
+_READ = Read("line_hz", _at)
+EFFECT = Effect("vibration", _hypotheses, _cause, _strengths, remedy=_REMEDY, read=_READ)
+    "vibration", _hypotheses, _cause, _strengths, remedy=_REMEDY, read=Read("line_hz", _at)
+)

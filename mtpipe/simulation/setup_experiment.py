@@ -6,7 +6,7 @@ from collections.abc import Sequence
 
 from mtpipe.effects.catalogue import catalogue
 from mtpipe.effects.effect import Effect, Evidence
-from mtpipe.effects.setup_sizes import READ, pinned_sizes, read_sizes, with_pinned
+from mtpipe.effects.setup_sizes import pinned_sizes, read_sizes, with_pinned
 from mtpipe.experiment.description import Experiment, ForceCourse, Triple
 from mtpipe.experiment.from_setup import DESCRIBED, experiment_of
 from mtpipe.ground.notice import Notice
@@ -65,13 +65,14 @@ def _with_effect(
     """The experiment with an effect; as it is, and why, if not all sizes are stated."""
     forces = tuple(rest.force_pN for rest in experiment.rests)
     some = Evidence(SOME_LINE_HZ, forces, common_course=SOME_COURSE)
-    held, evidence = read_sizes(effect.name, sizes, some)
+    held, evidence = read_sizes(effect, sizes, some)
     possible = with_pinned(effect, held).hypotheses(experiment, evidence)
     if not possible:
         return experiment, "which does not apply to this setup"
     changed, free = possible[0].experiment, possible[0].parameters
     missing = [name for name, _, _ in effect.strengths(changed) if name not in sizes]
-    if READ.get(effect.name) in missing or any(parameter.prior is None for parameter in free):
+    unread = effect.read is not None and effect.read.name in missing
+    if unread or any(parameter.prior is None for parameter in free):
         return experiment, f"of which [model.{effect.name}] does not state {', '.join(missing)}"
     for parameter in free:
         if parameter.prior is not None:
