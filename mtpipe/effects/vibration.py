@@ -111,5 +111,3 @@ def _at(evidence: Evidence, line_hz: float) -> Evidence:
 _REMEDY = "look for a pump, fan or mains line of this frequency near the microscope."
 _READ = Read("line_hz", _at)
 EFFECT = Effect("vibration", _hypotheses, _cause, _strengths, remedy=_REMEDY, read=_READ)
-    "vibration", _hypotheses, _cause, _strengths, remedy=_REMEDY, read=Read("line_hz", _at)
-)
