@@ -189,7 +189,9 @@ def said_of(
     if found.regions and rings is not None:
         sizes = [region.size_px for region in found.regions]
         said += f" Regions have {_squares(sizes)} pixels; tracking uses "
-        said += " to ".join(dict.fromkeys(f"{rings.share(s):.0%}" for s in (min(sizes), max(sizes))))
+        said += " to ".join(
+            dict.fromkeys(f"{rings.share(s):.0%}" for s in (min(sizes), max(sizes)))
+        )
         said += " of what the rings tell of x and y."
     if found.refused:
         places = (f"at x = {r.x_px:.0f}, y = {r.y_px:.0f}: {r.reason}" for r in found.refused)
@@ -212,7 +214,8 @@ def check_inside(region: Region, stack: Stack, beside: float = 0) -> None:
     """
     half = (region.size_px - 1) / 2 - beside * region.size_px
     inside = (
-        half - 1 <= region.x_px <= stack.width - half
+        region.size_px <= min(stack.width, stack.height)
+        and half - 1 <= region.x_px <= stack.width - half
         and half - 1 <= region.y_px <= stack.height - half
     )
     if not inside:

@@ -20,6 +20,7 @@ from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
+from scipy.interpolate import CubicSpline
 
 from mtpipe.compiled import compiled
 from mtpipe.physics.camera import FloatArray
@@ -66,7 +67,7 @@ class RingInformation:
     @cached_property
     def _slopes(self) -> FloatArray:
         """(n, 2, rings) grey levels per pixel."""
-        return np.asarray(np.gradient(self.halves, RING_PX, axis=2))
+        return np.asarray(CubicSpline(self.radii_px, self.halves, axis=2)(self.radii_px, 1))
 
     @cached_property
     def radii_px(self) -> FloatArray:
