@@ -75,7 +75,7 @@ def _places(region: Region, frames: FloatArray) -> FloatArray:
 
 
 def _rings(frames: FloatArray, places: list[FloatArray], reach_px: int) -> RingInformation | None:
-    """Rings of beads at (n, 2) places in the frames; None if they are in none of them."""
+    """Rings of beads at (n, 2) places in the frames; None if none are seen."""
     shape = (frames.shape[1], frames.shape[2])
     chosen = np.unique(np.linspace(0, len(frames) - 1, IMAGES).astype(int))
     images, middles = [], []
@@ -89,7 +89,8 @@ def _rings(frames: FloatArray, places: list[FloatArray], reach_px: int) -> RingI
         return None
     stack = np.array(images, dtype=float)
     x_px, y_px = np.array(middles).T
-    return RingInformation.of(stack, x_px, y_px, pixel_noise(stack))
+    rings = RingInformation.of(stack, x_px, y_px, pixel_noise(stack))
+    return rings if np.median(rings.by_ring.sum(axis=1)) > 0 else None
 
 
 def _with_room(size_px: int, places: FloatArray) -> int:

@@ -76,18 +76,27 @@ class RingInformation:
 
     @cached_property
     def by_ring(self) -> FloatArray:
-        """(rings,) Fisher information on x in one image, px⁻²; scatters about 0 without rings."""
-        square = np.prod(self._slopes, axis=1).mean(axis=0)
+        """(n, rings) Fisher information on x, px⁻²; scatters about 0 where there are no rings."""
+        square = np.prod(self._slopes, axis=1)
         return np.asarray(np.pi * self.radii_px * RING_PX * square / self.variance)
 
     def share(self, size_px: int) -> float:
         """Share of the rings' information that is used in a region of this side."""
-        total = float(self.by_ring.sum())
-        used = self.precision_px(size_px) ** -2
-        return min(used / total, 1.0) if total > 0 else 0.0
+        total = self.by_ring.sum(axis=1)
+        if np.median(total) <= 0:
+            return 0.0
+        used = self._variances_px2(size_px) ** -1
+        return float(np.clip(np.median(used) / np.median(total), 0, 1))
 
     def precision_px(self, size_px: int) -> float:
-        """Standard deviation of x in a region of this side, by magtrack's lines; inf: no rings."""
+        """Standard deviation of x in a region of this side, by magtrack's lines; inf: no rings.
+
+        Of images at different heights, as of a focus scan, it is the median.
+        """
+        return float(np.sqrt(np.median(self._variances_px2(size_px))))
+
+    def _variances_px2(self, size_px: int) -> FloatArray:
+        """(n,) variance of x in each image; inf where there are no rings."""
         x = np.arange(1, size_px // 2 + 1, dtype=float)
         beside = int(size_px * LINES // 2)
         y = np.arange(-beside, beside + 1, dtype=float)
@@ -95,14 +104,14 @@ class RingInformation:
         ring = np.minimum((r / RING_PX).astype(int), len(self.radii_px) - 2)
         outer = r / RING_PX - ring
         along = (1 - outer) * self._slopes[:, :, ring] + outer * self._slopes[:, :, ring + 1]
-        of_mean = np.mean(along * (x / r), axis=2)
-        square = np.prod(of_mean, axis=1).mean(axis=0)
+        square = np.prod(np.mean(along * (x / r), axis=2), axis=1)
         weight = np.exp(-((x / (size_px * WINDOW)) ** 2))
         variance = np.interp(x, self.radii_px, self.variance) / len(y)
         # both sides of the centre, in the sum of the signal and in that of the noise
-        signal = 2 * float(np.sum(weight * square))
-        error = 2 * float(np.sum(weight**2 * square * variance))
-        return float(np.sqrt(error) / signal) if signal > 0 and error > 0 else np.inf
+        signal = 2 * square @ weight
+        error = 2 * square @ (weight**2 * variance)
+        rings = (signal > 0) & (error > 0)
+        return np.where(rings, error / np.where(rings, signal, 1) ** 2, np.inf)
 
     def size_px(self) -> int:
         """The smallest side, odd, that no larger one within the rings betters by `WORTH`."""
