@@ -1,16 +1,21 @@
 """What rings tell of a bead's place, against the image that was drawn and the tracker itself."""
 
 import functools
+from contextlib import nullcontext
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 
+from mtpipe.errors import RecordingError
 from mtpipe.simulation.bead_image import FINE_PX, BeadImage, BeadOptics
 from mtpipe.simulation.images import Sensor, draw
-from mtpipe.tracking.find_beads import find_beads
+from mtpipe.tracking.find_beads import Region, find_beads
+from mtpipe.tracking.follow import corner
 from mtpipe.tracking.positions import locate
 from mtpipe.tracking.precision import pixel_noise
 from mtpipe.tracking.region_sizes import sized
+from mtpipe.tracking.regions import BESIDE, check_inside
 from mtpipe.tracking.ring_information import RingInformation
 
 SENSOR = Sensor(background_e=2000.0, bits=16, electrons_per_level=0.5, offset=0.0, flicker=0.0)
@@ -123,3 +128,17 @@ def test_a_bead_that_moves_gets_room():
 
 def test_a_size_that_is_told_stays():
     assert sizes(film([(180, 120)]), 41) == {(180, 120): 41}
+
+
+@pytest.mark.parametrize(("x_px", "inside"), [(28, True), (22, False)])
+def test_a_bead_nearer_to_the_border_than_its_table_asks_is_taken_a_little_off_the_middle(
+    x_px, inside
+):
+    image = SimpleNamespace(width=200, height=200, name="film.tif")
+    region = Region("b", x_px, 100, 65)
+    with pytest.raises(RecordingError, match="cut by the border"):
+        check_inside(region, image)
+    with nullcontext() if inside else pytest.raises(RecordingError, match="cut by the border"):
+        check_inside(region, image, beside=BESIDE)
+    _, column = corner(region, (200, 200))
+    assert (abs(x_px - (column + 32)) < 65 / 8) is inside

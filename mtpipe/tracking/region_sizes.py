@@ -61,10 +61,10 @@ def sized(
 def _bound_px(region: Region, found: FoundBeads, shape: tuple[int, ...]) -> int:
     """Half the largest region: to the border, or halfway to the next bead."""
     x, y = region.x_px, region.y_px
-    border = int(min(x, y, shape[1] - 1 - x, shape[0] - 1 - y))
+    border = min(x, y, shape[1] - 1 - x, shape[0] - 1 - y)
     others = [(o.x_px, o.y_px) for o in (*found.regions, *found.refused)]
-    apart = [d for o in others if (d := math.dist(o, (x, y))) > 0]
-    return max(min(border, int(min(apart, default=math.inf) / 2)), MIN_SIZE_PX // 2)
+    halfway = [d / 2 for other in others if (d := math.dist(other, (x, y))) > 0]
+    return max(int(min([border, *halfway])), MIN_SIZE_PX // 2)
 
 
 def _places(region: Region, frames: FloatArray) -> FloatArray:
