@@ -114,8 +114,8 @@ def test_a_region_is_as_large_as_rings_are_worth():
 
 def test_a_region_ends_at_the_border_and_halfway_to_the_next_bead():
     found = sizes(film([(40, 120), (200, 120), (270, 120)]))
-    assert found[40, 120] == pytest.approx(81, abs=2)
-    assert found[200, 120] == found[270, 120] == pytest.approx(71, abs=2)
+    assert found[40, 120] == pytest.approx(81, abs=5)
+    assert found[200, 120] == found[270, 120] == pytest.approx(71, abs=3)
 
 
 def test_a_bead_that_moves_gets_room():

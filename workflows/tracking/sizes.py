@@ -29,7 +29,8 @@ BEADS = {
 }
 BACKGROUNDS_E = (400.0, 6400.0)
 PICTURE_PX, HEIGHT_NM = 201, 100.0
-DIAMETERS_PX = (21, 31, 41, 51, 61, 81)
+DIAMETERS_PX = (21, 41, 61, 81)
+FOR_TRACKPY = 60  # images; it takes its time with large diameters
 MAGTRACK_PX = (41, 61, 81, 101, 121, 151, 201)
 
 
@@ -69,9 +70,9 @@ def _line(python: Path, images: int, name: str, background: float) -> list[str]:
     cells.append(", ".join(f"{s:.2f}" for s in stated / scatter))
     by_size = {size: _by_magtrack(stack, xy, size) for size in MAGTRACK_PX}
     best = min(by_size, key=lambda size: by_size[size])
-    its = peer.locate(python, stack, xy, DIAMETERS_PX)
+    its = peer.locate(python, stack[:FOR_TRACKPY], xy[:FOR_TRACKPY], DIAMETERS_PX)
     return [
-        *cells, nm(by_size[best]), f"{best}", nm(rms(pictures.PIXEL_NM * (its.xy_px - xy))),
+        *cells, nm(by_size[best]), f"{best}", nm(rms(pictures.PIXEL_NM * (its.xy_px - xy[:FOR_TRACKPY]))),
         its.setting,
     ]  # fmt: skip
 
