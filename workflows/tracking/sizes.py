@@ -71,10 +71,8 @@ def _line(python: Path, images: int, name: str, background: float) -> list[str]:
     by_size = {size: _by_magtrack(stack, xy, size) for size in MAGTRACK_PX}
     best = min(by_size, key=lambda size: by_size[size])
     its = peer.locate(python, stack[:FOR_TRACKPY], xy[:FOR_TRACKPY], DIAMETERS_PX)
-    return [
-        *cells, nm(by_size[best]), f"{best}", nm(rms(pictures.PIXEL_NM * (its.xy_px - xy[:FOR_TRACKPY]))),
-        its.setting,
-    ]  # fmt: skip
+    missed = pictures.PIXEL_NM * (its.xy_px - xy[:FOR_TRACKPY])
+    return [*cells, nm(by_size[best]), f"{best}", nm(rms(missed)), its.setting]
 
 
 @functools.cache
