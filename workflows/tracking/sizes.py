@@ -27,18 +27,16 @@ BEADS = {
     "1.4 µm, 3 µm from focus": BeadOptics(1400.0, pictures.PIXEL_NM, 3000.0, reach_px=90),
     "1.4 µm, 5 µm from focus": BeadOptics(1400.0, pictures.PIXEL_NM, 5000.0, reach_px=90),
 }
-BACKGROUNDS_E = (400.0, 6400.0)
+BACKGROUND_E = 1600.0
 PICTURE_PX, HEIGHT_NM = 201, 100.0
 DIAMETERS_PX = (21, 41, 61, 81)
-FOR_TRACKPY = 60  # images; it takes its time with large diameters
+FOR_TRACKPY = 40  # images; it takes its time with large diameters
 MAGTRACK_PX = (41, 61, 81, 101, 121, 151, 201)
 
 
 def sizes_table(python: Path, images: int) -> str:
     """Root-mean-square errors of x and y with each default, and what is stated over the scatter."""
-    lines = [
-        _line(python, images, name, background) for name in BEADS for background in BACKGROUNDS_E
-    ]
+    lines = [_line(python, images, name) for name in BEADS]
     return table(
         "bead's radius, height | signal/noise | region before (px) | x, y | region now (px) | x, y"
         " | stated / scatter now | magtrack by itself x, y | with (px) | trackpy x, y | with",
@@ -46,8 +44,8 @@ def sizes_table(python: Path, images: int) -> str:
     )
 
 
-def _line(python: Path, images: int, name: str, background: float) -> list[str]:
-    camera = replace(pictures.sensor(background), flicker=0.0)
+def _line(python: Path, images: int, name: str) -> list[str]:
+    camera = replace(pictures.sensor(BACKGROUND_E), flicker=0.0)
     middle = (PICTURE_PX - 1) / 2
     random = np.random.default_rng(600)
     xy = middle + random.uniform(-1, 1, (images, 2))
