@@ -62,7 +62,7 @@ def _bound_px(region: Region, found: FoundBeads, shape: tuple[int, ...]) -> int:
     """Half the largest region: to the border, or halfway to the next bead."""
     x, y = region.x_px, region.y_px
     border = min(x, y, shape[1] - 1 - x, shape[0] - 1 - y)
-    others = [(o.x_px, o.y_px) for o in (*found.regions, *found.refused)]
+    others = [(r.x_px, r.y_px) for r in found.regions] + [(r.x_px, r.y_px) for r in found.refused]
     halfway = [d / 2 for other in others if (d := math.dist(other, (x, y))) > 0]
     return max(int(min([border, *halfway])), MIN_SIZE_PX // 2)
 

@@ -111,7 +111,9 @@ class RingInformation:
         signal = 2 * square @ weight
         error = 2 * square @ (weight**2 * variance)
         rings = (signal > 0) & (error > 0)
-        return np.where(rings, error / np.where(rings, signal, 1) ** 2, np.inf)
+        found: FloatArray = np.full(len(signal), np.inf)
+        found[rings] = error[rings] / signal[rings] ** 2
+        return found
 
     def size_px(self) -> int:
         """The smallest side, odd, that no larger one within the rings betters by `WORTH`."""
