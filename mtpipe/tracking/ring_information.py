@@ -72,7 +72,7 @@ class RingInformation:
     @cached_property
     def radii_px(self) -> FloatArray:
         """(rings,)."""
-        return RING_PX * np.arange(self.halves.shape[2])
+        return RING_PX * np.arange(self.halves.shape[2], dtype=np.float64)
 
     @cached_property
     def by_ring(self) -> FloatArray:
