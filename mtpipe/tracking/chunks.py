@@ -155,9 +155,9 @@ def _located(
     """Positions of a bead in images of its region and, in a sample of them, their precision."""
     known = None if table is None else _table(table)
     found = locate(images, method=method, table=known, saturated_above=saturated_above)
-    good = images[found.lost == 0]
-    if sample is None or not len(good):
+    if sample is None or found.lost.all():
         return found, None
+    good = images[found.lost == 0]
     # the same noise in every sample would leave its chance in their median
     return found, precision_nm(good, pixel_nm, method, known, seed=sample)
 
