@@ -15,7 +15,7 @@ from mtpipe.tracking.follow import corner
 from mtpipe.tracking.positions import locate
 from mtpipe.tracking.precision import pixel_noise
 from mtpipe.tracking.region_sizes import sized
-from mtpipe.tracking.regions import BESIDE, check_inside
+from mtpipe.tracking.regions import BESIDE, check_inside, said_of
 from mtpipe.tracking.ring_information import RingInformation
 
 SENSOR = Sensor(background_e=2000.0, bits=16, electrons_per_level=0.5, offset=0.0, flicker=0.0)
@@ -103,7 +103,10 @@ def film(places, shape=(240, 360), motion_px=0.0):
 
 
 def sizes(frames, size_px=None):
-    found, _ = sized(find_beads(frames, size_px=size_px), frames, size_px)
+    found, seen = sized(find_beads(frames, size_px=size_px), frames, size_px)
+    smallest, largest = (f(r.size_px for r in found.regions) for f in (min, max))
+    assert f"{largest} x {largest} pixels; tracking uses" in said_of(found, seen).message
+    assert f"{seen.share(smallest):.0%}" in said_of(found, seen).message
     return {(round(r.x_px, -1), round(r.y_px, -1)): r.size_px for r in found.regions}
 
 
