@@ -129,7 +129,8 @@ def regions_of(
         notices = (said_of(replace(found, regions=sized), rings),)
     for region in sized:
         # a table may be larger than fits about a bead that is found nearer to the border
-        check_inside(region, stack, beside=BESIDE if tables.size_px(region.name) else 0)
+        of_table = found is not None and tables.size_px(region.name) is not None
+        check_inside(region, stack, beside=BESIDE if of_table else 0)
     if choice.regions:  # beads that are found are apart already
         check_apart(sized, stack)
     names = [region.name for region in sized]
