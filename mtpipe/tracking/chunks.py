@@ -101,7 +101,8 @@ def tracked_chunks(
     number, frames = next(chunks)
     start = 0
     while True:
-        asked = _asked(work, frames, pool, workers, precise=number % sampled == 0)
+        sample = number // sampled if number % sampled == 0 else None
+        asked = _asked(work, frames, pool, workers, sample)
         following = next(chunks, None)
         done = {
             bead: _collected(work, bead, [future.result() for future in futures], frames)
@@ -115,9 +116,12 @@ def tracked_chunks(
 
 
 def _asked(
-    work: Work, frames: Images, pool: Executor, workers: int, *, precise: bool
+    work: Work, frames: Images, pool: Executor, workers: int, sample: int | None
 ) -> dict[str, list[Future[_Located]]]:
-    """Every bead's share of a chunk, given to the processes."""
+    """Every bead's share of a chunk, given to the processes.
+
+    `sample` counts the chunks in which the precision is estimated; None: in this one it is not.
+    """
     pieces = math.ceil(workers / len(work.regions))
     pieces = max(1, min(pieces, len(frames) // FEWEST_FRAMES))
     tables = work.tables.of(work.regions)
@@ -129,7 +133,8 @@ def _asked(
                 work.method,
                 tables.get(bead),
                 work.saturated_above,
-                work.pixel_nm if precise and k == 0 else None,
+                work.pixel_nm,
+                sample if k == 0 else None,
             )
             for k, piece in enumerate(np.array_split(cut(frames, region), pieces))
         ]
@@ -145,15 +150,17 @@ def _located(
     method: str,
     table: Path | None,
     saturated_above: float | None,
-    pixel_nm: float | None,
+    pixel_nm: float,
+    sample: int | None,
 ) -> _Located:
-    """Positions of a bead in images of its region and, with a pixel size, their precision."""
+    """Positions of a bead in images of its region and, in a sample of them, their precision."""
     known = None if table is None else _table(table)
     found = locate(images, method=method, table=known, saturated_above=saturated_above)
-    if pixel_nm is None:
+    if sample is None or found.lost.all():
         return found, None
     good = images[found.lost == 0]
-    return found, precision_nm(good, pixel_nm, method, known) if len(good) else None
+    # the same noise in every sample would leave its chance in their median
+    return found, precision_nm(good, pixel_nm, method, known, seed=sample)
 
 
 @functools.lru_cache(maxsize=256)

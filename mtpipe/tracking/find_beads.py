@@ -74,7 +74,8 @@ def find_beads(frames: FloatArray, *, size_px: int | None = None) -> FoundBeads:
     ----------
     frames : (n, height, width), the first frames, at least two. Those with pixels that are no
         numbers are left out.
-    size_px : side of a region; default: 3 times the beads' radius, less at the border.
+    size_px : side of a region; default: 3 times the beads' radius, less at the border, which is
+        enough to locate them (`mtpipe.tracking.region_sizes`).
 
     Raises
     ------
@@ -247,7 +248,7 @@ def _sorted_out(
         distance = np.hypot(*(places - (x, y)).T)
         distance[distance == 0] = np.inf
         border = int(min(x, y, width - 1 - x, height - 1 - y))
-        if border < (radius if size_px is None else size_px // 2):
+        if border < (max(radius, MIN_SIZE_PX // 2) if size_px is None else size_px // 2):
             refused.append(Refused(x, y, "is cut by the border of the image"))
         elif distance.min() < 2 * radius:
             other = places[np.argmin(distance)]

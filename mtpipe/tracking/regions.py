@@ -24,10 +24,13 @@ from mtpipe.tracking.stack import Stack
 
 if TYPE_CHECKING:
     from mtpipe.tracking.lookup_table import LookUpTable
+    from mtpipe.tracking.ring_information import RingInformation
 
 FIRST_FRAMES = 50
 FIRST_BYTES = 1 << 25
 PIXEL_TOLERANCE = 1e-3
+# A bead so far from the middle of its region, in parts of the side, is halfway to being lost.
+BESIDE = 1 / 8
 
 
 @dataclass(frozen=True)
@@ -109,20 +112,25 @@ def regions_of(
     choice = setup.tracking
     notices: tuple[Notice, ...] = ()
     regions = stated_regions(choice)
+    found, rings = None, None
     if not regions:
-        found = beads_in(first_frames(stack), stack, choice.size_px)
-        regions, notices = found.regions, (said_of(found),)
+        found, rings = beads_in(first_frames(stack), stack, choice.size_px)
+        regions = found.regions
         if not regions:
             raise RecordingError(
-                said_of(found).message.removesuffix("."),
+                said_of(found, rings).message.removesuffix("."),
                 where=stack.name,
                 mend="Give a smaller size_px, or the beads as [[tracking.regions]].",
             )
     sized = tuple(
         replace(region, size_px=tables.size_px(region.name) or region.size_px) for region in regions
     )
+    if found is not None:
+        notices = (said_of(replace(found, regions=sized), rings),)
     for region in sized:
-        check_inside(region, stack)
+        # a table may be larger than fits about a bead that is found nearer to the border
+        of_table = found is not None and tables.size_px(region.name) is not None
+        check_inside(region, stack, beside=BESIDE if of_table else 0)
     if choice.regions:  # beads that are found are apart already
         check_apart(sized, stack)
     names = [region.name for region in sized]
@@ -149,10 +157,14 @@ def stated_regions(choice: Tracking) -> tuple[Region, ...]:
     return tuple(Region(r.name, r.x_px, r.y_px, r.size_px) for r in choice.regions)
 
 
-def beads_in(frames: np.ndarray, stack: Stack, size_px: int | None) -> FoundBeads:
-    """The beads in some frames of a stack; parameters and errors as `find_beads`."""
+def beads_in(
+    frames: np.ndarray, stack: Stack, size_px: int | None
+) -> tuple[FoundBeads, RingInformation | None]:
+    """The beads in some frames of a stack, and their rings; parameters, errors as `find_beads`."""
+    from mtpipe.tracking.region_sizes import sized
+
     try:
-        return find_beads(frames, size_px=size_px)
+        return sized(find_beads(frames, size_px=size_px), frames, size_px)
     except RecordingError as error:
         error.where = stack.name
         raise
@@ -165,14 +177,23 @@ def first_frames(stack: Stack) -> np.ndarray:
         return next(chunks)
 
 
-def said_of(found: FoundBeads, where: str = "the first frames") -> Notice:
-    """What was found and refused, in words, with the places."""
+def said_of(
+    found: FoundBeads, rings: RingInformation | None, where: str = "the first frames"
+) -> Notice:
+    """What was found and refused, in words, with places and sizes of regions."""
     count = len(found.regions)
     said = f"{count} {'bead was' if count == 1 else 'beads were'} found in {where}"
     if found.regions:
         places = (f"{r.name} at x = {r.x_px:.0f}, y = {r.y_px:.0f}" for r in found.regions)
         said += f" ({'; '.join(places)})"
     said += "."
+    if found.regions and rings is not None:
+        sizes = [region.size_px for region in found.regions]
+        said += f" Regions have {_squares(sizes)} pixels; tracking uses "
+        said += " to ".join(
+            dict.fromkeys(f"{rings.share(s):.0%}" for s in (min(sizes), max(sizes)))
+        )
+        said += " of what the rings tell of x and y."
     if found.refused:
         places = (f"at x = {r.x_px:.0f}, y = {r.y_px:.0f}: {r.reason}" for r in found.refused)
         count = len(found.refused)
@@ -182,11 +203,20 @@ def said_of(found: FoundBeads, where: str = "the first frames") -> Notice:
     return Notice("beads_found", "info", said)
 
 
-def check_inside(region: Region, stack: Stack) -> None:
-    """Raise RecordingError if a region juts out of the image."""
-    half = (region.size_px - 1) / 2
+def _squares(sizes_px: Sequence[int]) -> str:
+    """One size or the smallest and the largest, in words."""
+    return " to ".join(dict.fromkeys(f"{s} x {s}" for s in (min(sizes_px), max(sizes_px))))
+
+
+def check_inside(region: Region, stack: Stack, beside: float = 0) -> None:
+    """Raise RecordingError if a region juts out of the image.
+
+    `beside` is the part of its side by which it may, and is then moved inward.
+    """
+    half = (region.size_px - 1) / 2 - beside * region.size_px
     inside = (
-        half - 1 <= region.x_px <= stack.width - half
+        region.size_px <= min(stack.width, stack.height)
+        and half - 1 <= region.x_px <= stack.width - half
         and half - 1 <= region.y_px <= stack.height - half
     )
     if not inside:

@@ -147,8 +147,8 @@ def _region(
         said = "the setup has " + ", ".join(r.name for r in regions)
     else:
         size = None if setup is None else setup.tracking.size_px
-        found = beads_in(_spread(stack), stack, size)
-        regions, said = found.regions, said_of(found, "the scan").message.rstrip(".")
+        found, rings = beads_in(_spread(stack), stack, size)
+        regions, said = found.regions, said_of(found, rings, "the scan").message.rstrip(".")
     named = [one for one in regions if bead in (one.name, None)]
     if bead is not None and not named:
         raise RecordingError(f"there is no bead {bead!r} in the scan: {said}", where=stack.name)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import subprocess
 import tempfile
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -12,6 +13,8 @@ import peer_environment
 
 PEER = Path(__file__).parent / "trackpy_peer"
 REQUIREMENTS = PEER / "requirements.txt"
+# What is searched, pixels; uneven, as trackpy wants them.
+DIAMETERS_PX = (7, 9, 11, 13, 15, 17, 19, 21, 23, 25, 31)
 # A feature further from the bead than this is another one.
 FOUND_PX = 1.0
 
@@ -33,11 +36,16 @@ def environment(folder: Path) -> Path:
     return peer_environment.environment(folder, REQUIREMENTS)
 
 
-def locate(python: Path, images: np.ndarray, truth_px: np.ndarray) -> Answer:
+def locate(
+    python: Path,
+    images: np.ndarray,
+    truth_px: np.ndarray,
+    diameters_px: Sequence[int] = DIAMETERS_PX,
+) -> Answer:
     """Where trackpy finds the bead in images (n, size, size), its best setting chosen by truth."""
     with tempfile.TemporaryDirectory(prefix="mtpipe-study-") as name:
         asked, answered = Path(name) / "images.npz", Path(name) / "answers.npz"
-        np.savez(asked, images=images)
+        np.savez(asked, images=images, diameters_px=diameters_px)
         done = subprocess.run(
             [str(python), str(PEER / "locate.py"), str(asked), str(answered)],
             capture_output=True,

@@ -28,6 +28,7 @@ import forces
 import pages
 import peer
 import real
+import sizes
 
 import mtpipe
 
@@ -56,6 +57,7 @@ PARTS: dict[str, Callable[[Choice], str]] = {
     "phase": lambda c: accuracy.phase_table(c.trackpy, c.images // 4),
     "planes": lambda c: accuracy.planes_table(c.images),
     "precision": lambda c: accuracy.precision_table(2 * c.images),
+    "sizes": lambda c: sizes.sizes_table(c.trackpy, c.images),
     "speed": lambda c: accuracy.speed_table(c.trackpy),
     "forces": lambda c: forces.forces_table(c.frames, c.seed),
     "scan": lambda c: real.scan_table(c.recordings),

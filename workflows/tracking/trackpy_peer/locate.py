@@ -2,9 +2,9 @@
 
     python locate.py images.npz answers.npz
 
-Every image is searched with bright and with dark features and with each diameter; of the features
-found the one nearest to the middle of the image is answered. What fits the images best is for the
-asker to choose.
+Every image is searched with bright and with dark features and with each of `diameters_px`; of the
+features found the one nearest to the middle of the image is answered. What fits the images best is
+for the asker to choose.
 """
 
 from __future__ import annotations
@@ -16,17 +16,16 @@ import time
 import numpy as np
 import trackpy
 
-DIAMETERS_PX = (7, 9, 11, 13, 15, 17, 19, 21, 23, 25, 31)
-
 
 def main() -> None:
     """Read the images, write where trackpy finds the bead in them."""
     trackpy.quiet()
-    images = np.load(sys.argv[1])["images"]
+    with np.load(sys.argv[1]) as asked:
+        images, diameters_px = asked["images"], asked["diameters_px"].tolist()
     middle = (images.shape[1] - 1) / 2
     answers, seconds, settings = [], [], []
-    trackpy.locate(images[0], DIAMETERS_PX[0], characterize=False)  # compiles
-    for dark, diameter in itertools.product((False, True), DIAMETERS_PX):
+    trackpy.locate(images[0], diameters_px[0], characterize=False)  # compiles
+    for dark, diameter in itertools.product((False, True), diameters_px):
         began = time.process_time()
         answers.append([nearest(image, diameter, dark, middle) for image in images])
         seconds.append((time.process_time() - began) / len(images))
