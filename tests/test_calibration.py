@@ -190,7 +190,12 @@ def ring_at_changing_speed(random):
 
 @pytest.mark.parametrize(
     ("motion", "words"),
-    [(stuck, "stuck"), (free, "does not level off"), (driven, "circles"), (ring_at_changing_speed, "ring")],
+    [
+        (stuck, "stuck"),
+        (free, "does not level off"),
+        (driven, "circles"),
+        (ring_at_changing_speed, "ring"),
+    ],
 )
 def test_what_is_no_tethered_bead_is_refused_with_its_reason(motion, words):
     raw = nothing_but(motion(np.random.default_rng(3)))

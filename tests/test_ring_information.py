@@ -7,7 +7,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from mtpipe.errors import RecordingError
+from mtpipe.ground.errors import RecordingError
 from mtpipe.simulation.bead_image import FINE_PX, BeadImage, BeadOptics
 from mtpipe.simulation.images import Sensor, draw
 from mtpipe.tracking.find_beads import Region, find_beads

@@ -13,10 +13,11 @@ from dataclasses import replace
 import numpy as np
 from scipy.stats import median_abs_deviation
 
-from mtpipe.recording import FloatArray
+from mtpipe.recording.recording import FloatArray
 from mtpipe.tracking.find_beads import FoundBeads, Region
 from mtpipe.tracking.follow import corner, cut
-from mtpipe.tracking.positions import MIN_SIZE_PX, locate
+from mtpipe.tracking.measured import MIN_SIZE_PX
+from mtpipe.tracking.positions import locate
 from mtpipe.tracking.precision import pixel_noise
 from mtpipe.tracking.ring_information import RingInformation
 

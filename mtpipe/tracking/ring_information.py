@@ -22,9 +22,9 @@ from functools import cached_property
 import numpy as np
 from scipy.interpolate import CubicSpline
 
-from mtpipe.compiled import compiled
+from mtpipe.ground.compiled import compiled
 from mtpipe.physics.camera import FloatArray
-from mtpipe.tracking.positions import MIN_SIZE_PX
+from mtpipe.tracking.measured import MIN_SIZE_PX
 from mtpipe.tracking.precision import PixelNoise
 
 SECTORS = 8
