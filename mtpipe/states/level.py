@@ -67,7 +67,7 @@ def step_scores(level: FloatArray) -> StepScores:
     stderr = np.sqrt(weights @ np.array(variances))
     freedom = max(len(d) - 4, 2)
     tail = stats.t.logsf(np.abs(size / stderr), freedom)
-    score = np.sign(size) * normal_from_log_tail(tail)
+    score = np.sign(size) * _normal_from_log_tail(tail)
     return StepScores(size, score, noises[int(np.argmax(weights))])
 
 
@@ -100,7 +100,7 @@ def _likely_noises(differences: FloatArray) -> tuple[list[Noise], FloatArray]:
     """Noises by their share of the walk, and their likelihoods, which sum to 1."""
     n = len(differences)
     power = fft.dst(differences, type=1, norm="ortho") ** 2
-    shape = WALKS[:, None] + white_eigenvalues(n)
+    shape = WALKS[:, None] + _white_eigenvalues(n)
     white = np.maximum((power / shape).mean(axis=1), 1e-300)
     cost = n * np.log(white) + np.log(shape).sum(axis=1)
     weights = np.exp((cost.min() - cost) / 2)
@@ -111,14 +111,14 @@ def _likely_noises(differences: FloatArray) -> tuple[list[Noise], FloatArray]:
 
 def _steps(d: FloatArray, noise: Noise) -> tuple[FloatArray, FloatArray]:
     """Size and standard error of a step at each place (generalised least squares)."""
-    eigen = noise.white * (noise.walk_share + white_eigenvalues(len(d)))
+    eigen = noise.white * (noise.walk_share + _white_eigenvalues(len(d)))
     solved = fft.dst(fft.dst(d, type=1, norm="ortho") / eigen, type=1, norm="ortho")
     precision = _squared_sines(len(d)) @ (1 / eigen)
     return solved / precision, precision**-0.5
 
 
 @functools.lru_cache(maxsize=64)
-def white_eigenvalues(n: int) -> FloatArray:
+def _white_eigenvalues(n: int) -> FloatArray:
     return np.asarray(2 - 2 * np.cos(np.pi * np.arange(1, n + 1) / (n + 1)))
 
 
@@ -129,7 +129,7 @@ def _squared_sines(n: int) -> FloatArray:
     return np.asarray(2 / (n + 1) * np.sin(np.pi * np.outer(j, j) / (n + 1)) ** 2)
 
 
-def normal_from_log_tail(log_tail: FloatArray) -> FloatArray:
+def _normal_from_log_tail(log_tail: FloatArray) -> FloatArray:
     """The standard normal number that is exceeded as rarely."""
     exact = stats.norm.isf(np.exp(np.maximum(log_tail, -700.0)))
     return np.asarray(np.where(log_tail < -700.0, np.sqrt(-2 * log_tail), exact))
