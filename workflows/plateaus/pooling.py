@@ -58,11 +58,12 @@ def main() -> None:
     parser.add_argument("--nulls", type=int, default=2500, help="recordings of 8 plateaus")
     parser.add_argument("--old", type=int, default=125, help="of them, by the sum alone")
     parser.add_argument("--steps", type=int, default=100, help="per number of beads and size")
+    parser.add_argument("--noise", choices=NULLS, nargs="*", default=list(NULLS))
     choice = parser.parse_args()
-    for beads in (2, 3, 5, 10):
+    for beads in (2, 3, 5, 10) if choice.steps else ():
         for size in (2.0, 3.0, 4.0):
             print(_found(np.random.default_rng([beads, 3]), beads, size, choice.steps), flush=True)
-    for name in NULLS:
+    for name in choice.noise:
         for line in _false(np.random.default_rng(4), name, 5, choice.nulls, choice.old):
             print(line, flush=True)
 
