@@ -109,8 +109,8 @@ def part_notices(
             ).format(motion.time_s[change.row])
             told = (
                 f"The heights of beads {seen} (sideways "
-                f"{100 * math.expm1(ratio):+.0f} ± {100 * error * math.exp(ratio):.0f} %): focus "
-                f"or reference moved. The plateau{position} is cut there; forces of both parts "
+                f"{100 * math.expm1(ratio):+.0f} ± {100 * error * math.exp(ratio):.0f} %): focus"
+                f"{', references or beads themselves' if both else ' or reference'} moved. The plateau{position} is cut there; forces of both parts "
                 "rest on their own heights."
             )
             said.append(Notice(HEIGHT, "caution", told, plateau=number))
