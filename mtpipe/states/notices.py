@@ -13,7 +13,7 @@ from mtpipe.states.change import Change
 from mtpipe.states.lag import Lag
 from mtpipe.states.motion import Motion
 from mtpipe.states.single_bead import Alone
-from mtpipe.states.size import force_change, heights_contradicted
+from mtpipe.states.size import force_change, heights_contradicted, heights_go_both_ways
 from mtpipe.states.trend import MOST_BIAS, Trend
 
 LAG, HIDDEN, LEFT_OUT = "magnet_log_lag", "hidden_step", "plateau_left_out"
@@ -98,12 +98,19 @@ def part_notices(
         if before not in kept or after not in kept:
             continue
         ratio, error = force_change(motion, slice(*before), slice(*after))
-        if heights_contradicted(motion, slice(*before), slice(*after)):
+        sides = motion, slice(*before), slice(*after)
+        both = heights_go_both_ways(*sides)
+        if both or heights_contradicted(*sides):
+            seen = (
+                "change at {:.2f} s, up for some and down for others, which no force does"
+                if both
+                else "change together at {:.2f} s, but their sideways motion does not change as a "
+                "force would make it"
+            ).format(motion.time_s[change.row])
             told = (
-                f"The heights of all beads change together at {motion.time_s[change.row]:.2f} s, "
-                "but their sideways motion does not change as a force would make it "
-                f"({100 * math.expm1(ratio):+.0f} ± {100 * error * math.exp(ratio):.0f} %): focus "
-                f"or reference moved. The plateau{position} is cut there; forces of both parts "
+                f"The heights of beads {seen} (sideways "
+                f"{100 * math.expm1(ratio):+.0f} ± {100 * error * math.exp(ratio):.0f} %): focus"
+                f"{', references or beads themselves' if both else ' or reference'} moved. The plateau{position} is cut there; forces of both parts "
                 "rest on their own heights."
             )
             said.append(Notice(HEIGHT, "caution", told, plateau=number))
