@@ -9,7 +9,6 @@ and does what `mtpipe` does with these arguments.
 from __future__ import annotations
 
 import errno
-import importlib
 import os
 import resource
 import signal
@@ -18,9 +17,16 @@ import traceback
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Literal
+from typing import Any, Literal
 
+# imported before a process is forked, which then need not
+import plotly.offline  # noqa: F401
+
+import mtpipe.report.pages  # noqa: F401
+from mtpipe import pipeline
+from mtpipe.calibration import Calibration
 from mtpipe.commands import main
+from mtpipe.recording import Recording
 
 # kill: before the change. within: as the file is written. full: no room from there on, neither for
 # a file nor a folder. short: files from there on cannot become longer than LONGEST.
@@ -29,7 +35,6 @@ LONGEST = 64  # bytes; any file of a run is longer
 # Events of Python's audit, and which of their arguments is the number of an open folder, to which a
 # name may be relative.
 FOLDER_AT = {"os.rename": 2, "os.remove": 1, "os.mkdir": 2, "os.rmdir": 1, "os.link": 2}
-IMPORTED = ("mtpipe.pipeline", "mtpipe.report.pages", "plotly.offline")
 FILE_MADE, FOLDER_MADE = "open", "os.mkdir"
 COUNTED: dict[Kind, tuple[str, ...]] = {
     "kill": (FILE_MADE, *FOLDER_AT),
@@ -55,6 +60,25 @@ class Ended:
     said: str
 
 
+_calibrated: dict[tuple[object, ...], Calibration] = {}
+_calibrate = pipeline.calibrate
+
+
+def _remembered(recording: Recording, **named: Any) -> Calibration:
+    if recording.files not in _calibrated:
+        _calibrated[recording.files] = _calibrate(recording, **named)
+    return _calibrated[recording.files]
+
+
+def prepare(recording: Path, out: Path) -> None:
+    """Make a run here, undisturbed; forked processes do not calculate its calibration again.
+
+    Most of a run's time is spent in it, which changes no file.
+    """
+    pipeline.calibrate = _remembered
+    pipeline.run(recording, out, cross_check=False)
+
+
 def command(arguments: Sequence[str], below: Path, fault: Fault | None = None) -> Ended:
     """Do a command, with a fault in what it changes below a folder."""
     return _forked(arguments, None if fault is None else _Hook(below, fault))
@@ -73,8 +97,6 @@ def changes(arguments: Sequence[str], below: Path, kind: Kind) -> int:
 
 
 def _forked(arguments: Sequence[str], hook: _Hook | None) -> Ended:
-    for module in IMPORTED:
-        importlib.import_module(module)
     reading, writing = os.pipe()
     child = os.fork()
     if child == 0:

@@ -103,6 +103,7 @@ def read(path: Path) -> tuple[bytes, str | None]:
             identity = told.pop("run")
             kept = {key: value for key, value in told.items() if key not in OWN_KEYS}
             return json.dumps(kept).encode(), identity
-        return OWN_ROWS.sub(b"", path.read_bytes()), None
+        content = path.read_bytes()
+        return OWN_ROWS.sub(b"", content) if path.suffix == ".html" else content, None
     except Exception as error:  # pyarrow and pandas raise anything on half a file
         raise TornError(str(path)) from error

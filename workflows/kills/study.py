@@ -13,8 +13,8 @@ full, short : no room from the k-th new file or folder on; files cannot grow fro
 disc : a file system in memory (tmpfs) that is full after some bytes; needs root
 worker : one of two workers killed
 
-Prints a row per part; every column after `between` has to be 0, else the exit code is 1. `between`
-counts folders whose new run had come to its end and was still taking its place as it was killed:
+Prints a row per part; every column after `between` has to be 0, else the exit code is 1.
+`disturbed` counts trials in which the command did not come to its end; `between` counts folders whose new run had come to its end and was still taking its place as it was killed:
 without `run.json`, and whole as soon as anything of mtpipe looks at them. Needs Linux.
 docs/kills.md has the figures.
 """
@@ -33,7 +33,7 @@ from dataclasses import dataclass, fields
 from pathlib import Path
 
 import numpy as np
-from disturbed import Ended, Fault, Kind, changes, command
+from disturbed import Ended, Fault, Kind, changes, command, prepare
 from folders import Contents, contents, found, leftovers
 from sessions import kill_worker, left, started, workers
 
@@ -62,6 +62,7 @@ direction = "x"
 effects = ["wall_drag", "tracking_noise"]
 """
 FRAMES = 1024
+TOLD = ("trials", "disturbed", "between")  # columns that may be more than 0
 PAGE = resource.getpagesize()
 
 
@@ -87,8 +88,9 @@ class Stage:
         shutil.copytree(self.kept, self.out)
 
     def run(self, workers: int = 1) -> list[str]:
-        """Arguments of the new run."""
-        return run_arguments(self.recording, self.out, workers)
+        """Arguments of the new run, as short as one can be."""
+        short = ("--no-crosscheck", "--workers", str(workers))
+        return ["run", str(self.recording), "--out", str(self.out), *short]
 
 
 @dataclass
@@ -96,6 +98,7 @@ class Counts:
     """What went wrong, in so many trials."""
 
     trials: int = 0
+    disturbed: int = 0
     between: int = 0
     torn: int = 0
     mixed: int = 0
@@ -110,7 +113,7 @@ class Counts:
     def wrong(self) -> dict[str, int]:
         """All that has to be 0."""
         counted = {one.name: getattr(self, one.name) for one in fields(self)}
-        return {k: n for k, n in counted.items() if n and k not in ("trials", "between")}
+        return {k: n for k, n in counted.items() if n and k not in TOLD}
 
 
 def main() -> None:
@@ -152,17 +155,9 @@ def prepared(folder: Path, beads: int) -> Stage:
     runs = {}
     for name in ("old", "new"):
         out = folder / f"{name}-run"
-        ended = command(run_arguments(folder / name, out, 1), out.parent)
-        if ended.code != 0:
-            raise RuntimeError(ended.said)
+        prepare(folder / name, out)
         runs[name] = contents(out)
     return Stage(folder / "trial" / "out", folder / "old-run", folder / "new", runs)
-
-
-def run_arguments(recording: Path, out: Path, workers: int) -> list[str]:
-    """A run as short as one can be."""
-    short = ("--no-crosscheck", "--workers", str(workers))
-    return ["run", str(recording), "--out", str(out), *short]
 
 
 Disturb = Callable[[Counts], Ended]
@@ -193,6 +188,7 @@ def tried(stage: Stage, counts: Counts, disturb: Disturb, part: str) -> None:
     stage.set()
     ended = disturb(counts)
     counts.trials += 1
+    counts.disturbed += ended.code != 0
     if part != "report":
         look(stage, counts)
     failed = ended.code > 0
