@@ -14,8 +14,9 @@ disc : a file system in memory (tmpfs) that is full after some bytes; needs root
 worker : one of two workers killed
 
 Prints a row per part; every column after `between` has to be 0, else the exit code is 1.
-`disturbed` counts trials in which the command did not come to its end; `between` counts folders whose new run had come to its end and was still taking its place as it was killed:
-without `run.json`, and whole as soon as anything of mtpipe looks at them. Needs Linux.
+`disturbed` counts commands that did not come to their end; `between` counts folders whose new run
+was all there and still taking its place as it was killed: they are without `run.json`, and whole as
+soon as anything of mtpipe looks at them. Needs Linux.
 docs/kills.md has the figures.
 """
 
