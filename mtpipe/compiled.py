@@ -3,8 +3,8 @@
 This is the only module that imports numba, so whoever imports a simulator pays for it and whoever
 imports mtpipe does not. No fast-math: the order of floating-point operations is the written one,
 which keeps the numbers of a seed the same on every machine. The compiled code is kept on disk next
-to the module, or in the user's cache folder where that one cannot be written; where neither can, the
-disc is full or the user has no home, it is compiled again by every process.
+to the module, or in the user's cache folder where that one cannot be written; where neither can,
+the disc is full or the user has no home, it is compiled again by every process.
 """
 
 from __future__ import annotations

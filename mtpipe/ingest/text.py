@@ -38,6 +38,7 @@ from mtpipe.ingest.text_layout import (
 
 HEAD_LINES = 500
 HEAD_BYTES = 1 << 16
+LONGEST_LINE = 1 << 20
 
 
 @dataclass(frozen=True)
@@ -272,7 +273,14 @@ def _first_lines(path: Path, encoding: str, skip: int) -> tuple[list[str], bool]
     with open_stream(path) as stream:
         text = io.TextIOWrapper(stream, encoding=encoding, errors="replace")
         try:
-            for line in iter(lambda: text.readline(1 << 20), ""):
+            for line in iter(lambda: text.readline(LONGEST_LINE), ""):
+                if len(line) == LONGEST_LINE:
+                    raise RecordingError(
+                        f"line {len(lines) + 1} does not end within {LONGEST_LINE} characters, so "
+                        "this is no table of lines",
+                        where=str(path),
+                        mend="Export it with a line for each frame.",
+                    )
                 lines.append(line)
                 if len(lines) == limit:
                     break

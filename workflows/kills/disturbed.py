@@ -9,6 +9,7 @@ and does what `mtpipe` does with these arguments.
 from __future__ import annotations
 
 import errno
+import functools
 import os
 import resource
 import signal
@@ -22,11 +23,11 @@ from typing import Any, Literal
 # imported before a process is forked, which then need not
 import plotly.offline  # noqa: F401
 
-import mtpipe.report.pages  # noqa: F401
 from mtpipe import pipeline
 from mtpipe.calibration import Calibration
 from mtpipe.commands import main
 from mtpipe.recording import Recording
+from mtpipe.report import pages
 
 # kill: before the change. within: as the file is written. full: no room from there on, neither for
 # a file nor a folder. short: files from there on cannot become longer than LONGEST.
@@ -61,7 +62,7 @@ class Ended:
 
 
 _calibrated: dict[tuple[object, ...], Calibration] = {}
-_calibrate = pipeline.calibrate
+_calibrate, _environment = pipeline.calibrate, pages._environment
 
 
 def _remembered(recording: Recording, **named: Any) -> Calibration:
@@ -71,11 +72,12 @@ def _remembered(recording: Recording, **named: Any) -> Calibration:
 
 
 def prepare(recording: Path, out: Path) -> None:
-    """Make a run here, undisturbed; forked processes do not calculate its calibration again.
+    """Make a run here, undisturbed; forked processes need not do again what changes no file.
 
-    Most of a run's time is spent in it, which changes no file.
+    That is to calculate its calibration and to compile the templates of the report.
     """
     pipeline.calibrate = _remembered
+    pages._environment = functools.cache(_environment)
     pipeline.run(recording, out, cross_check=False)
 
 

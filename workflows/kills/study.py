@@ -122,6 +122,7 @@ def main() -> None:
     options = argparse.ArgumentParser(description=__doc__.partition("\n")[0])
     options.add_argument("--parts", nargs="+", choices=PARTS, default=PARTS)
     options.add_argument("--each", type=int, default=1, help="only each N-th change (default: all)")
+    options.add_argument("--first", type=int, default=0, help="the first of them, from 0")
     options.add_argument("--random", type=int, default=50, help="kills at random moments")
     options.add_argument("--discs", type=int, default=12, help="sizes of a full disc")
     options.add_argument("--workers-killed", type=int, default=10)
@@ -138,8 +139,9 @@ def main() -> None:
             for label, disturb in trials(part, small, several, asked):
                 before = counts.wrong()
                 tried(several if part in ("random", "worker") else small, counts, disturb, part)
-                if counts.wrong() != before:
-                    print(f"{part} {label}: now {counts.wrong()}", flush=True)
+                now = counts.wrong()
+                told = "as it should be" if now == before else f"wrong until now: {now}"
+                print(f"{part} {label}: {told}", flush=True)
             rows.append([part, *(str(getattr(counts, one.name)) for one in fields(Counts))])
             print(" ".join(rows[-1]), flush=True)
             wrong |= bool(counts.wrong())
@@ -179,7 +181,7 @@ def trials(
         kind = kinds.get(part, part)  # type: ignore[arg-type]
         arguments = ["report", str(small.out)] if part == "report" else small.run()
         small.set()
-        for at in range(0, changes(arguments, small.out.parent, kind), asked.each):
+        for at in range(asked.first, changes(arguments, small.out.parent, kind), asked.each):
             fault = Fault(kind, at)
             yield str(at), lambda _, f=fault: command(arguments, small.out.parent, f)
 
