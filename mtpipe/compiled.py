@@ -34,8 +34,14 @@ class _KeptWherePossible(FunctionCache):
     """numba's folder of compiled code; what it cannot read or write costs time and nothing else."""
 
     def load_overload(self, sig: Any, target_context: Any) -> Any:
-        with suppress(OSError, EOFError):
+        try:
             return super().load_overload(sig, target_context)
+        except OSError:
+            return None
+        except Exception:  # half a file, as after a loss of power, raises anything
+            with suppress(OSError):
+                self.flush()
+            return None
 
     def save_overload(self, sig: Any, data: Any) -> None:
         with suppress(OSError):

@@ -253,6 +253,30 @@ def test_code_is_compiled_where_the_disc_is_full(tmp_path):
     assert (done.returncode, done.stdout) == (0, b"42\n"), done.stderr
 
 
+@pytest.mark.parametrize("kind", ["nbi", "nbc"])
+def test_kept_code_that_is_damaged_is_compiled_again_and_kept(tmp_path, kind):
+    module = tmp_path / "loop.py"
+    module.write_text(
+        "from mtpipe.compiled import compiled\n"
+        "@compiled\n"
+        "def twice(x):\n    return 2 * x\n"
+        "print(twice(21))\n"
+        "print(sum(twice.stats.cache_hits.values()))\n"
+    )
+    kept = tmp_path / "kept"
+    environment = os.environ | {"NUMBA_CACHE_DIR": str(kept)}
+
+    def hits():
+        done = python(module, env=environment)
+        assert done.stdout.splitlines()[:1] == [b"42"], done.stderr
+        return int(done.stdout.splitlines()[1])
+
+    assert hits() == 0
+    (file,) = kept.rglob(f"*.{kind}")
+    file.write_bytes(bytes(file.stat().st_size))
+    assert (hits(), hits()) == (0, 1)
+
+
 @pytest.mark.parametrize("name", ["=1+1", "+b", "-b", "@b", "\tb"])
 def test_a_spreadsheet_executes_no_name(name):
     table = pd.DataFrame({"bead": [name, "b2"], "force_pN": [-1.5, 2.0], "ok": [True, False]})
