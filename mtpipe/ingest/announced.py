@@ -6,10 +6,8 @@ one value unfold to it. Both are refused before anything is read.
 
 from __future__ import annotations
 
-import io
 import os
 from pathlib import Path
-from typing import BinaryIO
 
 from mtpipe.errors import RecordingError
 
@@ -20,7 +18,6 @@ HELD_TIMES = 2
 NUMBER_BYTES = 8
 # The memory that a container may have, where it is bounded (Linux, control groups).
 BOUND_OF_CONTAINER = Path("/sys/fs/cgroup/memory.max")
-PIECE_BYTES = 1 << 20
 # What is smaller than this does no harm, whatever its header says.
 HARMLESS_BYTES = 1 << 26
 
@@ -58,27 +55,6 @@ def check_fits(numbers: int, where: str) -> None:
             where=where,
             mend="Take a part of it, fewer beads, or a computer with more memory.",
         )
-
-
-def unpacked(stream: BinaryIO, where: str) -> io.BytesIO:
-    """All that a packed stream holds, in memory, for formats in which one jumps about.
-
-    Raises
-    ------
-    RecordingError : it does not fit. Nothing of it is kept to find that out, so it is unpacked
-        twice.
-    """
-    size, memory = 0, memory_bytes()
-    while memory is not None and (piece := stream.read(PIECE_BYTES)):
-        size += len(piece)
-        if size * HELD_TIMES > memory:
-            raise RecordingError(
-                f"unpacks to more than half of the memory, which is {memory / 1e9:.3g} GB",
-                where=where,
-                mend="Unpack the file first, or take a part of it.",
-            )
-    stream.seek(0)
-    return io.BytesIO(stream.read())
 
 
 def memory_bytes() -> int | None:

@@ -9,6 +9,7 @@ in nm, NaN where the bead was not followed. Files of a recording that MagScope s
 
 from __future__ import annotations
 
+import io
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, field
@@ -19,7 +20,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mtpipe.errors import RecordingError
-from mtpipe.ingest.announced import check_announced, unpacked
+from mtpipe.ingest.announced import check_announced
 from mtpipe.ingest.files import is_packed, open_stream
 from mtpipe.ingest.stated import NOTHING, Stated
 from mtpipe.recording import AXES, FloatArray
@@ -233,7 +234,7 @@ def _tracking(path: Path) -> Iterator[Any]:
 
     try:
         with open_stream(path) as stream:
-            whole = unpacked(stream, str(path)) if is_packed(stream) else stream
+            whole = io.BytesIO(stream.read()) if is_packed(stream) else stream
             if cut := cut_off(whole):
                 raise RecordingError(cut, where=str(path), mend="Copy the file again.")
             with h5py.File(whole, "r") as file:
