@@ -1,5 +1,6 @@
 """Look-up tables, HDF5 and MATLAB files that are damaged or foreign: one sentence, and no more."""
 
+import gzip
 import io
 import json
 import shutil
@@ -22,7 +23,13 @@ from mtpipe.ingest.matlab_check import check_matlab
 from mtpipe.ingest.parquet import open_parquet
 from mtpipe.tracking.lookup_table import LookUpTable
 from mtpipe.tracking.stack import open_stack
-from tests.ingest_recordings import magscope_batches, magscope_positions, preset, write_magscope
+from tests.ingest_recordings import (
+    magscope_batches,
+    magscope_positions,
+    preset,
+    setup_of,
+    write_magscope,
+)
 
 FAULTS = Path(__file__).parents[2] / "shared" / "cases" / "faults"
 ODD = (None, -1, 0, 3.5, "odd", [], [1, 2, 3], {}, True, 1e99)
@@ -146,8 +153,30 @@ def test_what_does_not_fit_into_the_memory_is_told_before_it_is_read(tmp_path, m
     np.savez_compressed(tmp_path / "small.npz", a=np.zeros(100_000))
     with pytest.raises(RecordingError, match=r"small\.npz: unfolds to 1e\+05 numbers"):
         next(open_arrays(tmp_path / "small.npz", "npz").batches([0]))
+    text = tmp_path / "long.csv.gz"
+    text.write_bytes(gzip.compress(b"time_s,b1_x_nm,b1_y_nm\n" + b"0,0,0\n" * 30_000))
+    assert "numbers, which need" in said(lambda: mtpipe.load(text, setup_of()))
     monkeypatch.setattr(announced, "memory_bytes", lambda: None)
     check_fits(1 << 60, "a")
+
+
+ROWS = b"time_s,b1_x_nm,b1_y_nm\n" + b"0,0,0\n" * 1000
+
+
+@pytest.mark.parametrize("begin", [b"", b"# ", ROWS])
+@pytest.mark.parametrize("piece", [b"0,", b"\0", b"0.5\t"])
+def test_text_without_line_ends_is_told_at_its_first_megabytes(tmp_path, monkeypatch, begin, piece):
+    path = tmp_path / "endless.csv.gz"
+    path.write_bytes(gzip.compress(begin + piece * (1 << 23)))
+    read = []
+    whole = gzip.GzipFile.read1
+    monkeypatch.setattr(
+        gzip.GzipFile, "read1", lambda *given: read.append(whole(*given)) or read[-1]
+    )
+    told = said(lambda: mtpipe.load(path, setup_of()))
+    # zero bytes after whole rows are what a file has that was not written to its end
+    assert "does not end within 1048576 characters" in told or "ends in zero bytes" in told
+    assert 1 << 20 < sum(map(len, read)) < 1 << 23
 
 
 def test_the_memory_of_a_container_bounds_that_of_the_computer(tmp_path, monkeypatch):

@@ -214,6 +214,30 @@ def test_code_is_compiled_where_it_cannot_be_kept(tmp_path):
     assert (done.returncode, done.stdout) == (0, b"42\n"), done.stderr
 
 
+@posix
+def test_code_of_a_user_without_a_home_is_not_kept_in_the_folder_of_the_call(tmp_path):
+    module = tmp_path / "loop.py"
+    module.write_text(
+        "import pwd\n"
+        "import numba.core.caching as caching\n"
+        "def unknown(_):\n    raise KeyError\n"
+        "pwd.getpwuid = unknown\n"
+        "kind = caching.FunctionCache._impl_class\n"
+        "users = [c for c in kind._locator_classes if 'UserWide' in c.__name__]\n"
+        "assert users\n"
+        "kind._locator_classes = users\n"
+        "from mtpipe.ground.compiled import compiled\n"
+        "@compiled\n"
+        "def twice(x):\n    return 2 * x\n"
+        "print(twice(21))\n"
+    )
+    unset = ("HOME", "XDG_CACHE_HOME")
+    environment = {name: value for name, value in os.environ.items() if name not in unset}
+    done = python(module, cwd=tmp_path, env=environment)
+    assert (done.returncode, done.stdout) == (0, b"42\n"), done.stderr
+    assert list(tmp_path.iterdir()) == [module]
+
+
 def test_code_is_compiled_where_the_disc_is_full(tmp_path):
     module = tmp_path / "loop.py"
     module.write_text(
@@ -227,6 +251,30 @@ def test_code_is_compiled_where_the_disc_is_full(tmp_path):
     )
     done = python(module)
     assert (done.returncode, done.stdout) == (0, b"42\n"), done.stderr
+
+
+@pytest.mark.parametrize("kind", ["nbi", "nbc"])
+def test_kept_code_that_is_damaged_is_compiled_again_and_kept(tmp_path, kind):
+    module = tmp_path / "loop.py"
+    module.write_text(
+        "from mtpipe.ground.compiled import compiled\n"
+        "@compiled\n"
+        "def twice(x):\n    return 2 * x\n"
+        "print(twice(21))\n"
+        "print(sum(twice.stats.cache_hits.values()))\n"
+    )
+    kept = tmp_path / "kept"
+    environment = os.environ | {"NUMBA_CACHE_DIR": str(kept)}
+
+    def hits():
+        done = python(module, env=environment)
+        assert done.stdout.splitlines()[:1] == [b"42"], done.stderr
+        return int(done.stdout.splitlines()[1])
+
+    assert hits() == 0
+    (file,) = kept.rglob(f"*.{kind}")
+    file.write_bytes(bytes(file.stat().st_size))
+    assert (hits(), hits()) == (0, 1)
 
 
 @pytest.mark.parametrize("name", ["=1+1", "+b", "-b", "@b", "\tb"])

@@ -16,6 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mtpipe.ground.errors import RecordingError
+from mtpipe.ingest.announced import check_fits
 from mtpipe.ingest.column_attributes import Stated
 from mtpipe.ingest.columns import Assignment
 from mtpipe.ingest.instants import since
@@ -250,6 +251,8 @@ class _Arrays:
         )
 
     def _make_room(self, rows: int) -> None:
+        columns = len(self.values) + sum(xyz.shape[1] for xyz in self.positions.values())
+        check_fits(rows * columns, str(self.table.path))
         for column, values in self.values.items():
             self.values[column] = _grown(values, self.filled, rows)
         for bead, xyz in self.positions.items():

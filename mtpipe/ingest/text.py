@@ -38,6 +38,7 @@ from mtpipe.setup.source_table import TAKE, Delimiter, Layout
 
 HEAD_LINES = 500
 HEAD_BYTES = 1 << 16
+LONGEST_LINE = 1 << 20
 
 
 @dataclass(frozen=True)
@@ -180,7 +181,7 @@ class TextTable:
         """Lines that hold rows, with their numbers from 1."""
         with open_stream(self.path) as stream:
             text = io.TextIOWrapper(stream, encoding=self.encoding, errors="replace")
-            for number, line in enumerate(text, start=1):
+            for number, line in enumerate(_lines(text, self.path), start=1):
                 if number > self.skip and not is_passed_over(line, self.comment):
                     yield number, line
 
@@ -272,7 +273,7 @@ def _first_lines(path: Path, encoding: str, skip: int) -> tuple[list[str], bool]
     with open_stream(path) as stream:
         text = io.TextIOWrapper(stream, encoding=encoding, errors="replace")
         try:
-            for line in iter(lambda: text.readline(1 << 20), ""):
+            for line in _lines(text, path):
                 lines.append(line)
                 if len(lines) == limit:
                     break
@@ -282,3 +283,20 @@ def _first_lines(path: Path, encoding: str, skip: int) -> tuple[list[str], bool]
     if lines:
         lines[0] = lines[0].removeprefix("\ufeff")
     return lines, len(lines) < limit
+
+
+def _lines(text: io.TextIOWrapper, path: Path) -> Iterator[str]:
+    """Yield the lines of a text, of which none is held whole that is no line of a table.
+
+    Raises
+    ------
+    RecordingError : a line does not end.
+    """
+    for number, line in enumerate(iter(lambda: text.readline(LONGEST_LINE), ""), start=1):
+        if len(line) == LONGEST_LINE:
+            raise RecordingError(
+                f"does not end within {LONGEST_LINE} characters, so this is no table of lines",
+                where=f"{path}, line {number}",
+                mend="Export it with a line for each frame.",
+            )
+        yield line

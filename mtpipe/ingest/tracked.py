@@ -16,6 +16,7 @@ from typing import Any
 
 from mtpipe.ground.errors import RecordingError
 from mtpipe.ground.notice import Notice
+from mtpipe.ingest.announced import HARMLESS_BYTES
 from mtpipe.ingest.data_files import open_stream
 from mtpipe.ingest.kinds import kind_of
 from mtpipe.recording.recording import Tracked
@@ -92,7 +93,7 @@ def read_notes(path: Path) -> Notes | None:
     with open_stream(path) as stream:
         if stream.read(len(begin)) != begin:
             return None
-        return notes_of(stream.readline().decode("utf-8", "replace"), str(path))
+        return notes_of(stream.readline(HARMLESS_BYTES).decode("utf-8", "replace"), str(path))
 
 
 def read_tracked(files: Sequence[Path]) -> tuple[Tracked | None, tuple[Notice, ...]]:

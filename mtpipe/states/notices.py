@@ -107,11 +107,12 @@ def part_notices(
                 else "change together at {:.2f} s, but their sideways motion does not change as a "
                 "force would make it"
             ).format(motion.time_s[change.row])
+            what = "focus, references or beads themselves" if both else "focus or reference"
             told = (
                 f"The heights of beads {seen} (sideways "
-                f"{100 * math.expm1(ratio):+.0f} ± {100 * error * math.exp(ratio):.0f} %): focus"
-                f"{', references or beads themselves' if both else ' or reference'} moved. The plateau{position} is cut there; forces of both parts "
-                "rest on their own heights."
+                f"{100 * math.expm1(ratio):+.0f} ± {100 * error * math.exp(ratio):.0f} %): {what} "
+                f"moved. The plateau{position} is cut there; forces of both parts rest on their "
+                "own heights."
             )
             said.append(Notice(HEIGHT, "caution", told, plateau=number))
             continue
