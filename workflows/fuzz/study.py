@@ -1,0 +1,176 @@
+"""Read thousands of damaged and odd inputs by every reader, and count what comes of them.
+
+    python workflows/fuzz/study.py --inputs 10000 [--readers csv hdf5] [--shard 0/2]
+    python workflows/fuzz/study.py --only csv --input 17
+
+Every input is read in a process with 4 GiB of memory and 20 s of time. It ends fine, with one
+sentence of mtpipe's, with another exception (or a sentence of several lines), not at all (hang), with
+the process's end (abort), or for want of memory. What is done is kept in --state, and a study that
+was stopped goes on from there. The exit code is 1 if there is any of the last four.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import multiprocessing
+import shutil
+import sys
+from collections import Counter
+from collections.abc import Iterator
+from pathlib import Path
+from tempfile import mkdtemp
+
+from worker import BAD, OUTCOMES, serve
+
+NAMES = ("setup", "csv", "text", "parquet", "tdms", "matlab", "hdf5", "numpy", "magscope", "film",
+         "lut", "run")  # fmt: skip
+SECONDS = 20.0
+START_SECONDS = 300.0
+# A process is replaced after so many inputs, as libraries leak.
+INPUTS_EACH = 1000
+Answer = tuple[str, str]
+
+
+class Worker:
+    """A process that reads, started anew after it ended or hung."""
+
+    def __init__(self) -> None:
+        self._process: multiprocessing.process.BaseProcess | None = None
+        self._done = 0
+
+    def outcome(self, reader: str, number: int) -> Answer:
+        """What comes of one input; a bad end is looked at again in a new process."""
+        answer = self._read(reader, number)
+        if answer[0] in ("hang", "memory"):  # may be the fault of a busy computer, or of a leak
+            self.stop()
+            answer = self._read(reader, number)
+        return answer
+
+    def stop(self) -> None:
+        """End the process and remove its files."""
+        if self._process is not None:
+            self._process.kill()
+            self._process.join()
+            shutil.rmtree(self._folder, ignore_errors=True)
+            self._process = None
+
+    def _start(self) -> None:
+        context = multiprocessing.get_context("spawn")
+        self._connection, theirs = context.Pipe()
+        self._process = context.Process(target=serve, args=(theirs,), daemon=True)
+        self._process.start()
+        theirs.close()
+        self._folder = str(self._answer(START_SECONDS))
+        self._done = 0
+
+    def _read(self, reader: str, number: int) -> Answer:
+        if self._process is None or self._done >= INPUTS_EACH:
+            self.stop()
+            self._start()
+        self._done += 1
+        self._connection.send((reader, number))
+        try:
+            begun = self._answer(START_SECONDS)
+            if begun != "begun":
+                raise RuntimeError(begun)
+            answer: Answer = self._answer(SECONDS)
+        except TimeoutError:
+            self.stop()
+            return "hang", f"longer than {SECONDS:g} s"
+        except EOFError:
+            assert self._process is not None
+            self._process.join()
+            code = self._process.exitcode
+            self.stop()
+            return "abort", f"exit code {code}"
+        return answer
+
+    def _answer(self, seconds: float) -> object:
+        if not self._connection.poll(seconds):
+            raise TimeoutError
+        return self._connection.recv()
+
+
+def done(state: Path, reader: str) -> dict[int, Answer]:
+    """Outcomes of a reader's inputs, by number; of several the last counts."""
+    found: dict[int, Answer] = {}
+    for file in sorted(state.glob(f"{reader}.*.jsonl")):
+        for line in file.read_text(encoding="utf-8").splitlines():
+            try:
+                number, outcome, said = json.loads(line)
+            except ValueError:  # the line in which a study was stopped
+                continue
+            found[number] = (outcome, said)
+    return found
+
+
+def study(state: Path, reader: str, numbers: Iterator[int], shard: str) -> None:
+    """Read inputs and append what comes of them."""
+    worker = Worker()
+    state.mkdir(parents=True, exist_ok=True)
+    with (state / f"{reader}.{shard.replace('/', '-of-')}.jsonl").open("a", encoding="utf-8") as log:
+        try:
+            for number in numbers:
+                outcome, said = worker.outcome(reader, number)
+                kept = said if outcome in BAD else ""
+                log.write(f"\n{json.dumps([number, outcome, kept])}")
+                log.flush()
+                if outcome in BAD:
+                    print(f"{reader} {number}: {outcome}: {said}", flush=True)
+        finally:
+            worker.stop()
+
+
+def table(state: Path, readers: list[str]) -> tuple[str, int]:
+    """Reader by outcome, as Markdown, and the number of bad outcomes."""
+    lines = [f"| reader | inputs | {' | '.join(OUTCOMES)} |", "| --- " * 8 + "|"]
+    bad = 0
+    for reader in readers:
+        counts = Counter(outcome for outcome, _ in done(state, reader).values())
+        cells = [counts.total(), *(counts[outcome] for outcome in OUTCOMES)]
+        lines.append(f"| {reader} | {' | '.join(str(n) for n in cells)} |")
+        bad += sum(counts[outcome] for outcome in BAD)
+    return "\n".join(lines), bad
+
+
+def keep(reader: str, number: int, folder: Path) -> None:
+    """Write the files of one input into a folder."""
+    import readers
+    from case import case_of
+
+    case_of(readers.BY_NAME[reader], number).write(folder)
+
+
+def main() -> int:
+    """Run the study, print its table."""
+    arguments = argparse.ArgumentParser(description=__doc__.partition("\n")[0])
+    arguments.add_argument("--inputs", type=int, default=10_000, help="of each reader")
+    arguments.add_argument("--readers", nargs="+", choices=NAMES, default=list(NAMES))
+    arguments.add_argument("--shard", default="0/1", help="I/N: every N-th input, from I (0 to N-1)")
+    arguments.add_argument("--state", type=Path, default=Path("fuzz-state"), help="what is done")
+    arguments.add_argument("--again", action="store_true", help="read what ended badly once more")
+    arguments.add_argument("--only", choices=NAMES, help="one reader, with --input")
+    arguments.add_argument("--input", type=int, default=0, help="number of its input")
+    asked = arguments.parse_args()
+    if asked.only:
+        folder = Path(mkdtemp(prefix="fuzz-input"))
+        keep(asked.only, asked.input, folder)
+        worker = Worker()
+        outcome, said = worker.outcome(asked.only, asked.input)
+        worker.stop()
+        print(f"{asked.only} {asked.input}: {outcome}: {said}\nits files: {folder}")
+        return int(outcome in BAD)
+    first, shards = map(int, asked.shard.split("/"))
+    for reader in asked.readers:
+        before = done(asked.state, reader)
+        again = {n for n, (outcome, _) in before.items() if outcome in BAD} if asked.again else set()
+        left = (n for n in range(first, asked.inputs, shards) if n not in before or n in again)
+        study(asked.state, reader, left, asked.shard)
+    text, bad = table(asked.state, asked.readers)
+    print(text)
+    return int(bad > 0)
+
+
+if __name__ == "__main__":
+    sys.exit(main())
