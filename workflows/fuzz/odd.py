@@ -96,7 +96,7 @@ def array_of(random: Random, kind: str, shape: tuple[int, ...]) -> np.ndarray[An
         if dtype.kind == "V":
             return np.zeros(shape, dtype)
         if dtype.kind in "Mm":
-            whole = np.nan_to_num(values, posinf=1e9, neginf=-1e9).astype("i8")
+            whole = np.fmod(np.nan_to_num(values, posinf=1e9, neginf=-1e9), 1e9).astype("i8")
             return whole.astype("M8[s]" if dtype.kind == "M" else "m8[s]").astype(dtype)
         if dtype.kind in "iu":
             values = np.nan_to_num(values, posinf=1e9, neginf=-1e9)

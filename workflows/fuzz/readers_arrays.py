@@ -307,11 +307,14 @@ def _describe(node: Any, random: Random) -> None:
         name = pick(random, ("units", "scale_factor", "add_offset", "_FillValue", "valid_range",
                              "frame_rate", "dt", "offset", odd_name(random)))  # fmt: skip
         name = name.replace("\0", "0") or "none"
-        value = odd_value(random, 1)
-        try:
-            node.attrs[name] = value
-        except (TypeError, ValueError, OverflowError, RuntimeError, AttributeError):
-            node.attrs[name] = odd_array(random, rare=False)
+        _state(node, name, odd_value(random, 1) if random.random() < 0.7 else odd_array(random))
+
+
+def _state(node: Any, name: str, value: Any) -> None:
+    try:
+        node.attrs[name] = value
+    except (TypeError, ValueError, OverflowError, RuntimeError, AttributeError, OSError):
+        node.attrs[name] = np.arange(3)  # for what the format has no type
 
 
 # ------------------------------------------------------------------ TDMS
@@ -439,10 +442,18 @@ def odd_parquet(random: Random) -> Case:
     return _one("r.parquet", parquet(table, compression=pick(random, ("none", "snappy", "zstd"))))
 
 
+def no_utf_8(rows: int) -> pa.Array:
+    """Text that is no UTF-8."""
+    ends = pa.py_buffer(np.arange(rows + 1, dtype="i4"))
+    return pa.Array.from_buffers(pa.string(), rows, [None, ends, pa.py_buffer(b"\xff" * rows)])
+
+
 def _odd_arrow(values: Any, random: Random) -> pa.Array:
     flat = np.resize(np.ravel(values), ROWS) if np.size(values) else np.zeros(ROWS)
     way = random.integers(10)
     try:
+        if way == 0 and random.random() < 0.3:
+            return no_utf_8(ROWS)
         if way == 0:
             return pa.array([pick(random, (None, "a", "\n", "2026-01-01T00:00:00")) for _ in flat])
         if way == 1:
@@ -495,10 +506,7 @@ def magscope(random: Random | None = None) -> bytes:
             else:
                 _put(group, name, values, random)
         for name, value in attributes.items():
-            try:
-                group.attrs[name] = value
-            except (TypeError, ValueError, OverflowError, RuntimeError, AttributeError):
-                group.attrs[name] = np.arange(3)
+            _state(group, name, value)
 
     return hdf5(fill)
 
@@ -507,7 +515,7 @@ def _spoil(content: dict[str, Any], attributes: dict[str, Any], random: Random) 
     for _ in range(int(random.integers(1, 3))):
         name = pick(random, list(content))
         values = content[name]
-        way = random.integers(6)
+        way = random.integers(6) if np.size(values) and np.ndim(values) else 5
         if way == 0:
             content.pop(name)
         elif way == 1:
@@ -522,8 +530,6 @@ def _spoil(content: dict[str, Any], attributes: dict[str, Any], random: Random) 
             content[name] = random.permutation(values)
         else:
             attributes[pick(random, list(attributes))] = odd_value(random, 1)
-        if len(content) < 3:
-            break
 
 
 @cache

@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import io
 import json
-from collections.abc import Iterator
+import logging
+from collections.abc import Iterator, Mapping
 from functools import cache, partial
 from pathlib import Path
 from typing import Any
@@ -21,6 +22,7 @@ from mtpipe.tracking.stack_look import Reading
 from odd import NAMES, Random, array_of, odd_array, odd_value, pick
 from readers_arrays import npy, npz
 
+logging.getLogger("tifffile").setLevel(logging.CRITICAL)
 FRAMES, HEIGHT, WIDTH = 5, 12, 16
 REGION_PX, PLANES = 16, 8
 
@@ -135,7 +137,7 @@ METADATA = {
 }  # fmt: skip
 
 
-def lut(*, packed: bool = True, metadata: Any = None, **arrays: Any) -> bytes:
+def lut(*, packed: bool, metadata: Any = None, arrays: Mapping[str, Any] | None = None) -> bytes:
     """A look-up table as mtpipe saves it."""
     from mtpipe.tracking.positions import DEFAULT_METHOD
 
@@ -144,7 +146,7 @@ def lut(*, packed: bool = True, metadata: Any = None, **arrays: Any) -> bytes:
     profiles = np.cos(np.add.outer(np.arange(PLANES) / 3, np.arange(rings))) * 50 + 100
     content = {"z_nm": np.arange(PLANES) * 100.0, "profiles": profiles,
                "noise": np.full(PLANES, 0.01), "metadata": np.array(json.dumps(stated))}  # fmt: skip
-    content |= arrays
+    content |= arrays or {}
     return npz({name: npy(a) for name, a in content.items() if a is not None}, packed=packed)
 
 
@@ -166,7 +168,7 @@ def odd_lut(random: Random) -> Case:
     if way == 2:
         name = pick(random, ("z_nm", "profiles", "noise", "metadata"))
         array = odd_array(random) if random.random() < 0.9 else None
-        return Case({"lut.npz": lut(packed=packed, **{name: array})}, "lut.npz")
+        return Case({"lut.npz": lut(packed=packed, arrays={name: array})}, "lut.npz")
     members = {name: npy(np.zeros(8)) for name in ("z_nm", "profiles", "noise", "metadata")}
     members = {name: damaged(content, random) for name, content in members.items()}
     return Case({"lut.npz": npz(members, packed=packed)}, "lut.npz")

@@ -13,10 +13,12 @@ from typing import Any
 
 import numpy as np
 import pandas as pd
+import pyarrow.parquet as pq
 
 from case import Case, Reader, Step
 from mtpipe.report.pages import write_report
 from odd import Random, array_of, odd_value, pick
+from readers_arrays import no_utf_8, parquet
 from tests.report_folder import write_run_folder
 
 # Every table is cut to so many rows of a trace, which is enough for each to be drawn.
@@ -114,9 +116,17 @@ def _odd_table(content: bytes, random: Random) -> bytes:
         attrs = {"run": odd_value(random)}
     table.attrs = attrs
     try:
-        return _parquet(table)
+        content = _parquet(table)
     except Exception:  # what pandas does not write
-        return _parquet(table.astype(str))
+        content = _parquet(table.map(repr))
+    return _without_utf_8(content, random) if random.random() < 0.1 else content
+
+
+def _without_utf_8(content: bytes, random: Random) -> bytes:
+    """The table with one column of text that is no UTF-8."""
+    table = pq.read_table(io.BytesIO(content))
+    k = int(random.integers(table.num_columns))
+    return parquet(table.set_column(k, table.column_names[k], no_utf_8(table.num_rows)))
 
 
 def _cell(random: Random) -> Any:

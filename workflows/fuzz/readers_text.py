@@ -7,6 +7,7 @@ import json
 import math
 import tomllib
 from collections.abc import Iterator
+from copy import deepcopy
 from functools import cache, partial
 from pathlib import Path
 from typing import Any
@@ -56,7 +57,7 @@ def odd_setup(random: Random) -> Case:
         elif way == 1:
             table.pop(pick(random, list(table)))
         elif way == 2:
-            pick(random, tables)[pick(random, KEYS)] = table[pick(random, list(table))]
+            pick(random, tables)[pick(random, KEYS)] = deepcopy(table[pick(random, list(table))])
         else:
             table[pick(random, list(table))] = odd_value(random)
         if not content:
