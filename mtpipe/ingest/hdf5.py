@@ -27,6 +27,8 @@ HEAD_BYTES = 128
 # Where MATLAB 7.3 keeps what cells and objects refer to.
 MATLAB_INNER = {"#refs#", "#subsystem#"}
 MOST_CELLS = 10_000
+# Virtual datasets of virtual ones, so many deep, have no end.
+MOST_VIEWS = 8
 SIGNATURE = b"\x89HDF\r\n\x1a\n"
 
 
@@ -142,6 +144,8 @@ def _add(
     elsewhere = _elsewhere(node)
     if elsewhere:
         contents.unusable[name] = f"kept in another file, {elsewhere}"
+    elif _is_endless(node):
+        contents.unusable[name] = "a view of itself"
     elif node.shape is None:
         contents.unusable[name] = "empty"
     elif h5py.check_ref_dtype(node.dtype) is h5py.Reference and node.size <= MOST_CELLS:
@@ -190,6 +194,14 @@ def _elsewhere(node: h5py.Dataset) -> str:
         return str(node.external[0][0])
     others = [s.file_name for s in node.virtual_sources()] if node.is_virtual else []
     return next((other for other in others if other != "."), "")
+
+
+def _is_endless(node: h5py.Dataset, depth: int = 0) -> bool:
+    """Whether a virtual dataset is one of virtual ones without end, which HDF5 would follow."""
+    if depth > MOST_VIEWS or not node.is_virtual:
+        return bool(node.is_virtual)
+    within = [node.file.get(s.dset_name) for s in node.virtual_sources() if s.file_name == "."]
+    return any(_is_endless(one, depth + 1) for one in within if isinstance(one, h5py.Dataset))
 
 
 def _address(group: h5py.Group) -> int:

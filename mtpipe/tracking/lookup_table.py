@@ -29,6 +29,7 @@ from scipy.interpolate import CubicSpline
 
 from mtpipe.errors import RecordingError
 from mtpipe.files import write_atomically
+from mtpipe.ingest.bounded import BoundedReader, check_archive
 from mtpipe.notice import Notice
 from mtpipe.physics.camera import FloatArray
 from mtpipe.tracking.information import confused_with, longest_without
@@ -184,7 +185,8 @@ class LookUpTable:
         """
         path = Path(path)
         try:
-            with path.open("rb") as stream, np.load(stream, allow_pickle=False) as file:
+            with BoundedReader(path) as stream, np.load(stream, allow_pickle=False) as file:
+                check_archive(file.zip, path.stat().st_size)
                 schema = json.loads(str(file["metadata"]))["schema"]
                 if schema != SCHEMA:
                     raise RecordingError(
