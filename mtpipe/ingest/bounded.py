@@ -1,0 +1,39 @@
+"""Files of which no more is asked for than they hold, whatever their headers announce.
+
+Libraries ask a file for as many bytes as a header says, and Python makes room for all of them before
+it looks what is there: a length of eight changed bytes would take all memory.
+"""
+
+from __future__ import annotations
+
+import io
+import os
+import zipfile
+from pathlib import Path
+
+from mtpipe.errors import RecordingError
+from mtpipe.ingest.announced import HARMLESS_BYTES, check_announced
+
+
+class BoundedReader(io.BufferedReader):
+    """A file opened for reading bytes."""
+
+    def __init__(self, path: Path) -> None:
+        super().__init__(io.FileIO(path))
+        self._size = os.fstat(self.fileno()).st_size
+
+    def read(self, size: int | None = -1, /) -> bytes:
+        """Read up to so many bytes, all that are left by default."""
+        if size is not None and size > HARMLESS_BYTES:
+            size = min(size, max(0, self._size - self.tell()))
+        return super().read(size)
+
+
+def check_archive(archive: zipfile.ZipFile, size: int) -> None:
+    """Raise RecordingError if the members of an archive of `size` bytes cannot be in it."""
+    for one in archive.infolist():
+        if one.compress_size > size:
+            said = f"announces {one.compress_size} bytes in an archive of {size}"
+            raise RecordingError(f"{said}: it is cut off or damaged", where=one.filename)
+        packed = one.compress_type != zipfile.ZIP_STORED
+        check_announced(one.file_size, one.compress_size, packed, one.filename)
