@@ -219,6 +219,7 @@ def _read_table(path: Path, columns: tuple[str, ...]) -> pd.DataFrame:
     try:
         # a file opened in Python could still be held by a thread of pyarrow's as the process ends
         table = pd.read_parquet(path, filesystem=LocalFileSystem(), page_checksum_verification=True)
+        table = table.reset_index(drop=True)  # damage can make an index of a column
         _check_text(table)
     except FileNotFoundError:
         raise RunFolderError("is missing.", where=str(path), mend=_AGAIN) from None

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Callable
 
 import numpy as np
@@ -10,6 +11,8 @@ Random = np.random.Generator
 HOW_MANY = (1, 1, 1, 2, 3, 4)
 # Inputs stay small, so that thousands can be read.
 MOST_BYTES = 1 << 20
+# Headers within HDF5 (heaps, trees, objects), zip, TDMS and numpy's files.
+MARKS = re.compile(rb"GCOL|HEAP|TREE|SNOD|FRHP|FHDB|OHDR|BTHD|BTLF|FSHD|FAHD|EAHD|PK|TDSm|NUMPY|IM")
 TELLING = (0, 1, 8, 9, 10, 13, 32, 34, 44, 46, 47, 127, 128, 254, 255)
 
 
@@ -25,10 +28,15 @@ def damaged(content: bytes, random: Random) -> bytes:
 
 
 def place(data: bytearray, random: Random) -> int:
-    """A place in the data, often near its beginning or end, where headers and indices stand."""
+    """A place in the data, often near its beginning or end, or a mark of a header within it."""
     where = random.random()
-    if where < 0.5:
+    if where < 0.35:
         return int(random.integers(len(data)))
+    if where < 0.5:
+        marks = [match.start() for match in MARKS.finditer(data)]
+        if marks:
+            near = marks[random.integers(len(marks))] + int(random.integers(48))
+            return min(near, len(data) - 1)
     near = int(len(data) ** random.random())
     return min(near, len(data) - 1) if where < 0.8 else max(0, len(data) - near)
 

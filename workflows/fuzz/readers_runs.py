@@ -13,14 +13,18 @@ from typing import Any
 
 import numpy as np
 import pandas as pd
+import plotly.offline
 import pyarrow.parquet as pq
 
 from case import Case, Reader, Step
-from mtpipe.report.pages import write_report
+from mtpipe.report import pages
 from odd import Random, array_of, odd_value, pick
 from readers_arrays import no_utf_8, parquet
 from tests.report_folder import write_run_folder
 
+# What is the same for all runs is made once: plotly's script of 4 MB, and the templates.
+plotly.offline.get_plotlyjs = lambda: ""
+pages._environment = cache(pages._environment)
 # Every table is cut to so many rows of a trace, which is enough for each to be drawn.
 MOST_ROWS = 400
 
@@ -138,7 +142,7 @@ def _cell(random: Random) -> Any:
 
 def run_steps(path: Path, case: Case) -> Iterator[Step]:
     """Writing the report again."""
-    yield partial(write_report, path)
+    yield partial(pages.write_report, path)
 
 
 READERS = (Reader("run", run_seeds, odd_run, run_steps),)
