@@ -29,11 +29,17 @@ class BoundedReader(io.BufferedReader):
         return super().read(size)
 
 
-def check_archive(archive: zipfile.ZipFile, size: int) -> None:
-    """Raise RecordingError if the members of an archive of `size` bytes cannot be in it."""
+def check_archive(archive: zipfile.ZipFile, size: int, file: str = "") -> None:
+    """Raise RecordingError if the members of an archive of `size` bytes cannot be in it.
+
+    Parameters
+    ----------
+    file : what it is called, where nothing else names it.
+    """
     for one in archive.infolist():
+        where = f"{file}, {one.filename}" if file else one.filename
         if one.compress_size > size:
             said = f"announces {one.compress_size} bytes in an archive of {size}"
-            raise RecordingError(f"{said}: it is cut off or damaged", where=one.filename)
+            raise RecordingError(f"{said}: it is cut off or damaged", where=where)
         packed = one.compress_type != zipfile.ZIP_STORED
-        check_announced(one.file_size, one.compress_size, packed, one.filename)
+        check_announced(one.file_size, one.compress_size, packed, where)

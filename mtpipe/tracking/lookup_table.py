@@ -186,7 +186,7 @@ class LookUpTable:
         path = Path(path)
         try:
             with BoundedReader(path) as stream, np.load(stream, allow_pickle=False) as file:
-                check_archive(file.zip, path.stat().st_size)
+                check_archive(file.zip, path.stat().st_size, str(path))
                 schema = json.loads(str(file["metadata"]))["schema"]
                 if schema != SCHEMA:
                     raise RecordingError(

@@ -32,8 +32,23 @@ _SCALARS = st.one_of(
     _NUMBERS,
     _ANY.map(lambda text: f'"{text}"'),
     st.sampled_from(
-        ('"unknown"', '"x"', "true", "1979-05-27T07:32:00Z", "07:32:00", "1979-05-27", '"""', "'''",
-         '"\\ud800"', '"\\U00110000"', "{}", "[]", "[" * 5000, "{a=" * 3000, "")  # fmt: skip
+        (
+            '"unknown"',
+            '"x"',
+            "true",
+            "1979-05-27T07:32:00Z",
+            "07:32:00",
+            "1979-05-27",
+            '"""',
+            "'''",
+            '"\\ud800"',
+            '"\\U00110000"',
+            "{}",
+            "[]",
+            "[" * 5000,
+            "{a=" * 3000,
+            "",
+        )  # fmt: skip
     ),
 )
 _VALUES = st.recursive(
@@ -56,8 +71,23 @@ SETUPS = st.lists(_LINES, max_size=12).map("\n".join)
 
 _NAMES = st.one_of(
     st.sampled_from(
-        ("time_s", "frame", "magnet_mm", "b1_x_nm", "b1_y_nm", "b1_z_nm", "ref1_x_nm", "b1_quality",
-         "Time", "Magnet", "X", "Y", "Z", "z_nm", "turns")  # fmt: skip
+        (
+            "time_s",
+            "frame",
+            "magnet_mm",
+            "b1_x_nm",
+            "b1_y_nm",
+            "b1_z_nm",
+            "ref1_x_nm",
+            "b1_quality",
+            "Time",
+            "Magnet",
+            "X",
+            "Y",
+            "Z",
+            "z_nm",
+            "turns",
+        )  # fmt: skip
     ),
     _ANY,
 )

@@ -56,8 +56,23 @@ def shape_of(random: Random) -> tuple[int, ...]:
     """A shape, mostly of one side with 60 rows."""
     n = pick(random, ROWS)
     return tuple(
-        pick(random, ((n,), (n,), (n,), (), (1, n), (n, 1), (n, 3), (3, n), (n, 2, 3), (n, 0),
-                      (1, 1), (1, 1, 1, n)))  # fmt: skip
+        pick(
+            random,
+            (
+                (n,),
+                (n,),
+                (n,),
+                (),
+                (1, n),
+                (n, 1),
+                (n, 3),
+                (3, n),
+                (n, 2, 3),
+                (n, 0),
+                (1, 1),
+                (1, 1, 1, n),
+            ),
+        )  # fmt: skip
     )
 
 
@@ -71,7 +86,9 @@ def odd_array(random: Random, *, rare: bool = True) -> np.ndarray[Any, Any]:
     shape = shape_of(random)
     kind = pick(random, DTYPES + RARE_DTYPES if rare else DTYPES)
     if kind == "records":
-        records = np.zeros(shape, [("x", "f8"), (pick(random, ("y", "ü")), "i4"), ("z", "f4", (2,))])
+        records = np.zeros(
+            shape, [("x", "f8"), (pick(random, ("y", "ü")), "i4"), ("z", "f4", (2,))]
+        )
         records["x"] = random.normal(size=shape)
         return records
     if kind == "nested":

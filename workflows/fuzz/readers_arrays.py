@@ -178,9 +178,7 @@ def odd_matlab(random: Random) -> Case:
     columns: dict[str, Any] = {n: v[:, None] for n, v in five_columns().items()}
     for _ in range(int(random.integers(1, 4))):
         name = pick(random, (*FIVE, "other", "x" * 31, "data"))
-        columns[name] = (
-            random.normal(size=(4, 3)) if version == "4" else _odd_matlab_value(random)
-        )
+        columns[name] = random.normal(size=(4, 3)) if version == "4" else _odd_matlab_value(random)
     content = matlab(columns, version=version)
     if version == "5" and random.random() < 0.5:
         content = content[:128] + b"".join(
@@ -257,7 +255,9 @@ def hdf5_seeds() -> list[Case]:
         _one("r.h5", hdf5(_described)),
         _one("r.h5", hdf5(_described, version="v110")),
         _one("r.h5", hdf5(_table), *records),
-        _one("r.mat", head + hdf5(partial(_plain, chunks=(16,)), version="v110", userblock=512)[512:]),
+        _one(
+            "r.mat", head + hdf5(partial(_plain, chunks=(16,)), version="v110", userblock=512)[512:]
+        ),
     ]
 
 
@@ -345,7 +345,9 @@ def tdms_seeds() -> list[Case]:
     scaled = {"NI_Number_Of_Scales": 1, "NI_Scale[0]_Scale_Type": "Linear",
               "NI_Scale[0]_Linear_Slope": 1.0, "NI_Scale[0]_Linear_Y_Intercept": 0.0,
               "NI_Scale[0]_Linear_Input_Source": 0xFFFFFFFF}  # fmt: skip
-    stamped = columns | {"Time": np.datetime64("2026-01-01") + np.arange(0, 10 * ROWS, 10).astype("m8[ms]")}
+    stamped = columns | {
+        "Time": np.datetime64("2026-01-01") + np.arange(0, 10 * ROWS, 10).astype("m8[ms]")
+    }
     texts = {"words": ["a", "b", "c"]}
     grouped = tuple(f"data/{name}" for name in FIVE)
     return [
@@ -434,8 +436,13 @@ def odd_parquet(random: Random) -> Case:
                      '{"attributes": [1]}', "nan", "-1")),
     }  # fmt: skip
     fields = [
-        pa.field(n, a.type, metadata={pick(random, ("unit", "scale_factor", "missing_value")):
-                                      str(odd_value(random, 0))})  # fmt: skip
+        pa.field(
+            n,
+            a.type,
+            metadata={
+                pick(random, ("unit", "scale_factor", "missing_value")): str(odd_value(random, 0))
+            },
+        )  # fmt: skip
         for n, a in zip(names, arrays, strict=True)
     ]
     table = pa.Table.from_arrays(arrays, schema=pa.schema(fields, metadata=metadata))
@@ -502,7 +509,9 @@ def magscope(random: Random | None = None) -> bytes:
         )
         for name, values in content.items():
             if random is None:
-                group.create_dataset(name, data=values, chunks=True, maxshape=(None, 3)[: values.ndim])
+                group.create_dataset(
+                    name, data=values, chunks=True, maxshape=(None, 3)[: values.ndim]
+                )
             else:
                 _put(group, name, values, random)
         for name, value in attributes.items():

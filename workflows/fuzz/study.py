@@ -17,7 +17,7 @@ import multiprocessing
 import shutil
 import sys
 from collections import Counter
-from collections.abc import Iterator
+from collections.abc import Iterable
 from pathlib import Path
 from tempfile import mkdtemp
 
@@ -105,21 +105,17 @@ def done(state: Path, reader: str) -> dict[int, Answer]:
     return found
 
 
-def study(state: Path, reader: str, numbers: Iterator[int], shard: str) -> None:
-    """Read inputs and append what comes of them."""
-    worker = Worker()
-    state.mkdir(parents=True, exist_ok=True)
-    with (state / f"{reader}.{shard.replace('/', '-of-')}.jsonl").open("a", encoding="utf-8") as log:
-        try:
-            for number in numbers:
-                outcome, said = worker.outcome(reader, number)
-                kept = said if outcome in BAD else ""
-                log.write(f"\n{json.dumps([number, outcome, kept])}")
-                log.flush()
-                if outcome in BAD:
-                    print(f"{reader} {number}: {outcome}: {said}", flush=True)
-        finally:
-            worker.stop()
+def study(worker: Worker, log: Path, reader: str, numbers: Iterable[int]) -> None:
+    """Read inputs and append what comes of them to a file."""
+    log.parent.mkdir(parents=True, exist_ok=True)
+    with log.open("a", encoding="utf-8") as stream:
+        for number in numbers:
+            outcome, said = worker.outcome(reader, number)
+            kept = said if outcome in BAD else ""
+            stream.write(f"\n{json.dumps([number, outcome, kept])}")
+            stream.flush()
+            if outcome in BAD:
+                print(f"{reader} {number}: {outcome}: {said}", flush=True)
 
 
 def table(state: Path, readers: list[str]) -> tuple[str, int]:
@@ -134,12 +130,16 @@ def table(state: Path, readers: list[str]) -> tuple[str, int]:
     return "\n".join(lines), bad
 
 
-def keep(reader: str, number: int, folder: Path) -> None:
-    """Write the files of one input into a folder."""
+def one(worker: Worker, reader: str, number: int) -> int:
+    """Read one input, and keep its files."""
     import readers
     from case import case_of
 
+    folder = Path(mkdtemp(prefix="fuzz-input"))
     case_of(readers.BY_NAME[reader], number).write(folder)
+    outcome, said = worker.outcome(reader, number)
+    print(f"{reader} {number}: {outcome}: {said}\nits files: {folder}")
+    return int(outcome in BAD)
 
 
 def main() -> int:
@@ -147,26 +147,28 @@ def main() -> int:
     arguments = argparse.ArgumentParser(description=__doc__.partition("\n")[0])
     arguments.add_argument("--inputs", type=int, default=10_000, help="of each reader")
     arguments.add_argument("--readers", nargs="+", choices=NAMES, default=list(NAMES))
-    arguments.add_argument("--shard", default="0/1", help="I/N: every N-th input, from I (0 to N-1)")
+    arguments.add_argument(
+        "--shard", default="0/1", help="I/N: every N-th input, from I (0 to N-1)"
+    )
     arguments.add_argument("--state", type=Path, default=Path("fuzz-state"), help="what is done")
     arguments.add_argument("--again", action="store_true", help="read what ended badly once more")
     arguments.add_argument("--only", choices=NAMES, help="one reader, with --input")
     arguments.add_argument("--input", type=int, default=0, help="number of its input")
     asked = arguments.parse_args()
-    if asked.only:
-        folder = Path(mkdtemp(prefix="fuzz-input"))
-        keep(asked.only, asked.input, folder)
-        worker = Worker()
-        outcome, said = worker.outcome(asked.only, asked.input)
+    worker = Worker()
+    try:
+        if asked.only:
+            return one(worker, asked.only, asked.input)
+        first, shards = map(int, asked.shard.split("/"))
+        for reader in asked.readers:
+            kept = done(asked.state, reader)
+            if asked.again:
+                kept = {n: answer for n, answer in kept.items() if answer[0] not in BAD}
+            left = [n for n in range(first, asked.inputs, shards) if n not in kept]
+            log = asked.state / f"{reader}.{first}-of-{shards}.jsonl"
+            study(worker, log, reader, left)
+    finally:
         worker.stop()
-        print(f"{asked.only} {asked.input}: {outcome}: {said}\nits files: {folder}")
-        return int(outcome in BAD)
-    first, shards = map(int, asked.shard.split("/"))
-    for reader in asked.readers:
-        before = done(asked.state, reader)
-        again = {n for n, (outcome, _) in before.items() if outcome in BAD} if asked.again else set()
-        left = (n for n in range(first, asked.inputs, shards) if n not in before or n in again)
-        study(asked.state, reader, left, asked.shard)
     text, bad = table(asked.state, asked.readers)
     print(text)
     return int(bad > 0)
