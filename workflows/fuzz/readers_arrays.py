@@ -14,10 +14,9 @@ import numpy as np
 import pyarrow as pa
 import pyarrow.parquet as pq
 import scipy.io
-from nptdms import ChannelObject, GroupObject, RootObject, TdmsWriter
-
 from case import Case, Reader
 from damage import damaged
+from nptdms import ChannelObject, GroupObject, RootObject, TdmsWriter
 from odd import Random, odd_array, odd_name, odd_value, pick
 from tables_read import ROWS, five_columns, five_source, setup_of, steps
 
@@ -366,7 +365,7 @@ def odd_tdms(random: Random) -> Case:
         columns = {}
         for name, values in _odd_columns(random, rare=False).items():
             flat = np.ravel(values)
-            known = flat.dtype.kind in "iuf" and flat.dtype.itemsize != 2 or flat.dtype == "i2"
+            known = (flat.dtype.kind in "iuf" and flat.dtype.itemsize != 2) or flat.dtype == "i2"
             columns[name] = flat if known and flat.dtype.isnative else np.arange(3.0)
         segments.append(_channels(columns, odd_name(random), **_odd_properties(random)))
     return _one("r.tdms", tdms(segments))

@@ -8,9 +8,9 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from case import Case, Step
 
 import mtpipe
-from case import Case, Step
 from mtpipe.ingest.read import open_table
 from mtpipe.ingest.source import Layout
 from mtpipe.ingest.text import TextTable
