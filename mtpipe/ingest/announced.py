@@ -58,7 +58,7 @@ def check_fits(numbers: int, where: str) -> None:
 
 
 def memory_bytes() -> int | None:
-    """Memory of this computer, the container or the process; None where the system does not tell."""
+    """Memory of computer, container and process; None where the system does not tell."""
     if not hasattr(os, "sysconf"):
         return None
     import resource  # which only these systems have

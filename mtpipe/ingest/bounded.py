@@ -1,7 +1,7 @@
 """Files of which no more is asked for than they hold, whatever their headers announce.
 
-Libraries ask a file for as many bytes as a header says, and Python makes room for all of them before
-it looks what is there: a length of eight changed bytes would take all memory.
+Libraries ask a file for as many bytes as a header says, and Python makes room for all of them
+before it looks what is there: a length of eight changed bytes would take all memory.
 """
 
 from __future__ import annotations

@@ -17,6 +17,7 @@ import numpy as np
 
 from mtpipe.ingest.announced import check_announced
 from mtpipe.ingest.contents import Contents
+from mtpipe.ingest.hdf5_heaps import check_heaps
 from mtpipe.ingest.stated import NOTHING, Stated, stated_by
 
 # Chunks are kept unpacked up to this size, so that the next block of rows finds them.
@@ -50,7 +51,7 @@ def open_hdf5(stream: BinaryIO, stack: ExitStack, *, take: bool) -> Contents:
             return contents
         stream.seek(0)
         stream = _Padded(stream.read(), stated)
-    stream.seek(0)
+    check_text(stream)
     file = stack.enter_context(h5py.File(stream, "r", rdcc_nbytes=CACHE_BYTES))
     _walk(file, "", NOTHING, contents, set(), size if size < stated else None)
     return contents
@@ -85,7 +86,27 @@ class _Padded(io.BytesIO):
 
 
 def _stated_size(stream: BinaryIO) -> int:
-    """The size that the file says it has, 0 where it does not say.
+    """The size that the file says it has, 0 where it does not say."""
+    head = _superblock(stream)
+    if not head:
+        return 0
+    version = head[8]
+    width = head[13] if version < 2 else head[9]
+    at = ADDRESSES_AT[version] + 2 * width
+    end = int.from_bytes(head[at : at + width], "little")
+    return end if end < (1 << 8 * width) - 1 else 0
+
+
+def check_text(stream: BinaryIO) -> None:
+    """Raise RecordingError if HDF5 would look for text without end; the file is left at its start."""
+    head = _superblock(stream)
+    if head:
+        check_heaps(stream, head[14] if head[8] < 2 else head[10])
+    stream.seek(0)
+
+
+def _superblock(stream: BinaryIO) -> bytes:
+    """The head of the file, empty where there is none of a known version.
 
     HDF5 file format specification, version 3.0, section II.A; before the superblock a user's block
     may stand, as MATLAB's does.
@@ -93,16 +114,9 @@ def _stated_size(stream: BinaryIO) -> int:
     for start in (0, 512, 1024, 2048):
         stream.seek(start)
         head = stream.read(HEAD_BYTES)
-        if not head.startswith(SIGNATURE):
-            continue
-        version = head[8]
-        if version not in ADDRESSES_AT:
-            return 0
-        width = head[13] if version < 2 else head[9]
-        at = ADDRESSES_AT[version] + 2 * width
-        end = int.from_bytes(head[at : at + width], "little")
-        return end if end < (1 << 8 * width) - 1 else 0
-    return 0
+        if head.startswith(SIGNATURE):
+            return head if len(head) > 14 and head[8] in ADDRESSES_AT else b""
+    return b""
 
 
 def _walk(
@@ -119,7 +133,8 @@ def _walk(
     for key in group:
         if not path and key in MATLAB_INNER:
             continue
-        name = f"{path}/{key}" if path else key
+        told = key if isinstance(key, str) else key.decode("utf-8", "replace")
+        name = f"{path}/{told}" if path else told
         try:
             link = group.get(key, getlink=True)
             if isinstance(link, h5py.ExternalLink):
