@@ -123,6 +123,29 @@ def test_a_virtual_dataset_of_itself_is_told(tmp_path):
     assert done.stdout == "('Z', 'plain') ['X', 'Y']\n60\n", done.stderr[-500:]
 
 
+@pytest.mark.parametrize("object_number", [0, 7])
+def test_a_heap_of_text_that_goes_round_and_round_is_told(tmp_path, object_number):
+    """HDF5 never comes back from one, so it is read in a process of its own."""
+    path = tmp_path / "r.h5"
+    with h5py.File(path, "w") as file:
+        file["X"] = np.arange(60.0)
+        file["X"].attrs["words"] = ["one", "two"]
+    content = bytearray(path.read_bytes())
+    at = content.index(b"GCOL") + 16  # its first object: number, and size (8 bytes on)
+    content[at : at + 2] = object_number.to_bytes(2, "little")
+    content[at + 8 : at + 16] = bytes(8) if object_number == 0 else b"\xf0" + b"\xff" * 7
+    path.write_bytes(content)
+    read = "import sys, mtpipe.ingest.arrays as a; a.open_arrays(sys.argv[1], 'hdf5')"
+    done = subprocess.run(
+        [sys.executable, "-c", read, str(path)],
+        capture_output=True,
+        text=True,
+        check=False,
+        timeout=300,
+    )
+    assert "is damaged: the heap of text at byte" in done.stderr
+
+
 # ------------------------------------------------------------------ run folders
 
 

@@ -15,9 +15,10 @@ from typing import Any, BinaryIO
 import h5py
 import numpy as np
 
+from mtpipe.errors import RecordingError
 from mtpipe.ingest.announced import check_announced
 from mtpipe.ingest.contents import Contents
-from mtpipe.ingest.hdf5_heaps import check_heaps
+from mtpipe.ingest.hdf5_heaps import WatchedHeaps
 from mtpipe.ingest.stated import NOTHING, Stated, stated_by
 
 # Chunks are kept unpacked up to this size, so that the next block of rows finds them.
@@ -43,6 +44,10 @@ def open_hdf5(stream: BinaryIO, stack: ExitStack, *, take: bool) -> Contents:
     Returns
     -------
     Contents, without columns where the file is cut off and not taken.
+
+    Raises
+    ------
+    RecordingError : text in it is damaged.
     """
     contents = Contents(cut=cut_off(stream))
     size, stated = stream.seek(0, io.SEEK_END), _stated_size(stream)
@@ -51,9 +56,11 @@ def open_hdf5(stream: BinaryIO, stack: ExitStack, *, take: bool) -> Contents:
             return contents
         stream.seek(0)
         stream = _Padded(stream.read(), stated)
-    check_text(stream)
-    file = stack.enter_context(h5py.File(stream, "r", rdcc_nbytes=CACHE_BYTES))
+    watched = watched_heaps(stream)
+    file = stack.enter_context(h5py.File(watched, "r", rdcc_nbytes=CACHE_BYTES))
     _walk(file, "", NOTHING, contents, set(), size if size < stated else None)
+    if watched.fault and not contents.cut:
+        raise RecordingError(f"is damaged: {watched.fault}", mend="Copy the file again.")
     return contents
 
 
@@ -97,12 +104,11 @@ def _stated_size(stream: BinaryIO) -> int:
     return end if end < (1 << 8 * width) - 1 else 0
 
 
-def check_text(stream: BinaryIO) -> None:
-    """Raise RecordingError if HDF5 would look for text without end; the file is left at its start."""
+def watched_heaps(stream: BinaryIO) -> WatchedHeaps:
+    """The file at its start, so that HDF5 is not led round and round in it by damaged text."""
     head = _superblock(stream)
-    if head:
-        check_heaps(stream, head[14] if head[8] < 2 else head[10])
     stream.seek(0)
+    return WatchedHeaps(stream, (head[14] if head[8] < 2 else head[10]) if head else 8)
 
 
 def _superblock(stream: BinaryIO) -> bytes:

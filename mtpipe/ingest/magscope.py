@@ -230,15 +230,14 @@ def _tracking(path: Path) -> Iterator[Any]:
     """The group of a tracking file; whatever h5py raises on damage becomes an error in words."""
     import h5py
 
-    from mtpipe.ingest.hdf5 import check_text, cut_off
+    from mtpipe.ingest.hdf5 import cut_off, watched_heaps
 
     try:
         with open_stream(path) as stream:
             whole = io.BytesIO(stream.read()) if is_packed(stream) else stream
             if cut := cut_off(whole):
                 raise RecordingError(cut, where=str(path), mend="Copy the file again.")
-            check_text(whole)
-            with h5py.File(whole, "r") as file:
+            with h5py.File(watched_heaps(whole), "r") as file:
                 if GROUP not in file:
                     raise RecordingError(
                         f"has no group /{GROUP}, as a tracking file of MagScope has",
@@ -250,8 +249,7 @@ def _tracking(path: Path) -> Iterator[Any]:
                         f"has schema_version {version}, only {SCHEMA} is known", where=str(path)
                     )
                 yield file[GROUP]
-    except RecordingError as error:
-        error.where = error.where or str(path)
+    except RecordingError:
         raise
     except Exception as error:  # h5py and numpy raise anything on a damaged file
         reason = f"{type(error).__name__}: {error}".splitlines()[0][:200]

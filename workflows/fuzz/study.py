@@ -13,9 +13,12 @@ from __future__ import annotations
 
 import argparse
 import json
+import math
 import multiprocessing
+import os
 import shutil
 import sys
+import time
 from collections import Counter
 from collections.abc import Iterable
 from pathlib import Path
@@ -25,6 +28,8 @@ from worker import BAD, OUTCOMES, serve
 
 NAMES = ("setup", "csv", "text", "parquet", "tdms", "matlab", "hdf5", "numpy", "magscope", "film",
          "lut", "run")  # fmt: skip
+# Time that an input may take, of the processor: other programs may keep a computer busy. One that
+# waits for ever uses none, and has as long as the start of a process.
 SECONDS = 20.0
 START_SECONDS = 300.0
 # A process is replaced after so many inputs, as libraries leak.
@@ -74,7 +79,7 @@ class Worker:
             begun = self._answer(START_SECONDS)
             if begun != "begun":
                 raise RuntimeError(begun)
-            answer: Answer = self._answer(SECONDS)
+            answer: Answer = self._answer(START_SECONDS, SECONDS)
         except TimeoutError:
             self.stop()
             return "hang", f"longer than {SECONDS:g} s"
@@ -86,10 +91,23 @@ class Worker:
             return "abort", f"exit code {code}"
         return answer
 
-    def _answer(self, seconds: float) -> object:
-        if not self._connection.poll(seconds):
-            raise TimeoutError
+    def _answer(self, seconds: float, processor: float = math.inf) -> object:
+        assert self._process is not None
+        started, used = time.monotonic(), processor_seconds(self._process.pid)
+        while not self._connection.poll(1.0):
+            late = time.monotonic() - started > seconds
+            if late or processor_seconds(self._process.pid) - used > processor:
+                raise TimeoutError
         return self._connection.recv()
+
+
+def processor_seconds(process: int | None) -> float:
+    """Time of the processor that a process has used (Linux); 0 of one that is gone."""
+    try:
+        fields = Path(f"/proc/{process}/stat").read_text().rpartition(")")[2].split()
+    except OSError:
+        return 0.0
+    return (int(fields[11]) + int(fields[12])) / os.sysconf("SC_CLK_TCK")
 
 
 def done(state: Path, reader: str) -> dict[int, Answer]:
