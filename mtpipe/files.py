@@ -25,7 +25,7 @@ def as_text(name: str) -> str:
 
 
 def in_one_line(text: str) -> str:
-    """The text with signs that end a line or steer a terminal, as names may have, as `\\n`, `\\x1b`."""
+    """The text, in which signs that end a line or steer a terminal are shown: `\\n`, `\\x1b`."""
     return "".join(c if _is_shown(c) else c.encode("unicode_escape").decode() for c in text)
 
 

@@ -112,8 +112,24 @@ def _length(data: bytearray, random: Random) -> bytearray:
         at -= at % width
     old = int.from_bytes(data[at : at + width], order)
     top = 1 << 8 * width
-    other = (0, 1, top - 1, top - 2, top >> 1, (top >> 1) - 1, old + 1, old - 1, old * 2, old << 8,
-             old >> 1, len(data), len(data) - 1, 1 << 20, 1 << 31, int(random.integers(1 << 62)))  # fmt: skip
+    other = (
+        0,
+        1,
+        top - 1,
+        top - 2,
+        top >> 1,
+        (top >> 1) - 1,
+        old + 1,
+        old - 1,
+        old * 2,
+        old << 8,
+        old >> 1,
+        len(data),
+        len(data) - 1,
+        1 << 20,
+        1 << 31,
+        int(random.integers(1 << 62)),
+    )
     value = other[random.integers(len(other))] % top
     data[at : at + width] = value.to_bytes(width, order)
     return data

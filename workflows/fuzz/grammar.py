@@ -20,14 +20,40 @@ _NUMBERS = st.one_of(
 )
 _KEYS = st.one_of(
     st.sampled_from(
-        ("schema", "camera", "camera.frame_rate_hz", "frame_rate_hz", "exposure_s", "beads",
-         "radius_nm", "reference", "tether", "contour_length_nm", "persistence_length_nm",
-         "buffer", "temperature_K", "viscosity_mPa_s", "field", "direction", "source", "magnet",
-         "position_mm", "force_pN", "model", "effects", "tracking", "regions", "drift",
-         "cutoff_hz", '"a\\nb"', '"\\u2028"', "a.b.c.d")  # fmt: skip
+        (
+            "schema",
+            "camera",
+            "camera.frame_rate_hz",
+            "frame_rate_hz",
+            "exposure_s",
+            "beads",
+            "radius_nm",
+            "reference",
+            "tether",
+            "contour_length_nm",
+            "persistence_length_nm",
+            "buffer",
+            "temperature_K",
+            "viscosity_mPa_s",
+            "field",
+            "direction",
+            "source",
+            "magnet",
+            "position_mm",
+            "force_pN",
+            "model",
+            "effects",
+            "tracking",
+            "regions",
+            "drift",
+            "cutoff_hz",
+            '"a\\nb"',
+            '"\\u2028"',
+            "a.b.c.d",
+        )
     ),
     _ANY.map(lambda text: f'"{text}"'),
-)  # fmt: skip
+)
 _SCALARS = st.one_of(
     _NUMBERS,
     _ANY.map(lambda text: f'"{text}"'),
@@ -48,7 +74,7 @@ _SCALARS = st.one_of(
             "[" * 5000,
             "{a=" * 3000,
             "",
-        )  # fmt: skip
+        )
     ),
 )
 _VALUES = st.recursive(
@@ -87,7 +113,7 @@ _NAMES = st.one_of(
             "Z",
             "z_nm",
             "turns",
-        )  # fmt: skip
+        )
     ),
     _ANY,
 )

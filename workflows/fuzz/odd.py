@@ -72,7 +72,7 @@ def shape_of(random: Random) -> tuple[int, ...]:
                 (1, 1),
                 (1, 1, 1, n),
             ),
-        )  # fmt: skip
+        )
     )
 
 

@@ -12,19 +12,20 @@ from typing import Any
 
 import numpy as np
 import tifffile
-from case import Case, Reader, Step
-from damage import damaged
-from odd import NAMES, Random, array_of, odd_array, odd_value, pick
-from readers_arrays import npy, npz
-
 from mtpipe.tracking.lookup_table import LookUpTable
 from mtpipe.tracking.matching import ring_count
 from mtpipe.tracking.stack import open_stack
 from mtpipe.tracking.stack_look import Reading
 
+from case import Case, Reader, Step
+from damage import damaged
+from odd import NAMES, Random, array_of, odd_array, odd_value, pick
+from readers_arrays import npy, npz
+
 logging.getLogger("tifffile").setLevel(logging.CRITICAL)
 FRAMES, HEIGHT, WIDTH = 5, 12, 16
 REGION_PX, PLANES = 16, 8
+UUID = "00000000-0000-0000-0000-000000000000"
 
 # ------------------------------------------------------------------ films
 
@@ -53,7 +54,9 @@ def film_seeds() -> list[Case]:
         tiff(frames_of("u2"), bigtiff=True, **grey),
         tiff(frames_of("u2"), byteorder=">", **grey),
         tiff(frames_of(), imagej=True, metadata={"axes": "TYX", "finterval": 0.01}),
-        tiff(frames_of("u2"), ome=True, metadata={"axes": "TYX", "SignificantBits": 12}),
+        tiff(
+            frames_of("u2"), ome=True, metadata={"axes": "TYX", "SignificantBits": 12, "UUID": UUID}
+        ),
         tiff(frames_of("f4")),
         tiff(frames_of(), compression="zlib", predictor=True, **grey),
         tiff(frames_of(), compression="lzw", rowsperstrip=3, **grey),
@@ -83,10 +86,23 @@ def odd_film(random: Random) -> Case:
 
 
 def _odd_images(random: Random) -> np.ndarray[Any, Any]:
-    shape = pick(random, ((5, 12, 16), (5, 12, 16), (1, 12, 16), (12, 16), (5, 1, 1), (2, 3, 12, 16),
-                          (5, 12, 16, 3), (2, 0, 16), (300, 2, 2)))  # fmt: skip
-    return array_of(random, pick(random, ("u1", "u2", "u4", "i2", "f4", "f8", "?", "c8", "u8", "f2")),
-                    shape)  # fmt: skip
+    shape = pick(
+        random,
+        (
+            (5, 12, 16),
+            (5, 12, 16),
+            (1, 12, 16),
+            (12, 16),
+            (5, 1, 1),
+            (2, 3, 12, 16),
+            (5, 12, 16, 3),
+            (2, 0, 16),
+            (300, 2, 2),
+        ),
+    )
+    return array_of(
+        random, pick(random, ("u1", "u2", "u4", "i2", "f4", "f8", "?", "c8", "u8", "f2")), shape
+    )
 
 
 def _odd_options(random: Random, style: str) -> dict[str, Any]:
@@ -96,12 +112,16 @@ def _odd_options(random: Random, style: str) -> dict[str, Any]:
         options["description"] = pick(
             random,
             ("", "ImageJ=1.53\nimages=1000000000000\n", "ImageJ=1.53\nimages=-1\n",
-             "ImageJ=\nimages=nan\nfinterval=x\n", '{"shape": [5, 12, 16]}', '{"shape": [1e9, 1e9]}',
-             '{"shape": "x"}', '{"shape": [-1, 12, 16]}', "<OME></OME>", "<OME", "<?xml version='1.0'?>"
+             "ImageJ=\nimages=nan\nfinterval=x\n", '{"shape": [5, 12, 16]}',
+             '{"shape": [1e9, 1e9]}',
+             '{"shape": "x"}', '{"shape": [-1, 12, 16]}', "<OME></OME>", "<OME",
+             "<?xml version='1.0'?>"
              '<OME xmlns="http://www.openmicroscopy.org/Schemas/OME/2016-06"><Image><Pixels '
              'SizeX="9999999" SizeY="1" SizeT="0" SizeC="x" Type="uint8" DimensionOrder="XYZCT">'
              '<TiffData/></Pixels></Image></OME>', "t=nan", "a\nb", "time_s=1e400"),
         )  # fmt: skip
+    elif style == "ome":
+        options["metadata"] = {"UUID": UUID}
     elif style == "imagej":
         options["metadata"] = {pick(random, ("finterval", "fps", "unit", "Info", "axes", "min")):
                                pick(random, (0.01, -1, "TYX", "x\ny", "nan"))}  # fmt: skip
@@ -112,8 +132,15 @@ def _odd_options(random: Random, style: str) -> dict[str, Any]:
     if random.random() < 0.3:
         options["datetime"] = pick(random, ("2026:01:01 00:00:00", "0000:00:00 00:00:00"))
     if random.random() < 0.3:
-        options["extratags"] = [(pick(random, (65000, 270, 306, 34361, 50839)), "s", 0,
-                                 pick(random, NAMES).encode("ascii", "replace").decode(), True)]  # fmt: skip
+        options["extratags"] = [
+            (
+                pick(random, (65000, 270, 306, 34361, 50839)),
+                "s",
+                0,
+                pick(random, NAMES).encode("ascii", "replace").decode(),
+                True,
+            )
+        ]
     return options
 
 
@@ -144,8 +171,12 @@ def lut(*, packed: bool, metadata: Any = None, arrays: Mapping[str, Any] | None 
     stated = METADATA | {"method": DEFAULT_METHOD} if metadata is None else metadata
     rings = ring_count(REGION_PX)
     profiles = np.cos(np.add.outer(np.arange(PLANES) / 3, np.arange(rings))) * 50 + 100
-    content = {"z_nm": np.arange(PLANES) * 100.0, "profiles": profiles,
-               "noise": np.full(PLANES, 0.01), "metadata": np.array(json.dumps(stated))}  # fmt: skip
+    content = {
+        "z_nm": np.arange(PLANES) * 100.0,
+        "profiles": profiles,
+        "noise": np.full(PLANES, 0.01),
+        "metadata": np.array(json.dumps(stated)),
+    }
     content |= arrays or {}
     return npz({name: npy(a) for name, a in content.items() if a is not None}, packed=packed)
 

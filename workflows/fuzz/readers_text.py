@@ -12,14 +12,14 @@ from functools import cache, partial
 from pathlib import Path
 from typing import Any
 
-import grammar
 import numpy as np
+from mtpipe.setup import read_setup
+from mtpipe.tracking.scan import focus_positions_nm
+
+import grammar
 from case import Case, Reader, Step
 from odd import NAMES, Random, odd_value, pick
 from tables_read import ROWS, five_columns, five_source, setup_of, steps
-
-from mtpipe.setup import read_setup
-from mtpipe.tracking.scan import focus_positions_nm
 
 CHECKOUT = Path(__file__).parents[2]
 CELLS = ("", "nan", "-1.#IND000", "inf", "1e400", "-", "x", '"', '"1', "1,5", "1;5", "1.5.5", "0x1",
@@ -119,7 +119,7 @@ def _canonical() -> dict[str, Any]:
 
 @cache
 def csv_seeds() -> list[Case]:
-    """Canonical files: plain, packed, UTF-16, with Windows' line ends, with notes; focus positions."""
+    """Canonical files, packed, in UTF-16, with Windows' line ends, with notes; focus positions."""
     text = lines_of(_canonical(), ",")
     notes = '# mtpipe track: {"beads": [], "notices": []}\n'
     setup = setup_of(None, ("ref1",))

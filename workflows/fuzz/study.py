@@ -4,9 +4,9 @@
     python workflows/fuzz/study.py --only csv --input 17
 
 Every input is read in a process with 4 GiB of memory and 20 s of time. It ends fine, with one
-sentence of mtpipe's, with another exception (or a sentence of several lines), not at all (hang), with
-the process's end (abort), or for want of memory. What is done is kept in --state, and a study that
-was stopped goes on from there. The exit code is 1 if there is any of the last four.
+sentence of mtpipe's, with another exception (or a sentence of several lines), not at all (hang),
+with the process's end (abort), or for want of memory. What is done is kept in --state, and a study
+that was stopped goes on from there. The exit code is 1 if there is any of the last four.
 """
 
 from __future__ import annotations

@@ -7,15 +7,17 @@ from functools import partial
 from pathlib import Path
 from typing import Any
 
-import numpy as np
-from case import Case, Step
-
 import mtpipe
+import numpy as np
 from mtpipe.ingest.read import open_table
 from mtpipe.ingest.source import Layout
 from mtpipe.ingest.text import TextTable
 from mtpipe.setup import Setup, parse_setup
 
+from case import Case, Step
+from odd import Random, odd_array, odd_name, pick
+
+FIVE = ("Time", "Magnet", "X", "Y", "Z")
 ROWS, RATE_HZ = 60, 100.0
 MOST_COLUMNS = 12
 
@@ -54,6 +56,26 @@ def five_source(*names: str | int, **more: Any) -> dict[str, Any]:
         "magnet": {"column": magnet, "unit": "mm"},
         "z_zero": {"value_nm": 0.0},
     } | more
+
+
+def one_file(name: str, content: bytes, *names: str | int, **more: Any) -> Case:
+    """A case of one file with the five columns, under the names that it gives them."""
+    return Case({name: content}, name, setup_of(five_source(*names, **more)))
+
+
+def odd_columns(random: Random, *, rare: bool = True) -> dict[str, Any]:
+    """Columns as they should be, of which some are odd, gone, or under another name."""
+    columns: dict[str, Any] = dict(five_columns())
+    for _ in range(int(random.integers(1, 4))):
+        name = pick(random, FIVE)
+        way = random.integers(4)
+        if way == 0:
+            columns.pop(name, None)
+        elif way == 1:
+            columns[odd_name(random)] = odd_array(random, rare=rare)
+        else:
+            columns[name] = odd_array(random, rare=rare)
+    return columns
 
 
 def steps(path: Path, case: Case) -> Iterator[Step]:
