@@ -13,7 +13,6 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-
 from damage import damaged
 
 Random = np.random.Generator

@@ -11,10 +11,9 @@ from typing import Any
 
 import numpy as np
 import scipy.io
-from nptdms import ChannelObject, GroupObject, RootObject, TdmsWriter
-
 from case import Case, Reader
 from damage import damaged
+from nptdms import ChannelObject, GroupObject, RootObject, TdmsWriter
 from odd import Random, odd_array, odd_name, pick
 from tables_read import FIVE, ROWS, five_columns, odd_columns, one_file, steps
 

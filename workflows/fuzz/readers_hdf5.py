@@ -11,7 +11,6 @@ from typing import Any
 
 import h5py
 import numpy as np
-
 from case import Case, Reader
 from odd import Random, odd_array, odd_name, odd_value, pick
 from tables_read import FIVE, ROWS, five_columns, odd_columns, one_file, setup_of, steps

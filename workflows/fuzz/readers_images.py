@@ -12,15 +12,15 @@ from typing import Any
 
 import numpy as np
 import tifffile
-from mtpipe.tracking.lookup_table import LookUpTable
-from mtpipe.tracking.matching import ring_count
-from mtpipe.tracking.stack import open_stack
-from mtpipe.tracking.stack_look import Reading
-
 from case import Case, Reader, Step
 from damage import damaged
 from odd import NAMES, Random, array_of, odd_array, odd_value, pick
 from readers_arrays import npy, npz
+
+from mtpipe.tracking.lookup_table import LookUpTable
+from mtpipe.tracking.matching import ring_count
+from mtpipe.tracking.stack import open_stack
+from mtpipe.tracking.stack_look import Reading
 
 logging.getLogger("tifffile").setLevel(logging.CRITICAL)
 FRAMES, HEIGHT, WIDTH = 5, 12, 16

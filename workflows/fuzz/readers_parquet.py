@@ -9,7 +9,6 @@ from typing import Any
 import numpy as np
 import pyarrow as pa
 import pyarrow.parquet as pq
-
 from case import Case, Reader
 from odd import Random, odd_name, odd_value, pick
 from tables_read import ROWS, five_columns, odd_columns, one_file, setup_of, steps

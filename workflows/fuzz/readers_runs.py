@@ -15,12 +15,12 @@ import numpy as np
 import pandas as pd
 import plotly.offline
 import pyarrow.parquet as pq
-from mtpipe.report import pages
-from tests.report_folder import write_run_folder
-
 from case import Case, Reader, Step
 from odd import Random, array_of, odd_value, pick
 from readers_parquet import no_utf_8, parquet
+
+from mtpipe.report import pages
+from tests.report_folder import write_run_folder
 
 # What is the same for all runs is made once: plotly's script of 4 MB, and the templates.
 plotly.offline.get_plotlyjs = lambda: ""

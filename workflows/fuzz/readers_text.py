@@ -12,14 +12,14 @@ from functools import cache, partial
 from pathlib import Path
 from typing import Any
 
-import numpy as np
-from mtpipe.setup import read_setup
-from mtpipe.tracking.scan import focus_positions_nm
-
 import grammar
+import numpy as np
 from case import Case, Reader, Step
 from odd import NAMES, Random, odd_value, pick
 from tables_read import ROWS, five_columns, five_source, setup_of, steps
+
+from mtpipe.setup import read_setup
+from mtpipe.tracking.scan import focus_positions_nm
 
 CHECKOUT = Path(__file__).parents[2]
 CELLS = ("", "nan", "-1.#IND000", "inf", "1e400", "-", "x", '"', '"1', "1,5", "1;5", "1.5.5", "0x1",

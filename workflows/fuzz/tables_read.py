@@ -7,15 +7,15 @@ from functools import partial
 from pathlib import Path
 from typing import Any
 
-import mtpipe
 import numpy as np
+from case import Case, Step
+from odd import Random, odd_array, odd_name, pick
+
+import mtpipe
 from mtpipe.ingest.read import open_table
 from mtpipe.ingest.source import Layout
 from mtpipe.ingest.text import TextTable
 from mtpipe.setup import Setup, parse_setup
-
-from case import Case, Step
-from odd import Random, odd_array, odd_name, pick
 
 FIVE = ("Time", "Magnet", "X", "Y", "Z")
 ROWS, RATE_HZ = 60, 100.0
