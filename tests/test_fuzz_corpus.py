@@ -18,6 +18,7 @@ from mtpipe.errors import MtpipeError, RecordingError, SetupError
 from mtpipe.files import in_one_line
 from mtpipe.ingest.arrays import open_arrays
 from mtpipe.ingest.bounded import BoundedReader
+from mtpipe.ingest.cells import is_number
 from mtpipe.ingest.files import open_stream
 from mtpipe.notice import Notice
 from mtpipe.report.folder import RunFolderError, _read_table
@@ -64,6 +65,19 @@ def test_toml_that_python_does_not_take_is_told(tmp_path, text, said):
     (tmp_path / "setup.toml").write_text(text)
     with pytest.raises(SetupError, match=said):
         read_setup(tmp_path / "setup.toml")
+
+
+# ------------------------------------------------------------------ cells
+
+
+def test_a_cell_of_many_digits_is_looked_at_once():
+    """In time that grows with the square of their number this test would take minutes."""
+    assert is_number("1" * 200_000, ".")
+    assert not is_number("1" * 200_000 + "x", ".")
+    assert [is_number(cell, ".") for cell in ("1.", ".5", "1.5e3", ".", "1..5", "")] == [
+        *(True, True, True),
+        *(False, False, False),
+    ]
 
 
 # ------------------------------------------------------------------ lengths
