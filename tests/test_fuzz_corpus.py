@@ -1,5 +1,6 @@
 """Inputs that once ended in no sentence (workflows/fuzz), and a quick round of all readers."""
 
+import gzip
 import io
 import subprocess
 import sys
@@ -16,6 +17,7 @@ from nptdms import ChannelObject, TdmsWriter
 import mtpipe
 from mtpipe.errors import MtpipeError, RecordingError, SetupError
 from mtpipe.files import in_one_line
+from mtpipe.ingest import announced
 from mtpipe.ingest.arrays import open_arrays
 from mtpipe.ingest.bounded import BoundedReader
 from mtpipe.ingest.cells import is_number
@@ -115,6 +117,14 @@ def test_an_archive_that_announces_more_than_it_holds_is_told(tmp_path, name):
         LookUpTable.load(tmp_path / name) if name == "lut.npz" else open_arrays(
             tmp_path / name, "npz"
         )
+
+
+def test_a_packed_file_that_unfolds_to_more_than_the_memory_is_told(tmp_path, monkeypatch):
+    monkeypatch.setattr(announced, "memory_bytes", lambda: 1 << 20)
+    np.save(tmp_path / "r.npy", np.zeros(100_000))
+    (tmp_path / "r.gz").write_bytes(gzip.compress((tmp_path / "r.npy").read_bytes()))
+    with pytest.raises(RecordingError, match=r"r\.gz: unfolds to 1e\+05 numbers"):
+        open_arrays(tmp_path / "r.gz", "npy")
 
 
 # ------------------------------------------------------------------ HDF5

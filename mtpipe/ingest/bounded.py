@@ -10,9 +10,12 @@ import io
 import os
 import zipfile
 from pathlib import Path
+from typing import BinaryIO
 
 from mtpipe.errors import RecordingError
-from mtpipe.ingest.announced import HARMLESS_BYTES, check_announced
+from mtpipe.ingest.announced import HARMLESS_BYTES, NUMBER_BYTES, check_announced, check_fits
+
+PIECE_BYTES = 1 << 24
 
 
 class BoundedReader(io.BufferedReader):
@@ -27,6 +30,21 @@ class BoundedReader(io.BufferedReader):
         if size is not None and size > HARMLESS_BYTES:
             size = min(size, max(0, self._size - self.tell()))
         return super().read(size)
+
+
+def unpacked(stream: BinaryIO, where: str) -> io.BytesIO:
+    """All that a packed stream unfolds to, if it fits into the memory twice.
+
+    Raises
+    ------
+    RecordingError : it does not.
+    """
+    whole = io.BytesIO()
+    while piece := stream.read(PIECE_BYTES):
+        whole.write(piece)
+        check_fits(whole.tell() // NUMBER_BYTES, where)
+    whole.seek(0)
+    return whole
 
 
 def check_archive(archive: zipfile.ZipFile, size: int, file: str = "") -> None:

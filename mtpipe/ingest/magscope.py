@@ -9,7 +9,6 @@ in nm, NaN where the bead was not followed. Files of a recording that MagScope s
 
 from __future__ import annotations
 
-import io
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, field
@@ -21,6 +20,7 @@ from numpy.typing import NDArray
 
 from mtpipe.errors import RecordingError
 from mtpipe.ingest.announced import check_announced
+from mtpipe.ingest.bounded import unpacked
 from mtpipe.ingest.files import is_packed, open_stream
 from mtpipe.ingest.stated import NOTHING, Stated
 from mtpipe.recording import AXES, FloatArray
@@ -234,7 +234,7 @@ def _tracking(path: Path) -> Iterator[Any]:
 
     try:
         with open_stream(path) as stream:
-            whole = io.BytesIO(stream.read()) if is_packed(stream) else stream
+            whole = unpacked(stream, str(path)) if is_packed(stream) else stream
             if cut := cut_off(whole):
                 raise RecordingError(cut, where=str(path), mend="Copy the file again.")
             with h5py.File(watched_heaps(whole), "r") as file:
