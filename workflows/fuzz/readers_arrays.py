@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import gzip
 import io
 import struct
 import zipfile
@@ -59,6 +60,7 @@ def numpy_seeds() -> list[Case]:
         one_file("r.npy", npy(records), "Time", "Magnet", "p[1]", "p[2]", "p[3]"),
         one_file("r.npz", npz(members, packed=False)),
         one_file("r.npz", npz(members, packed=True)),
+        one_file("r.npy.gz", gzip.compress(npy(table), mtime=0), 1, 2, 3, 4, 5),
     ]
 
 

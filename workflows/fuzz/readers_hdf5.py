@@ -5,6 +5,7 @@ Groups and virtual datasets have the time in them, so that these files differ in
 
 from __future__ import annotations
 
+import gzip
 import io
 from functools import cache, partial
 from typing import Any
@@ -69,6 +70,7 @@ def hdf5_seeds() -> list[Case]:
         one_file("r.h5", hdf5(_described)),
         one_file("r.h5", hdf5(_described, version="v110")),
         one_file("r.h5", hdf5(_table), *records),
+        one_file("r.h5.gz", gzip.compress(hdf5(_plain), mtime=0)),
         one_file(
             "r.mat", head + hdf5(partial(_plain, chunks=(16,)), version="v110", userblock=512)[512:]
         ),
