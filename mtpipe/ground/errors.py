@@ -11,7 +11,7 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import ClassVar
 
-from mtpipe.ground.files import as_text
+from mtpipe.ground.files import as_text, in_one_line
 
 
 class MtpipeError(Exception):
@@ -32,7 +32,7 @@ class MtpipeError(Exception):
     exit_code: ClassVar[int] = 1
 
     def __init__(self, message: str, *, where: str | None = None, mend: str | None = None) -> None:
-        self.message = as_text(message)
+        self.message = in_one_line(as_text(message))
         self.where = None if where is None else as_text(where)
         self.mend = None if mend is None else as_text(mend)
         super().__init__(self.message)
@@ -40,9 +40,9 @@ class MtpipeError(Exception):
     def __str__(self) -> str:
         head = f"{self.where}: " if self.where else ""
         if not self.mend:
-            return f"{head}{self.message}"
+            return in_one_line(f"{head}{self.message}")
         end = "" if self.message.endswith((".", "!", "?")) else "."
-        return f"{head}{self.message}{end} {self.mend}"
+        return in_one_line(f"{head}{self.message}{end} {self.mend}")
 
 
 class SetupError(MtpipeError):

@@ -9,6 +9,7 @@ from __future__ import annotations
 import os
 import re
 import shutil
+import unicodedata
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
@@ -21,6 +22,15 @@ def as_text(name: str) -> str:
     they are shown as `\\xfc`.
     """
     return name.encode("utf-8", "surrogateescape").decode("utf-8", "backslashreplace")
+
+
+def in_one_line(text: str) -> str:
+    """The text, in which signs that end a line or steer a terminal are shown: `\\n`, `\\x1b`."""
+    return "".join(c if _is_shown(c) else c.encode("unicode_escape").decode() for c in text)
+
+
+def _is_shown(sign: str) -> bool:
+    return unicodedata.category(sign) not in ("Cc", "Zl", "Zp")
 
 
 def write_atomically(path: Path, content: str | bytes) -> None:

@@ -9,7 +9,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Literal
 
-from mtpipe.ground.files import as_text
+from mtpipe.ground.files import as_text, in_one_line
 
 Severity = Literal["info", "caution", "warning"]
 
@@ -31,4 +31,4 @@ class Notice:
     axis: str | None = None
 
     def __post_init__(self) -> None:
-        object.__setattr__(self, "message", as_text(self.message))
+        object.__setattr__(self, "message", in_one_line(as_text(self.message)))

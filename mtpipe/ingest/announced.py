@@ -58,10 +58,15 @@ def check_fits(numbers: int, where: str) -> None:
 
 
 def memory_bytes() -> int | None:
-    """Memory of this computer, or of the container; None where the system does not tell."""
+    """Memory of computer, container and process; None where the system does not tell."""
     if not hasattr(os, "sysconf"):
         return None
+    import resource  # which only these systems have
+
     memory = os.sysconf("SC_PAGE_SIZE") * os.sysconf("SC_PHYS_PAGES")
+    process, _ = resource.getrlimit(resource.RLIMIT_AS)
+    if process != resource.RLIM_INFINITY:
+        memory = min(memory, process)
     try:
         bound = BOUND_OF_CONTAINER.read_text().strip()
     except OSError:

@@ -7,7 +7,6 @@ group.
 
 from __future__ import annotations
 
-import io
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass, field
@@ -19,6 +18,7 @@ from numpy.typing import NDArray
 from mtpipe.ground.errors import RecordingError
 from mtpipe.ground.files import as_text
 from mtpipe.ingest.announced import check_fits
+from mtpipe.ingest.bounded import unpacked
 from mtpipe.ingest.column_attributes import NOTHING, Stated
 from mtpipe.ingest.contents import BLOCK_BYTES, Array, Contents, values_of
 from mtpipe.ingest.data_files import is_packed, open_stream
@@ -180,7 +180,7 @@ def _open(path: Path, kind: Format, take: bool) -> Iterator[Contents]:
     with ExitStack() as stack:
         stream = stack.enter_context(open_stream(path))
         if is_packed(stream):
-            stream = io.BytesIO(stream.read())  # gzipped: these formats jump about in the file
+            stream = unpacked(stream, str(path))  # gzipped: these formats jump about in the file
         try:
             yield _contents(stream, stack, kind, take)
         except RecordingError as error:

@@ -19,6 +19,7 @@ from typing import BinaryIO, cast
 
 from mtpipe.ground.errors import RecordingError, SetupError
 from mtpipe.ground.files import as_text
+from mtpipe.ingest.bounded import BoundedReader
 from mtpipe.recording.recording import SourceFile
 from mtpipe.setup.presets import COLUMNS, PRESETS
 from mtpipe.setup.setup import Setup, read_setup
@@ -82,7 +83,7 @@ def describe(path: Path, folder: Path) -> SourceFile:
 @contextmanager
 def open_stream(path: Path) -> Iterator[BinaryIO]:
     """Open a file for reading bytes, unpacking gzip on the way."""
-    with path.open("rb") as stream:
+    with BoundedReader(path) as stream:
         packed = stream.read(2) == b"\x1f\x8b"
         stream.seek(0)
         if not packed:

@@ -15,9 +15,11 @@ from typing import Any, BinaryIO
 import h5py
 import numpy as np
 
+from mtpipe.ground.errors import RecordingError
 from mtpipe.ingest.announced import check_announced
 from mtpipe.ingest.column_attributes import NOTHING, Stated, stated_by
 from mtpipe.ingest.contents import Contents
+from mtpipe.ingest.hdf5_heaps import WatchedHeaps
 
 # Chunks are kept unpacked up to this size, so that the next block of rows finds them.
 CACHE_BYTES = 1 << 26
@@ -27,6 +29,8 @@ HEAD_BYTES = 128
 # Where MATLAB 7.3 keeps what cells and objects refer to.
 MATLAB_INNER = {"#refs#", "#subsystem#"}
 MOST_CELLS = 10_000
+# Virtual datasets of virtual ones, so many deep, have no end.
+MOST_VIEWS = 8
 SIGNATURE = b"\x89HDF\r\n\x1a\n"
 
 
@@ -40,6 +44,10 @@ def open_hdf5(stream: BinaryIO, stack: ExitStack, *, take: bool) -> Contents:
     Returns
     -------
     Contents, without columns where the file is cut off and not taken.
+
+    Raises
+    ------
+    RecordingError : text in it is damaged.
     """
     contents = Contents(cut=cut_off(stream))
     size, stated = stream.seek(0, io.SEEK_END), _stated_size(stream)
@@ -48,9 +56,11 @@ def open_hdf5(stream: BinaryIO, stack: ExitStack, *, take: bool) -> Contents:
             return contents
         stream.seek(0)
         stream = _Padded(stream.read(), stated)
-    stream.seek(0)
-    file = stack.enter_context(h5py.File(stream, "r", rdcc_nbytes=CACHE_BYTES))
+    watched = watched_heaps(stream)
+    file = stack.enter_context(h5py.File(watched, "r", rdcc_nbytes=CACHE_BYTES))
     _walk(file, "", NOTHING, contents, set(), size if size < stated else None)
+    if watched.fault and not contents.cut:
+        raise RecordingError(f"is damaged: {watched.fault}", mend="Copy the file again.")
     return contents
 
 
@@ -83,7 +93,26 @@ class _Padded(io.BytesIO):
 
 
 def _stated_size(stream: BinaryIO) -> int:
-    """The size that the file says it has, 0 where it does not say.
+    """The size that the file says it has, 0 where it does not say."""
+    head = _superblock(stream)
+    if not head:
+        return 0
+    version = head[8]
+    width = head[13] if version < 2 else head[9]
+    at = ADDRESSES_AT[version] + 2 * width
+    end = int.from_bytes(head[at : at + width], "little")
+    return end if end < (1 << 8 * width) - 1 else 0
+
+
+def watched_heaps(stream: BinaryIO) -> WatchedHeaps:
+    """The file at its start, so that HDF5 is not led round and round in it by damaged text."""
+    head = _superblock(stream)
+    stream.seek(0)
+    return WatchedHeaps(stream, (head[14] if head[8] < 2 else head[10]) if head else 8)
+
+
+def _superblock(stream: BinaryIO) -> bytes:
+    """The head of the file, empty where there is none of a known version.
 
     HDF5 file format specification, version 3.0, section II.A; before the superblock a user's block
     may stand, as MATLAB's does.
@@ -91,16 +120,9 @@ def _stated_size(stream: BinaryIO) -> int:
     for start in (0, 512, 1024, 2048):
         stream.seek(start)
         head = stream.read(HEAD_BYTES)
-        if not head.startswith(SIGNATURE):
-            continue
-        version = head[8]
-        if version not in ADDRESSES_AT:
-            return 0
-        width = head[13] if version < 2 else head[9]
-        at = ADDRESSES_AT[version] + 2 * width
-        end = int.from_bytes(head[at : at + width], "little")
-        return end if end < (1 << 8 * width) - 1 else 0
-    return 0
+        if head.startswith(SIGNATURE):
+            return head if len(head) > 14 and head[8] in ADDRESSES_AT else b""
+    return b""
 
 
 def _walk(
@@ -117,7 +139,8 @@ def _walk(
     for key in group:
         if not path and key in MATLAB_INNER:
             continue
-        name = f"{path}/{key}" if path else key
+        told = key if isinstance(key, str) else key.decode("utf-8", "replace")
+        name = f"{path}/{told}" if path else told
         try:
             link = group.get(key, getlink=True)
             if isinstance(link, h5py.ExternalLink):
@@ -142,6 +165,8 @@ def _add(
     elsewhere = _elsewhere(node)
     if elsewhere:
         contents.unusable[name] = f"kept in another file, {elsewhere}"
+    elif _is_endless(node):
+        contents.unusable[name] = "a view of itself"
     elif node.shape is None:
         contents.unusable[name] = "empty"
     elif h5py.check_ref_dtype(node.dtype) is h5py.Reference and node.size <= MOST_CELLS:
@@ -190,6 +215,14 @@ def _elsewhere(node: h5py.Dataset) -> str:
         return str(node.external[0][0])
     others = [s.file_name for s in node.virtual_sources()] if node.is_virtual else []
     return next((other for other in others if other != "."), "")
+
+
+def _is_endless(node: h5py.Dataset, depth: int = 0) -> bool:
+    """Whether a virtual dataset is one of virtual ones without end, which HDF5 would follow."""
+    if depth > MOST_VIEWS or not node.is_virtual:
+        return bool(node.is_virtual)
+    within = [node.file.get(s.dset_name) for s in node.virtual_sources() if s.file_name == "."]
+    return any(_is_endless(one, depth + 1) for one in within if isinstance(one, h5py.Dataset))
 
 
 def _address(group: h5py.Group) -> int:

@@ -9,7 +9,6 @@ in nm, NaN where the bead was not followed. Files of a recording that MagScope s
 
 from __future__ import annotations
 
-import io
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, field
@@ -21,6 +20,7 @@ from numpy.typing import NDArray
 
 from mtpipe.ground.errors import RecordingError
 from mtpipe.ingest.announced import check_announced
+from mtpipe.ingest.bounded import unpacked
 from mtpipe.ingest.column_attributes import NOTHING, Stated
 from mtpipe.ingest.data_files import is_packed, open_stream
 from mtpipe.recording.recording import AXES, FloatArray
@@ -230,14 +230,14 @@ def _tracking(path: Path) -> Iterator[Any]:
     """The group of a tracking file; whatever h5py raises on damage becomes an error in words."""
     import h5py
 
-    from mtpipe.ingest.hdf5 import cut_off
+    from mtpipe.ingest.hdf5 import cut_off, watched_heaps
 
     try:
         with open_stream(path) as stream:
-            whole = io.BytesIO(stream.read()) if is_packed(stream) else stream
+            whole = unpacked(stream, str(path)) if is_packed(stream) else stream
             if cut := cut_off(whole):
                 raise RecordingError(cut, where=str(path), mend="Copy the file again.")
-            with h5py.File(whole, "r") as file:
+            with h5py.File(watched_heaps(whole), "r") as file:
                 if GROUP not in file:
                     raise RecordingError(
                         f"has no group /{GROUP}, as a tracking file of MagScope has",

@@ -11,6 +11,8 @@ from typing import IO, Any, BinaryIO
 
 import numpy as np
 
+from mtpipe.ingest.announced import check_announced
+from mtpipe.ingest.bounded import check_archive
 from mtpipe.ingest.contents import Contents
 
 # What the only array of a `.npy` file is called; records have the names of their fields.
@@ -44,11 +46,14 @@ def open_npy(stream: BinaryIO) -> Contents:
 def open_npz(stream: BinaryIO, stack: ExitStack) -> Contents:
     """List the columns of a `.npz` archive."""
     archive = stack.enter_context(np.load(stream, allow_pickle=False))
+    check_archive(archive.zip, stream.seek(0, io.SEEK_END))
     contents = Contents()
     for member in archive.zip.namelist():
         with archive.zip.open(member) as piece:
             shape, _, dtype = _header(piece)
         name = member.removesuffix(".npy")
+        size = archive.zip.getinfo(member).file_size
+        check_announced(math.prod(shape) * dtype.itemsize, size, packed=False, where=name)
         if dtype.hasobject:
             contents.unusable[name] = OBJECTS
             continue

@@ -18,6 +18,7 @@ import nptdms
 import numpy as np
 from nptdms.log import log_manager
 
+from mtpipe.ground.errors import RecordingError
 from mtpipe.ingest.column_attributes import stated_by
 from mtpipe.ingest.contents import Contents
 
@@ -41,6 +42,7 @@ def open_tdms(stream: BinaryIO, stack: ExitStack) -> Contents:
     for group in groups:
         around = stated_by(group.properties, where=group.name).within(whole)
         for channel in group.channels():
+            _check_scales(channel.properties, group.properties, file.properties)
             name = channel.name if len(groups) == 1 else f"{group.name}/{channel.name}"
             scale = _unknown_scale(channel.properties)
             if scale:
@@ -94,6 +96,14 @@ def _unknown_scale(properties: dict[str, Any]) -> str:
         return ""
     kinds = [v for k, v in properties.items() if re.fullmatch(r"NI_Scale\[\d+\]_Scale_Type", k)]
     return next((str(kind) for kind in kinds if kind not in SCALES), "")
+
+
+def _check_scales(*properties: dict[str, Any]) -> None:
+    """Raise RecordingError if more scales are announced than there are properties to state them."""
+    for of_one in properties:
+        announced = of_one.get("NI_Number_Of_Scales", 0)
+        if isinstance(announced, (int, np.integer)) and announced > len(of_one):
+            raise RecordingError(f"is damaged: it announces {announced} scales of NI's")
 
 
 @contextmanager

@@ -13,6 +13,7 @@ from pathlib import Path
 from typing import Any
 
 import pandas as pd
+import pyarrow as pa
 from pyarrow.fs import LocalFileSystem
 from pydantic import ValidationError
 
@@ -218,6 +219,8 @@ def _read_table(path: Path, columns: tuple[str, ...]) -> pd.DataFrame:
     try:
         # a file opened in Python could still be held by a thread of pyarrow's as the process ends
         table = pd.read_parquet(path, filesystem=LocalFileSystem(), page_checksum_verification=True)
+        table = table.reset_index(drop=True)  # damage can make an index of a column
+        _check_text(table)
     except FileNotFoundError:
         raise RunFolderError("is missing.", where=str(path), mend=_AGAIN) from None
     except Exception as error:  # pyarrow and pandas raise anything on a damaged file
@@ -228,6 +231,13 @@ def _read_table(path: Path, columns: tuple[str, ...]) -> pd.DataFrame:
     except ValueError as error:
         raise RunFolderError(f"{error}.", where=str(path), mend=_AGAIN) from None
     return table
+
+
+def _check_text(table: pd.DataFrame) -> None:
+    """Raise ArrowInvalid if text is no UTF-8, which pandas takes as it is."""
+    for name in table.columns:
+        if isinstance(table[name].dtype, pd.StringDtype):
+            pa.array(table[name]).validate(full=True)
 
 
 def _check_beads(

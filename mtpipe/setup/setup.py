@@ -337,7 +337,9 @@ def read_setup(path: Path | str) -> Setup:
         raise NoSetupError("is a folder, not a setup file", where=str(path)) from None
     except (OSError, UnicodeDecodeError) as error:
         raise SetupError(f"cannot be read ({error})", where=str(path)) from None
-    except tomllib.TOMLDecodeError as error:
+    except RecursionError:
+        raise SetupError("is not valid TOML: it is nested too deeply", where=str(path)) from None
+    except ValueError as error:  # of TOML, and of Python where a number has too many digits
         raise SetupError(f"is not valid TOML: {error}", where=str(path)) from None
     return parse_setup(content, where=str(path))
 

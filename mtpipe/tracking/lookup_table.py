@@ -30,6 +30,7 @@ from scipy.interpolate import CubicSpline
 from mtpipe.ground.errors import RecordingError
 from mtpipe.ground.files import write_atomically
 from mtpipe.ground.notice import Notice
+from mtpipe.ingest.bounded import BoundedReader, check_archive
 from mtpipe.physics.camera import FloatArray
 from mtpipe.tracking.information import confused_with, longest_without
 from mtpipe.tracking.matching import normalized, ring_count
@@ -178,7 +179,8 @@ class LookUpTable:
         """
         path = Path(path)
         try:
-            with path.open("rb") as stream, np.load(stream, allow_pickle=False) as file:
+            with BoundedReader(path) as stream, np.load(stream, allow_pickle=False) as file:
+                check_archive(file.zip, path.stat().st_size, str(path))
                 schema = json.loads(str(file["metadata"]))["schema"]
                 if schema != SCHEMA:
                     raise RecordingError(
