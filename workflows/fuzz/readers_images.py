@@ -166,7 +166,7 @@ METADATA = {
 
 def lut(*, packed: bool, metadata: Any = None, arrays: Mapping[str, Any] | None = None) -> bytes:
     """A look-up table as mtpipe saves it."""
-from mtpipe.tracking.measured import DEFAULT_METHOD
+    from mtpipe.tracking.measured import DEFAULT_METHOD
 
     stated = METADATA | {"method": DEFAULT_METHOD} if metadata is None else metadata
     rings = ring_count(REGION_PX)
