@@ -13,7 +13,7 @@ import numpy as np
 
 from mtpipe.battery.observed import Observed
 from mtpipe.battery.statistic import Statistic, Values
-from mtpipe.physics.camera import FloatArray
+from mtpipe.ground.types import FloatArray
 from mtpipe.recording.recording import AXES
 
 

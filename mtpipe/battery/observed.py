@@ -8,9 +8,9 @@ from dataclasses import dataclass
 import numpy as np
 from scipy import fft
 
+from mtpipe.ground.types import FloatArray
 from mtpipe.joint_fit.data import PlateauData
 from mtpipe.joint_fit.expectation import Expectation
-from mtpipe.physics.camera import FloatArray
 
 
 @dataclass(frozen=True, eq=False)

@@ -11,7 +11,7 @@ from scipy import fft
 
 from mtpipe.battery.observed import Observed
 from mtpipe.battery.statistic import Statistic, Values
-from mtpipe.physics.camera import FloatArray
+from mtpipe.ground.types import FloatArray
 from mtpipe.recording.recording import AXES
 
 GROWTH = 4

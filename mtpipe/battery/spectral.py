@@ -11,7 +11,7 @@ from scipy import special
 
 from mtpipe.battery.observed import Observed, Whitened
 from mtpipe.battery.statistic import Statistic, Values
-from mtpipe.physics.camera import FloatArray
+from mtpipe.ground.types import FloatArray
 from mtpipe.recording.recording import AXES
 
 BANDS = 6

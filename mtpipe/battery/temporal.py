@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from mtpipe.battery.observed import Observed
 from mtpipe.battery.statistic import Statistic, Values
-from mtpipe.physics.camera import FloatArray
+from mtpipe.ground.types import FloatArray
 from mtpipe.recording.recording import AXES
 
 WINDOWS = 16

@@ -29,7 +29,8 @@ from mtpipe.fit.series_posterior import SeriesPosterior, sample_series
 from mtpipe.fit.trace import TraceFit, fit_model
 from mtpipe.ground.errors import FitError
 from mtpipe.ground.estimate import Estimate
-from mtpipe.recording.recording import AXES, FloatArray
+from mtpipe.ground.types import FloatArray
+from mtpipe.recording.recording import AXES
 from mtpipe.recording.traces import Trace
 from mtpipe.setup.conditions import Conditions
 

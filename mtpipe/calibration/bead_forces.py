@@ -19,7 +19,7 @@ from mtpipe.fit.series_posterior import SeriesPosterior
 from mtpipe.fit.trace import TraceFit
 from mtpipe.ground.errors import FitError
 from mtpipe.ground.estimate import Estimate
-from mtpipe.physics.camera import FloatArray
+from mtpipe.ground.types import FloatArray
 from mtpipe.recording.recording import AXES
 from mtpipe.setup.conditions import Conditions
 

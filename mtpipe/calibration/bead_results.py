@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from mtpipe.fit.posterior import Posterior
 from mtpipe.fit.trace import TraceFit
 from mtpipe.ground.estimate import Estimate, Status
-from mtpipe.physics.camera import FloatArray
+from mtpipe.ground.types import FloatArray
 from mtpipe.recording.recording import Plateau
 from mtpipe.recording.traces import Trace
 

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import itertools
 import statistics
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from concurrent.futures import Executor
 from dataclasses import dataclass, replace
 
@@ -22,12 +22,12 @@ from mtpipe.calibration.spectral_force import forces_of_spectra
 from mtpipe.drift.uncorrected import extension_covariance_nm2
 from mtpipe.ground.notice import Notice
 from mtpipe.ground.processes import executor
-from mtpipe.recording.recording import FloatArray, Recording
+from mtpipe.ground.types import FloatArray, Progress
+from mtpipe.recording.recording import Recording
 from mtpipe.recording.traces import Trace, traces_of
 from mtpipe.setup.conditions import Conditions, conditions_of, usual_errors
 from mtpipe.states import with_states
 
-Progress = Callable[[int, int], None]
 _Job = tuple[str, list[Trace], float, FloatArray | None]
 
 

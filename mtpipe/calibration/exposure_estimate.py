@@ -19,7 +19,7 @@ from mtpipe.fit.model import TraceModel
 from mtpipe.fit.trace import fit_model
 from mtpipe.ground.errors import FitError
 from mtpipe.ground.notice import Notice
-from mtpipe.physics.camera import FloatArray
+from mtpipe.ground.types import FloatArray
 from mtpipe.physics.modes import Modes
 from mtpipe.recording.traces import Trace
 from mtpipe.setup.conditions import Conditions

@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import fft
 
-FloatArray = NDArray[np.float64]
+from mtpipe.ground.types import FloatArray
 
 _COARSE = 16
 _FEWEST_BLOCKS = 50

@@ -15,7 +15,7 @@ from scipy import fft, stats
 
 from mtpipe.fit.trace import TraceFit
 from mtpipe.ground.status import LEAST_RELAXATIONS
-from mtpipe.physics.camera import FloatArray
+from mtpipe.ground.types import FloatArray
 from mtpipe.setup.conditions import Conditions
 
 # DNA overstretches at 65 pN (Smith, Cui & Bustamante 1996); no calibration is meant beyond.

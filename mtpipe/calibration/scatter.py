@@ -10,7 +10,7 @@ from collections.abc import Callable
 import numpy as np
 from scipy import optimize, stats
 
-from mtpipe.physics.camera import FloatArray
+from mtpipe.ground.types import FloatArray
 
 # Half of a Gaussian's draws are within this many standard deviations.
 HALF_WITHIN = float(stats.norm.ppf(0.75))

@@ -22,7 +22,7 @@ from mtpipe.fit.series import SeriesFit, fit_series
 from mtpipe.fit.series_model import BeadPrior, SeriesModel, SeriesTrace
 from mtpipe.fit.trace import TraceFit
 from mtpipe.ground.errors import FitError
-from mtpipe.physics.camera import FloatArray
+from mtpipe.ground.types import FloatArray
 
 # At each step, one bead in a thousand is denied what is true.
 CONTRADICTION_P = 1e-3

@@ -19,7 +19,7 @@ from mtpipe.calibration.recommended_force import BeadForces, RecommendedForce, S
 from mtpipe.calibration.scatter import scatter_beyond_errors
 from mtpipe.calibration.series_choice import CONTRADICTION_P
 from mtpipe.ground.estimate import Estimate
-from mtpipe.physics.camera import FloatArray
+from mtpipe.ground.types import FloatArray
 
 METHOD = "spectra of x and y"
 # A force whose 68 % interval reaches from half to twice its value is no number to use.

@@ -23,7 +23,7 @@ from rich.table import Table
 from mtpipe.ground.streams import visible
 
 if TYPE_CHECKING:
-    from mtpipe.pipeline.run import Progress as Callback
+    from mtpipe.ground.types import NamedProgress
 
 
 # Windows has no SIGHUP, which a terminal sends as it closes.
@@ -72,7 +72,7 @@ def stopped_in_one_line() -> Iterator[None]:
 
 
 @contextmanager
-def progress_bar() -> Iterator[Callback]:
+def progress_bar() -> Iterator[NamedProgress]:
     """A callback that draws a bar on standard error where that is a terminal, else is silent."""
     console = Console(stderr=True)
     with Progress(

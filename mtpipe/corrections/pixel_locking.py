@@ -23,7 +23,7 @@ from mtpipe.corrections.correction import Correction, Strength
 from mtpipe.corrections.retraced import with_positions
 from mtpipe.crosschecking.check import BeadCheck
 from mtpipe.ground.errors import FitError
-from mtpipe.physics.camera import FloatArray
+from mtpipe.ground.types import FloatArray
 
 REMEDY = "check the tracker with an immobile bead on a moving stage."
 

@@ -5,8 +5,8 @@ from __future__ import annotations
 from dataclasses import replace
 
 from mtpipe.crosschecking.prepared_bead import PreparedBead, preferred_fit
+from mtpipe.ground.types import FloatArray
 from mtpipe.joint_fit.data import plateau_data, whitening
-from mtpipe.physics.camera import FloatArray
 
 
 def with_positions(case: PreparedBead, positions_nm: tuple[FloatArray, ...]) -> PreparedBead:

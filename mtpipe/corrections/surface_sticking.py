@@ -18,7 +18,7 @@ from mtpipe.corrections.correction import Correction, Strength
 from mtpipe.corrections.retraced import with_positions
 from mtpipe.crosschecking.check import BeadCheck
 from mtpipe.ground.errors import FitError
-from mtpipe.physics.camera import FloatArray
+from mtpipe.ground.types import FloatArray
 
 REMEDY = "passivate the surface better, or leave out the plateaus of low force."
 

@@ -23,11 +23,11 @@ from mtpipe.crosschecking.nulls import (
 )
 from mtpipe.crosschecking.prepared_bead import PreparedBead, described
 from mtpipe.crosschecking.twin import Twin, TwinMaker
+from mtpipe.ground.types import FloatArray
 from mtpipe.joint_fit.data import PlateauData, plateau_data
 from mtpipe.joint_fit.expectation import Expectation, changed_spectra
 from mtpipe.joint_fit.fit import nearby_fit
 from mtpipe.joint_fit.known_forces import ln_off, relative_stderr
-from mtpipe.physics.camera import FloatArray
 
 # The number of simulations grows through these until the answer is clear. Fewer than enough can
 # only say that recording and simulation are far off.

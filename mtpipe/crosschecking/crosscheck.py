@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
@@ -10,10 +10,10 @@ import pandas as pd
 
 from mtpipe.crosschecking.beads import check_of, per_bead
 from mtpipe.crosschecking.check import BeadCheck
+from mtpipe.ground.types import Progress
 from mtpipe.recording.recording import Recording
 from mtpipe.states import with_states
 
-Progress = Callable[[int, int], None]
 INTERVAL_95 = (0.025, 0.975)
 COLUMNS = (
     "bead", "statistic", "axis", "plateau", "magnet_mm", "band_low_hz", "band_high_hz",

@@ -13,7 +13,7 @@ from typing import Literal
 import numpy as np
 
 from mtpipe.battery.observed import Observed
-from mtpipe.physics.camera import FloatArray
+from mtpipe.ground.types import FloatArray
 
 Kind = Literal["spectrum", "histogram", "allan"]
 KINDS: tuple[Kind, ...] = ("spectrum", "histogram", "allan")

@@ -12,9 +12,9 @@ from mtpipe.battery.observed import whitened
 from mtpipe.battery.spectral import local_level, same_line
 from mtpipe.crosschecking.check import recorded_of
 from mtpipe.crosschecking.prepared_bead import PreparedBead
+from mtpipe.ground.types import FloatArray
 from mtpipe.joint_fit.data import plateau_data
 from mtpipe.joint_fit.fit import fit_configured
-from mtpipe.physics.camera import FloatArray
 from mtpipe.recording.recording import AXES
 
 MOST_LINES = 3

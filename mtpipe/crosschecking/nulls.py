@@ -17,7 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import special, stats
 
-from mtpipe.physics.camera import FloatArray
+from mtpipe.ground.types import FloatArray
 
 # What is known of skewnesses beforehand: the standard deviation of a statistic's about zero, that
 # of its places' about the statistic's own, and the number of places that the latter is worth.

@@ -17,6 +17,7 @@ from mtpipe.experiment.from_setup import experiment_of, pinned_noise_nm
 from mtpipe.experiment.known_force import known_force
 from mtpipe.experiment.parameter import noise_parameters
 from mtpipe.ground.errors import FitError, RecordingError
+from mtpipe.ground.types import FloatArray
 from mtpipe.joint_fit.data import plateau_data, whitening
 from mtpipe.joint_fit.expectation import Subtraction
 from mtpipe.joint_fit.fit import ConfiguredFit, fit_configured
@@ -28,7 +29,6 @@ from mtpipe.joint_fit.parameters import (
     stated_parameters,
     z_zero_parameter,
 )
-from mtpipe.physics.camera import FloatArray
 from mtpipe.physics.tether import Formula, without_stretching
 from mtpipe.recording.recording import Plateau, Recording, States
 from mtpipe.recording.traces import traces_of

@@ -17,10 +17,10 @@ from mtpipe.crosschecking.prepared_bead import PreparedBead, described
 from mtpipe.drift.lowpass import low_pass
 from mtpipe.experiment.description import Allowance, Experiment
 from mtpipe.experiment.state import all_states
+from mtpipe.ground.types import FloatArray
 from mtpipe.joint_fit.expectation import LEAST_HEIGHT_STDERR_NM
 from mtpipe.joint_fit.known_forces import prior_scatter, relative_stderr
 from mtpipe.joint_fit.parameters import UPWARD_FRICTION_STDERR, UPWARD_VARIANCE_STDERR
-from mtpipe.physics.camera import FloatArray
 from mtpipe.physics.normal_numbers import standard_normal
 from mtpipe.simulation.linear import simulate_motion
 from mtpipe.simulation.readout import (

@@ -13,8 +13,8 @@ from dataclasses import dataclass
 import numpy as np
 from scipy import optimize
 
+from mtpipe.ground.types import FloatArray
 from mtpipe.methods.integrated_spectrum import AT_REST_LN, MOST_ROUNDS, Correction
-from mtpipe.physics.camera import FloatArray
 
 # A root that is there takes some 20 calls.
 MOST_CALLS = 80

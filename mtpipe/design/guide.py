@@ -13,7 +13,7 @@ from mtpipe.design.methods import METHODS
 from mtpipe.design.plan import Plan, plan_of
 from mtpipe.ground.errors import SetupError
 from mtpipe.ground.notice import Notice
-from mtpipe.physics.camera import FloatArray
+from mtpipe.ground.types import FloatArray
 from mtpipe.setup.setup import Setup
 
 DEFAULT_FRAMES = 16_384

@@ -21,7 +21,7 @@ from mtpipe.fit.estimates import inverse_information
 from mtpipe.fit.model import TraceModel
 from mtpipe.fit.series import SeriesFit
 from mtpipe.fit.series_model import BeadPrior, SeriesModel, SeriesTrace
-from mtpipe.physics.camera import FloatArray
+from mtpipe.ground.types import FloatArray
 from mtpipe.setup.conditions import FRICTION_ALLOWANCE
 
 # A series covers its range: beside the plateau in question there are those at which the corner

@@ -18,8 +18,9 @@ from mtpipe.design.force_error import NO_FORCE, ForceError, excess
 from mtpipe.design.motion import axis_motion, common_errors
 from mtpipe.design.plan import Plan
 from mtpipe.experiment.state import expected_spectrum
+from mtpipe.ground.types import FloatArray
 from mtpipe.methods.integrated_spectrum import Correction
-from mtpipe.physics.camera import Camera, FloatArray, frame_variance
+from mtpipe.physics.camera import Camera, frame_variance
 
 CORRECTED = Correction(True, (-1, 1))
 UNCORRECTED = Correction(False, ())

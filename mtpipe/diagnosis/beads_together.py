@@ -12,7 +12,7 @@ from __future__ import annotations
 
 import itertools
 import math
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from concurrent.futures import Future
 from typing import TypeVar
 
@@ -32,11 +32,11 @@ from mtpipe.diagnosis.pooled import (
 from mtpipe.diagnosis.revision import Change, accounts, coordinate, revised
 from mtpipe.effects.effect import Effect, Evidence
 from mtpipe.ground.processes import executor
+from mtpipe.ground.types import Progress
 from mtpipe.joint_fit.fit import ConfiguredFit
 from mtpipe.joint_fit.hypotheses import FittedEffect, best_of
 
 T = TypeVar("T")
-Progress = Callable[[int, int], None]
 WORDS = {
     ASKED: ("has it too", "have it too"),
     ANOTHER: ("has another size", "have another size"),

@@ -10,7 +10,7 @@ import numpy as np
 
 from mtpipe.crosschecking.prepared_bead import PreparedBead
 from mtpipe.diagnosis.explanation import Explanation
-from mtpipe.physics.camera import FloatArray
+from mtpipe.ground.types import FloatArray
 from mtpipe.recording.recording import AXES
 
 # Of a spectrum that is drawn, each of so many ordinates at least, and of a column of the map.

@@ -24,10 +24,11 @@ from mtpipe.experiment.changes import step_of, with_step
 from mtpipe.experiment.description import Experiment
 from mtpipe.experiment.step import Place, Seen
 from mtpipe.ground.errors import FitError
+from mtpipe.ground.types import FloatArray
 from mtpipe.joint_fit.fit import ConfiguredFit, fit_configured
 from mtpipe.joint_fit.hypotheses import FIRST_ROUNDS, TRIED_NATS, FittedEffect, model_with
 from mtpipe.joint_fit.model import ConfiguredModel
-from mtpipe.physics.camera import Camera, FloatArray
+from mtpipe.physics.camera import Camera
 
 # Scales that differ by more are no matter of optics.
 MOST_BENT = 0.33

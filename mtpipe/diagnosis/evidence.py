@@ -9,8 +9,8 @@ from mtpipe.crosschecking.lines import distinct_lines
 from mtpipe.crosschecking.prepared_bead import PreparedBead, described
 from mtpipe.drift.lowpass import response
 from mtpipe.effects.effect import Evidence
+from mtpipe.ground.types import FloatArray
 from mtpipe.joint_fit.courses import force_courses
-from mtpipe.physics.camera import FloatArray
 
 BLOCK_S = 1.0
 # So much likelier one of two has to be to be believed.

@@ -83,7 +83,7 @@ RULED_OUT = 1e-4 * AGREES_P
 # A p-value of 120 simulations differs tenfold from one set of them to the next where it is small,
 # of twice as many fivefold.
 SURE_SIMULATIONS = 240
-Progress = Callable[[str], None]
+Say = Callable[[str], None]
 
 
 def explain(
@@ -91,7 +91,7 @@ def explain(
     random: np.random.Generator,
     *,
     effects: Sequence[Effect] | None = None,
-    progress: Progress | None = None,
+    progress: Say | None = None,
 ) -> Explanation:
     """Look for the cause of what differs from the simulation.
 
@@ -240,7 +240,7 @@ def _searched(
     corrections: Sequence[Named],
     effects: Sequence[Effect],
     random: np.random.Generator,
-    say: Progress,
+    say: Say,
 ) -> tuple[list[Named], BeadCheck, Rejected | None]:
     """Effects found one after the other, the corrections before them, and the check with them; the
     one that was not taken at the end.

@@ -11,9 +11,9 @@ from mtpipe.crosschecking.prepared_bead import support
 from mtpipe.diagnosis.mixture import Mixture
 from mtpipe.diagnosis.refit import other_formulas
 from mtpipe.diagnosis.unexplained import Rejected, Unexplained, unexplained
+from mtpipe.ground.types import FloatArray
 from mtpipe.joint_fit.fit import ConfiguredFit
 from mtpipe.joint_fit.hypotheses import FittedEffect
-from mtpipe.physics.camera import FloatArray
 
 # Chance of a false alarm that is accepted per bead.
 ALARM_P = 0.004

@@ -14,8 +14,8 @@ from mtpipe.calibration.series_choice import CONTRADICTION_P
 from mtpipe.crosschecking.prepared_bead import described
 from mtpipe.diagnosis.explanation import Explanation
 from mtpipe.ground.estimate import Estimate
+from mtpipe.ground.types import FloatArray
 from mtpipe.joint_fit.fit import ConfiguredFit
-from mtpipe.physics.camera import FloatArray
 from mtpipe.physics.tether import Chain, mean_extension_nm
 
 # A height that asks for a force e² times another is told as that.

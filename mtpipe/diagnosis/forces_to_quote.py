@@ -30,8 +30,8 @@ from mtpipe.calibration.spectral_force import (
 from mtpipe.diagnosis.explanation import Explanation
 from mtpipe.diagnosis.forces_from_heights import heights_of, lever_ln_errors, stated_chain
 from mtpipe.ground.estimate import Estimate
+from mtpipe.ground.types import FloatArray
 from mtpipe.joint_fit.fit import ConfiguredFit
-from mtpipe.physics.camera import FloatArray
 from mtpipe.recording.recording import Recording
 
 CONFIGURED = "configured experiment, fitted to all axes and heights"

@@ -20,7 +20,7 @@ from mtpipe.crosschecking.check import BeadCheck, recorded_of
 from mtpipe.diagnosis.left_in_time import clearest_plateau
 from mtpipe.diagnosis.smooth_correction import WORTH_NATS
 from mtpipe.diagnosis.smooth_curve import SmoothCurve, smooth_curve
-from mtpipe.physics.camera import FloatArray
+from mtpipe.ground.types import FloatArray
 from mtpipe.recording.recording import AXES
 
 STATISTICS = ("skewness", "kurtosis")

@@ -17,8 +17,8 @@ from mtpipe.diagnosis.heldout import halves_of
 from mtpipe.diagnosis.smooth_correction import WORTH_NATS
 from mtpipe.diagnosis.smooth_curve import SmoothCurve, smooth_curve
 from mtpipe.ground.errors import FitError
+from mtpipe.ground.types import FloatArray
 from mtpipe.joint_fit.fit import fit_configured
-from mtpipe.physics.camera import FloatArray
 from mtpipe.recording.recording import AXES
 
 Kind = Literal["mean", "variance"]

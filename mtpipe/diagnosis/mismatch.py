@@ -22,12 +22,12 @@ from mtpipe.diagnosis.location import MOST_PLACES, bent_heights, located
 from mtpipe.diagnosis.sentence import sentence
 from mtpipe.diagnosis.unexplained import Unexplained
 from mtpipe.ground.processes import in_one_thread
+from mtpipe.ground.types import NamedProgress
 from mtpipe.joint_fit.hypotheses import FittedEffect
 from mtpipe.recording.recording import Recording
 from mtpipe.states import with_states
 
 SCHEMA = "mtpipe.mismatch/1"
-Progress = Callable[[str, int, int], None]
 
 
 @dataclass(frozen=True)
@@ -77,7 +77,9 @@ class Examined:
     unexplained: dict[str, dict[str, Any]]
 
 
-def diagnose(recording: Recording, *, seed: int = 0, progress: Progress | None = None) -> Mismatch:
+def diagnose(
+    recording: Recording, *, seed: int = 0, progress: NamedProgress | None = None
+) -> Mismatch:
     """Cross-check every tethered bead, one after the other, and explain what differs.
 
     Parameters

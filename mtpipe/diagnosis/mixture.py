@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.special import logsumexp, ndtr
 
-from mtpipe.physics.camera import FloatArray
+from mtpipe.ground.types import FloatArray
 
 # Share of a normal distribution within one standard error.
 WITHIN_ONE = float(ndtr(1) - ndtr(-1))

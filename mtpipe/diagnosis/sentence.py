@@ -12,8 +12,8 @@ from mtpipe.crosschecking.check import BeadCheck
 from mtpipe.diagnosis.explanation import Explanation, Named
 from mtpipe.diagnosis.location import concerned
 from mtpipe.diagnosis.size_words import capital, factor, is_large, percent
+from mtpipe.ground.types import FloatArray
 from mtpipe.joint_fit.hypotheses import FittedEffect
-from mtpipe.physics.camera import FloatArray
 from mtpipe.recording.recording import AXES
 
 # Forces that change by less are said not to change: less than any calibration of magnetic tweezers

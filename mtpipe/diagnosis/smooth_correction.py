@@ -13,8 +13,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from mtpipe.diagnosis.smooth_fit import Spectra, Term, best_solution, spline_basis, terms_of
+from mtpipe.ground.types import FloatArray
 from mtpipe.joint_fit.fit import ConfiguredFit
-from mtpipe.physics.camera import FloatArray
 
 # ln of the marginal likelihood that a correction of an axis has to gain, as an effect of the
 # catalogue has to.

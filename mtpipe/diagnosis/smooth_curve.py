@@ -12,7 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 from scipy import linalg
 
-from mtpipe.physics.camera import FloatArray
+from mtpipe.ground.types import FloatArray
 
 # Sizes that are tried, in units of the points' own spread, and lengths, of their range.
 SIZES, LENGTHS = (0.3, 1.0, 3.0), (0.1, 0.3, 1.0)

@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from scipy import interpolate, linalg
 
 from mtpipe.diagnosis.smooth_curve import matern
-from mtpipe.physics.camera import FloatArray
+from mtpipe.ground.types import FloatArray
 
 # Distance of the splines in ln f.
 SPACING, DEGREE = 0.5, 3

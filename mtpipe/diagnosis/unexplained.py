@@ -33,8 +33,8 @@ from mtpipe.diagnosis.smooth_correction import (
     spectra_of,
 )
 from mtpipe.diagnosis.smooth_fit import Spectra
+from mtpipe.ground.types import FloatArray
 from mtpipe.joint_fit.hypotheses import FittedEffect
-from mtpipe.physics.camera import FloatArray
 from mtpipe.recording.recording import AXES
 
 # Statistics that a smooth correction of the spectrum is about.

@@ -7,7 +7,7 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from mtpipe.recording.recording import FloatArray
+from mtpipe.ground.types import FloatArray
 
 OFFSET_BLOCK_S = 1.0
 QUIETEST = 0.01

@@ -21,7 +21,8 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.fft import dct
 
-from mtpipe.recording.recording import FloatArray, StageCourse
+from mtpipe.ground.types import FloatArray
+from mtpipe.recording.recording import StageCourse
 
 # Slower than 32 half periods in a plateau: that is nearest to what happens between plateaus, and
 # below the corner frequency of a tether's axial motion.

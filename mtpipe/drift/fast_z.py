@@ -20,7 +20,7 @@ from scipy.stats import chi2, norm, t
 from mtpipe.drift.grid import Grid
 from mtpipe.drift.lowpass import coefficients, low_pass
 from mtpipe.drift.noise import OWN_MOTION_HZ
-from mtpipe.recording.recording import FloatArray
+from mtpipe.ground.types import FloatArray
 
 # A stretch is short against moves of the focus, and has enough coefficients in a cell of frequency
 # that independent motions are as coherent as asked once in 10⁹ cells.

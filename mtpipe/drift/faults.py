@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.ndimage import binary_dilation, median_filter
 
-from mtpipe.recording.recording import FloatArray
+from mtpipe.ground.types import FloatArray
 
 # An excursion shorter than half a window stands out from the running median. The short window
 # finds spikes amid drift, the long one episodes of mistracking that last seconds.

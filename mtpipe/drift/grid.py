@@ -9,7 +9,8 @@ from numpy.typing import NDArray
 
 from mtpipe.drift.lowpass import coefficients, stretches
 from mtpipe.ground.errors import RecordingError
-from mtpipe.recording.recording import FloatArray, Recording
+from mtpipe.ground.types import FloatArray
+from mtpipe.recording.recording import Recording
 
 # No drift is bridged over a longer gap, so a longer one (a pause of hours) takes no memory.
 LONGEST_GAP_S = 100.0

@@ -12,7 +12,8 @@ import numpy as np
 
 from mtpipe.drift.grid import Grid
 from mtpipe.drift.lowpass import low_pass
-from mtpipe.recording.recording import FloatArray, Recording
+from mtpipe.ground.types import FloatArray
+from mtpipe.recording.recording import Recording
 
 
 def slow_motion_nm(recording: Recording, grid: Grid, bead: str, cutoff_hz: float) -> FloatArray:

@@ -20,7 +20,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.fft import dct, idct, next_fast_len
 
-from mtpipe.recording.recording import FloatArray
+from mtpipe.ground.types import FloatArray
 
 BINS_PER_OCTAVE = 24
 GAP_PASSES = 4

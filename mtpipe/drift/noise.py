@@ -19,7 +19,7 @@ from scipy.ndimage import median_filter
 from scipy.optimize import nnls
 
 from mtpipe.drift.lowpass import PowerBins, power_bins
-from mtpipe.recording.recording import FloatArray
+from mtpipe.ground.types import FloatArray
 
 # White noise is read above this part of the Nyquist frequency; own motion above OWN_MOTION_HZ,
 # below which stuck beads too wander apart by temperature and rotation of the field of view.

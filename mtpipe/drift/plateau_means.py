@@ -9,7 +9,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from mtpipe.recording.recording import FloatArray, StageCourse
+from mtpipe.ground.types import FloatArray
+from mtpipe.recording.recording import StageCourse
 
 
 def covariance_of_means(course: StageCourse, spans_s: FloatArray, origin_s: float) -> FloatArray:

@@ -25,7 +25,8 @@ from mtpipe.drift.noise import (
     white_noise_shared_nm,
 )
 from mtpipe.ground.notice import Notice
-from mtpipe.recording.recording import AXES, FloatArray, Recording, ReferenceUse
+from mtpipe.ground.types import FloatArray
+from mtpipe.recording.recording import AXES, Recording, ReferenceUse
 
 MOSTLY_LOST = 0.3
 # A bead is loose when its own motion has more than four times the variance of its noise, beyond

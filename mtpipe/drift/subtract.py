@@ -25,7 +25,8 @@ from mtpipe.drift.noise import OWN_MOTION_HZ
 from mtpipe.drift.references import Assessment, assess
 from mtpipe.drift.uncorrected import course_left, left_notice
 from mtpipe.ground.notice import Notice, Severity
-from mtpipe.recording.recording import AXES, Drift, FloatArray, Recording
+from mtpipe.ground.types import FloatArray
+from mtpipe.recording.recording import AXES, Drift, Recording
 from mtpipe.setup.setup import DriftChoice
 
 LOST_CAUTION = 0.01

@@ -17,9 +17,10 @@ from mtpipe.drift.course import Piece, fit_course, piece_of
 from mtpipe.drift.grid import MOSTLY_KNOWN, grid_of
 from mtpipe.drift.plateau_means import covariance_of_means
 from mtpipe.ground.notice import Notice
+from mtpipe.ground.types import FloatArray
 from mtpipe.ingest.surface import z_zero_time_s
 from mtpipe.physics.mistracking import without_mistracked
-from mtpipe.recording.recording import FloatArray, Recording, StageCourse
+from mtpipe.recording.recording import Recording, StageCourse
 
 
 def course_left(recording: Recording) -> StageCourse | None:

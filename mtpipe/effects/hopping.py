@@ -15,7 +15,8 @@ from mtpipe.experiment.changes import step_of, with_step
 from mtpipe.experiment.description import Experiment
 from mtpipe.experiment.parameter import Change, Parameter
 from mtpipe.experiment.step import Place, Seen
-from mtpipe.physics.camera import Camera, FloatArray
+from mtpipe.ground.types import FloatArray
+from mtpipe.physics.camera import Camera
 
 STEP_NM, RATE_HZ = 20.0, 3.0
 # So fast that a frame sees the mean of both states.

@@ -15,7 +15,8 @@ from mtpipe.effects.effect import Effect, Evidence, Hypothesis, plain
 from mtpipe.experiment.changes import step_of, with_step
 from mtpipe.experiment.description import Experiment
 from mtpipe.experiment.step import Place, Seen
-from mtpipe.physics.camera import Camera, FloatArray
+from mtpipe.ground.types import FloatArray
+from mtpipe.physics.camera import Camera
 
 # Shares of real recordings are 0.02 to 0.35; a height that follows by more is no height.
 LARGEST = 0.8

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from mtpipe.experiment.description import Experiment
-from mtpipe.physics.camera import FloatArray
+from mtpipe.ground.types import FloatArray
 from mtpipe.physics.friction import rotation_wall_factor, rotational_stokes_pN_nm_s
 from mtpipe.physics.tethered_bead import friction_pN_s_per_nm
 

@@ -15,7 +15,8 @@ import numpy as np
 from mtpipe.experiment.description import Experiment, ForceCourse
 from mtpipe.experiment.recorded_modes import BeadState, recorded_modes
 from mtpipe.experiment.step import Place, Seen, nothing_seen
-from mtpipe.physics.camera import Camera, FloatArray, frame_variance, lag_one_covariance
+from mtpipe.ground.types import FloatArray
+from mtpipe.physics.camera import Camera, frame_variance, lag_one_covariance
 
 # Heights along a force's course follow from those at so many forces.
 COURSE_POINTS = 5

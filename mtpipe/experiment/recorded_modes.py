@@ -8,8 +8,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from mtpipe.experiment.description import Experiment
+from mtpipe.ground.types import FloatArray
 from mtpipe.physics.axial import AxialMotion
-from mtpipe.physics.camera import FloatArray
 from mtpipe.physics.linear import LinearMotion, NormalModes, pair_modes
 from mtpipe.physics.memory import remembering
 

@@ -42,8 +42,9 @@ from mtpipe.experiment.recorded_modes import (
 from mtpipe.experiment.tethers import Tether, tethers_at
 from mtpipe.experiment.whole_motion import whole_motion
 from mtpipe.ground.errors import FitError
+from mtpipe.ground.types import FloatArray
 from mtpipe.physics.axial import AxialMotion
-from mtpipe.physics.camera import FloatArray, power_spectrum
+from mtpipe.physics.camera import power_spectrum
 from mtpipe.physics.coupled_height import coupled_height_modes
 from mtpipe.physics.linear import LinearMotion, NormalModes, normal_modes
 from mtpipe.physics.memory import memory_time_s

@@ -12,7 +12,8 @@ from typing import ClassVar, Literal, Protocol
 
 import numpy as np
 
-from mtpipe.physics.camera import Camera, FloatArray
+from mtpipe.ground.types import FloatArray
+from mtpipe.physics.camera import Camera
 
 # In the order of a recording. What moves with the tether is blurred by the exposure; positions are
 # as recorded behind the optics.

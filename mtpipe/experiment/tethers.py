@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from mtpipe.physics.camera import FloatArray
+from mtpipe.ground.types import FloatArray
 from mtpipe.physics.tether import Chain, log_distance_density, moments
 
 # Grid of the tether's length: how far it reaches, in standard deviations and in kT of depth.

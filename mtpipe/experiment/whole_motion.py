@@ -26,7 +26,7 @@ from mtpipe.experiment.description import Allowance, Experiment
 from mtpipe.experiment.frictions import LEAST_HEIGHT_NM, frictions_at
 from mtpipe.experiment.tethers import Tether
 from mtpipe.ground.errors import FitError
-from mtpipe.physics.camera import FloatArray
+from mtpipe.ground.types import FloatArray
 from mtpipe.physics.relaxation import modes_of_first, relaxation_matrices
 
 # ln 2 of how many points sample the equilibrium; degree of the polynomials.

@@ -12,8 +12,9 @@ from typing import Any, Literal
 import numpy as np
 from numpy.typing import ArrayLike
 
+from mtpipe.ground.types import FloatArray
 from mtpipe.physics.buffer import thermal_energy_pN_nm
-from mtpipe.physics.camera import Camera, FloatArray
+from mtpipe.physics.camera import Camera
 
 # The motion is taken to be overdamped: a bead of 1 µm forgets its velocity within 0.1 µs, one of
 # 2.8 µm within 1 µs, and a million frames a second is what the fastest cameras reach. At the other

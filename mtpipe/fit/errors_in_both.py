@@ -9,10 +9,9 @@ Assumes a smooth rising curve and independent errors.
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.interpolate import CubicSpline
 
-FloatArray = NDArray[np.float64]
+from mtpipe.ground.types import FloatArray
 
 
 def signed_distances(

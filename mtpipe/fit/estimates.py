@@ -12,7 +12,7 @@ import numpy as np
 
 from mtpipe.fit.model import PRIOR_HALF_WIDTH
 from mtpipe.ground.estimate import Estimate, Status
-from mtpipe.physics.camera import FloatArray
+from mtpipe.ground.types import FloatArray
 
 # A parameter known to a factor of no better than e is not called a measurement.
 NOT_IDENTIFIED_LN = 1.0

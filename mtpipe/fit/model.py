@@ -14,7 +14,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from scipy import special, stats
 
-from mtpipe.physics.camera import FloatArray
+from mtpipe.ground.types import FloatArray
 from mtpipe.physics.modes import SINGLE_MODE, Modes
 from mtpipe.spectra.spectrum import Spectrum
 

@@ -18,7 +18,7 @@ from mtpipe.fit.sampling import sample
 from mtpipe.fit.trace import TraceFit
 from mtpipe.ground.estimate import Estimate
 from mtpipe.ground.status import status_of
-from mtpipe.physics.camera import FloatArray
+from mtpipe.ground.types import FloatArray
 
 METHOD = "spectrum, posterior"
 DERIVATIVE_STEP = 1e-4

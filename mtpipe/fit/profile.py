@@ -20,7 +20,7 @@ import numpy as np
 
 from mtpipe.fit.estimates import inverse_information
 from mtpipe.fit.model import PRIOR_HALF_WIDTH, TraceModel
-from mtpipe.physics.camera import FloatArray
+from mtpipe.ground.types import FloatArray
 
 # Below this standard error of a logarithm its likelihood is a parabola for all purposes.
 SMALL_LN = 0.1

@@ -18,7 +18,7 @@ from scipy.interpolate import CubicSpline
 
 from mtpipe.fit.model import LARGEST_LN_NOISE
 from mtpipe.fit.sampling import Student
-from mtpipe.physics.camera import FloatArray
+from mtpipe.ground.types import FloatArray
 
 NOISE_WIDENING = 1.25
 REST_WIDENING = 1.3

@@ -19,7 +19,7 @@ import numpy as np
 from scipy import special
 
 from mtpipe.ground.errors import FitError
-from mtpipe.physics.camera import FloatArray
+from mtpipe.ground.types import FloatArray
 
 STUDENT_DEGREES = 5.0
 REFINED_WIDENING = 1.2

@@ -17,7 +17,7 @@ from mtpipe.fit.model import PRIOR_HALF_WIDTH, TraceModel
 from mtpipe.fit.series_model import SeriesModel, SeriesTrace
 from mtpipe.fit.trace import TraceFit, describe
 from mtpipe.ground.estimate import Estimate
-from mtpipe.physics.camera import FloatArray
+from mtpipe.ground.types import FloatArray
 from mtpipe.physics.modes import Modes
 
 METHOD = "series of spectra, maximum likelihood"

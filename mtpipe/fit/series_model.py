@@ -21,7 +21,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from mtpipe.fit.model import LARGEST_LN_NOISE, PRIOR_HALF_WIDTH, TraceModel
-from mtpipe.physics.camera import FloatArray
+from mtpipe.ground.types import FloatArray
 from mtpipe.physics.modes import SINGLE_MODE, Modes
 from mtpipe.physics.tethered_bead import friction_pN_s_per_nm, lever_nm, turning_modes
 

@@ -25,7 +25,7 @@ from mtpipe.fit.sampling import Chain, sample
 from mtpipe.fit.series import SeriesFit
 from mtpipe.fit.series_model import SeriesTrace
 from mtpipe.ground.estimate import Estimate
-from mtpipe.physics.camera import FloatArray
+from mtpipe.ground.types import FloatArray
 
 METHOD = "series of spectra, posterior"
 WALKERS = 16

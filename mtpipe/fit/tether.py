@@ -37,11 +37,11 @@ from scipy.special import chdtrc
 from mtpipe.fit.errors_in_both import signed_distances
 from mtpipe.ground.errors import FitError
 from mtpipe.ground.estimate import Estimate, Status
+from mtpipe.ground.types import FloatArray
 from mtpipe.physics import tether
 from mtpipe.physics.buffer import thermal_energy_pN_nm
 from mtpipe.physics.tether import Chain, Formula
 
-FloatArray = NDArray[np.float64]
 Relation = Literal["potential", "long-chain"]
 
 _LARGEST_RELATIVE_ERROR = 0.5

@@ -29,7 +29,7 @@ from mtpipe.fit.model import COORDINATES, PRIOR_HALF_WIDTH, TraceModel
 from mtpipe.fit.profile import is_parabola, profile_reach
 from mtpipe.ground.estimate import Estimate
 from mtpipe.ground.status import status_of
-from mtpipe.physics.camera import FloatArray
+from mtpipe.ground.types import FloatArray
 from mtpipe.physics.modes import SINGLE_MODE, Modes
 from mtpipe.spectra.spectrum import Spectrum, periodogram, prewhitening
 

@@ -14,7 +14,8 @@ from numpy.typing import NDArray
 
 from mtpipe.ground.errors import RecordingError, SetupError
 from mtpipe.ground.notice import Notice, Severity
-from mtpipe.recording.recording import AXES, FloatArray
+from mtpipe.ground.types import FloatArray
+from mtpipe.recording.recording import AXES
 from mtpipe.setup.setup import Setup
 
 WIDEST_NM = 10_000.0

@@ -16,8 +16,8 @@ from numpy.typing import NDArray
 
 from mtpipe.ground.errors import RecordingError
 from mtpipe.ground.notice import Notice
+from mtpipe.ground.types import FloatArray
 from mtpipe.ingest.collect import Collected
-from mtpipe.recording.recording import FloatArray
 from mtpipe.setup.source_table import Source
 
 RATE_TOLERANCE = 0.005

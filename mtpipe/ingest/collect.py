@@ -16,11 +16,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mtpipe.ground.errors import RecordingError
+from mtpipe.ground.types import FloatArray
 from mtpipe.ingest.announced import check_fits
 from mtpipe.ingest.column_attributes import Stated
 from mtpipe.ingest.columns import Assignment
 from mtpipe.ingest.instants import since
-from mtpipe.recording.recording import FloatArray
 from mtpipe.setup.source_table import Lost, Rows
 
 FIRST_ROWS = 1 << 16

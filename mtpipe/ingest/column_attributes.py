@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from mtpipe.recording.recording import FloatArray
+from mtpipe.ground.types import FloatArray
 
 SCALE, OFFSET = {"scalefactor"}, {"addoffset"}
 LOST = {"fillvalue", "missingvalue"}

@@ -18,7 +18,7 @@ import numpy as np
 from scipy.optimize import minimize
 from scipy.special import expit
 
-from mtpipe.recording.recording import FloatArray
+from mtpipe.ground.types import FloatArray
 
 LOWER_PART = 0.5
 FARTHEST_BELOW = 4.0

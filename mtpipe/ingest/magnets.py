@@ -18,11 +18,11 @@ from scipy.ndimage import maximum_filter1d, minimum_filter1d
 
 from mtpipe.ground.errors import RecordingError
 from mtpipe.ground.notice import Notice
+from mtpipe.ground.types import FloatArray
 from mtpipe.ingest.agreement import Use, check_uses
 from mtpipe.ingest.collect import Collected, OpenTable, RowChoice
 from mtpipe.ingest.columns import Names
 from mtpipe.ingest.instants import since
-from mtpipe.recording.recording import FloatArray
 from mtpipe.setup.source_table import (
     NM_PER_UNIT,
     SECONDS_PER_UNIT,

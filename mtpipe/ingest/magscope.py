@@ -19,11 +19,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mtpipe.ground.errors import RecordingError
+from mtpipe.ground.types import FloatArray
 from mtpipe.ingest.announced import check_announced
 from mtpipe.ingest.bounded import unpacked
 from mtpipe.ingest.column_attributes import NOTHING, Stated
 from mtpipe.ingest.data_files import is_packed, open_stream
-from mtpipe.recording.recording import AXES, FloatArray
+from mtpipe.recording.recording import AXES
 
 GROUP = "tracking"
 SCHEMA = 1

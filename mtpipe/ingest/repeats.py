@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mtpipe.ground.notice import Notice
-from mtpipe.physics.camera import FloatArray
+from mtpipe.ground.types import FloatArray
 
 # A block is so many frames in a row. Coarse positions may come back by chance: no block is believed
 # where one is to be expected in a hundred such recordings.

@@ -14,9 +14,10 @@ import numpy as np
 
 from mtpipe.ground.errors import RecordingError
 from mtpipe.ground.notice import Notice
+from mtpipe.ground.types import FloatArray
 from mtpipe.ingest.collect import RowChoice
 from mtpipe.ingest.edge import lower_edge_nm
-from mtpipe.recording.recording import FloatArray, Recording
+from mtpipe.recording.recording import Recording
 from mtpipe.setup.source_table import Source, ZZero
 
 START_S = 1.0

@@ -19,11 +19,11 @@ from mtpipe.experiment.changes import with_magnets
 from mtpipe.experiment.description import Experiment, ForceCourse
 from mtpipe.experiment.readout import force_course
 from mtpipe.ground.errors import FitError
+from mtpipe.ground.types import FloatArray
 from mtpipe.joint_fit.expectation import height_nm
 from mtpipe.joint_fit.fit import ConfiguredFit
 from mtpipe.joint_fit.layers import steady_of
 from mtpipe.joint_fit.model import ConfiguredModel
-from mtpipe.physics.camera import FloatArray
 
 WINDOWS = 48
 # Windows are long enough for their means to be independent: so many relaxation times of z.

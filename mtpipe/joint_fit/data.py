@@ -11,8 +11,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from mtpipe.ground.types import FloatArray
 from mtpipe.joint_fit.spectra import MatrixSpectrum, matrix_periodogram
-from mtpipe.physics.camera import FloatArray
 from mtpipe.spectra.spectrum import prewhitening
 
 

@@ -19,6 +19,7 @@ from mtpipe.experiment.description import Experiment, ForceCourse, Line, Triple
 from mtpipe.experiment.readout import recorded_height_nm
 from mtpipe.experiment.recorded_modes import recorded_modes
 from mtpipe.ground.errors import FitError
+from mtpipe.ground.types import FloatArray
 from mtpipe.joint_fit.data import PlateauData
 from mtpipe.joint_fit.height_course import Course, played
 from mtpipe.joint_fit.layers import Steady, steady_of
@@ -26,7 +27,7 @@ from mtpipe.joint_fit.motions import DIAGONAL, Motion, motions
 from mtpipe.joint_fit.random_walk import line_of
 from mtpipe.joint_fit.spectra import Transform
 from mtpipe.joint_fit.three_axes import inverses
-from mtpipe.physics.camera import Camera, FloatArray, power_spectrum
+from mtpipe.physics.camera import Camera, power_spectrum
 from mtpipe.spectra.window_power import with_noise
 
 # Heights are not believed better than this: rounding, interpolated formulas, time steps.

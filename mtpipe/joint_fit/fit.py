@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 from mtpipe.experiment.description import Experiment
 from mtpipe.experiment.parameter import Parameter
 from mtpipe.ground.errors import FitError
+from mtpipe.ground.types import FloatArray
 from mtpipe.joint_fit.data import PlateauData
 from mtpipe.joint_fit.expectation import (
     Expectation,
@@ -27,7 +28,6 @@ from mtpipe.joint_fit.information import gradient_of, information_of
 from mtpipe.joint_fit.model import ConfiguredModel, spectral_log_likelihood
 from mtpipe.joint_fit.random_walk import line_of
 from mtpipe.joint_fit.slopes import Slopes, height_slopes, slopes
-from mtpipe.physics.camera import FloatArray
 
 MOST_ROUNDS = 15
 # Where the predicted rise of ln likelihood is below this, the fit has arrived; a step that should

@@ -16,9 +16,9 @@ from numpy.polynomial import chebyshev
 
 from mtpipe.experiment.description import ForceCourse
 from mtpipe.experiment.readout import COURSE_POINTS, force_course, height_weights
+from mtpipe.ground.types import FloatArray
 from mtpipe.joint_fit.data import PlateauData
 from mtpipe.joint_fit.spectra import MatrixSpectrum, Transform
-from mtpipe.physics.camera import FloatArray
 
 # Fewer forces stand for a plateau, and of spectra their mean alone, where it changes by less than
 # so much.

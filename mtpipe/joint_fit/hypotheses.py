@@ -12,10 +12,10 @@ import numpy as np
 from mtpipe.effects.effect import Effect, Evidence, Hypothesis
 from mtpipe.experiment.changes import by_formula
 from mtpipe.ground.errors import FitError
+from mtpipe.ground.types import FloatArray
 from mtpipe.joint_fit.distance import excess
 from mtpipe.joint_fit.fit import MOST_ROUNDS, ConfiguredFit, exchanged, first_guess, fit_configured
 from mtpipe.joint_fit.model import ConfiguredModel
-from mtpipe.physics.camera import FloatArray
 from mtpipe.physics.tether import without_stretching
 
 # Fits are tried so far at first, and to so many nats in the end.

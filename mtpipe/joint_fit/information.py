@@ -6,13 +6,13 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from mtpipe.ground.types import FloatArray
 from mtpipe.joint_fit.data import PlateauData
 from mtpipe.joint_fit.expectation import (
     Expectation,
 )
 from mtpipe.joint_fit.model import ConfiguredModel, random_part
 from mtpipe.joint_fit.slopes import Slopes, ends_with_slopes, height_slopes, left_of_z, walk_slopes
-from mtpipe.physics.camera import FloatArray
 
 
 def gradient_of(

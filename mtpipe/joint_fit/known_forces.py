@@ -9,8 +9,8 @@ import numpy as np
 from scipy import linalg
 
 from mtpipe.experiment.known_force import KnownForce
+from mtpipe.ground.types import FloatArray
 from mtpipe.joint_fit.fit import ConfiguredFit
-from mtpipe.physics.camera import FloatArray
 
 # Forces that are less likely than the best ones by so many nats say nothing more of the fit: what
 # is wrong then is another thing than what they are asked about.

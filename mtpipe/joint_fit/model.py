@@ -26,6 +26,7 @@ from mtpipe.experiment.description import Experiment, Rest
 from mtpipe.experiment.known_force import KnownForce
 from mtpipe.experiment.parameter import Parameter
 from mtpipe.ground.errors import FitError
+from mtpipe.ground.types import FloatArray
 from mtpipe.joint_fit.data import PlateauData
 from mtpipe.joint_fit.expectation import (
     Asked,
@@ -39,7 +40,6 @@ from mtpipe.joint_fit.expectation import (
 from mtpipe.joint_fit.height_course import Course
 from mtpipe.joint_fit.layers import steady_of
 from mtpipe.joint_fit.random_walk import Walked, power_without, sees_walks, walked
-from mtpipe.physics.camera import FloatArray
 
 
 @dataclass(frozen=True, eq=False)

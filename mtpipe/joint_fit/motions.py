@@ -15,11 +15,12 @@ import numpy as np
 
 from mtpipe.experiment.readout import Readout, readout
 from mtpipe.ground.errors import FitError
+from mtpipe.ground.types import FloatArray
 from mtpipe.joint_fit.batch_cache import BatchCache
 from mtpipe.joint_fit.data import PlateauData
 from mtpipe.joint_fit.layers import Moving
 from mtpipe.joint_fit.random_walk import line_of, sees_walks
-from mtpipe.physics.camera import Camera, FloatArray, mean_variance
+from mtpipe.physics.camera import Camera, mean_variance
 from mtpipe.spectra.window import expected_matrices, seen_modes
 
 DIAGONAL = np.arange(3)

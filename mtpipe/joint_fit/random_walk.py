@@ -15,10 +15,10 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from mtpipe.ground.types import FloatArray
 from mtpipe.joint_fit.batch_cache import BatchCache
 from mtpipe.joint_fit.data import PlateauData
 from mtpipe.joint_fit.spectra import Transform
-from mtpipe.physics.camera import FloatArray
 
 
 @dataclass(frozen=True, eq=False)

@@ -8,6 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from mtpipe.ground.errors import FitError
+from mtpipe.ground.types import FloatArray
 from mtpipe.joint_fit.data import PlateauData
 from mtpipe.joint_fit.expectation import (
     DIFFERENCE,
@@ -22,7 +23,6 @@ from mtpipe.joint_fit.layers import steady_of
 from mtpipe.joint_fit.model import ConfiguredModel
 from mtpipe.joint_fit.random_walk import Walked, line_of, walked
 from mtpipe.joint_fit.spectra import Transform
-from mtpipe.physics.camera import FloatArray
 
 
 @dataclass(frozen=True, eq=False)

@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from scipy import fft
 
 from mtpipe.ground.errors import FitError
-from mtpipe.physics.camera import FloatArray
+from mtpipe.ground.types import FloatArray
 from mtpipe.spectra.spectrum import LONGEST_SEGMENT, frames_present
 from mtpipe.spectra.window import Window, bin_edges, prewhitened, window_of
 

@@ -11,7 +11,7 @@ import math
 import numpy as np
 
 from mtpipe.ground.compiled import compiled
-from mtpipe.physics.camera import FloatArray
+from mtpipe.ground.types import FloatArray
 
 
 @compiled

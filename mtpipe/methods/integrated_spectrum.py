@@ -24,8 +24,8 @@ from scipy import fft
 from mtpipe.fit.arguments import TraceArguments
 from mtpipe.fit.estimates import known_noise
 from mtpipe.ground.errors import FitError
+from mtpipe.ground.types import FloatArray
 from mtpipe.methods.result import MethodFit, describe, without_values
-from mtpipe.physics.camera import FloatArray
 
 MOST_ROUNDS = 200
 # One fit takes some 20 calls; where the corner lies far above Nyquist it would never end.

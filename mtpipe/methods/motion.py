@@ -12,8 +12,9 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike
 
+from mtpipe.ground.types import FloatArray
 from mtpipe.physics import camera as cam
-from mtpipe.physics.camera import Camera, FloatArray
+from mtpipe.physics.camera import Camera
 
 
 @dataclass(frozen=True)

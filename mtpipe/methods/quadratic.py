@@ -21,8 +21,8 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import fft, signal
 
+from mtpipe.ground.types import FloatArray
 from mtpipe.methods.motion import SeenMotion
-from mtpipe.physics.camera import FloatArray
 
 # Beyond this many relaxation times a covariance (squared) is below 1e-8.
 NEGLIGIBLE = 10.0

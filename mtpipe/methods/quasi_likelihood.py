@@ -18,10 +18,10 @@ from mtpipe.fit.arguments import TraceArguments
 from mtpipe.fit.estimates import fitted_noise, inverse_information, known_noise
 from mtpipe.fit.model import PRIOR_HALF_WIDTH
 from mtpipe.fit.trace import AT_ZERO
+from mtpipe.ground.types import FloatArray
 from mtpipe.methods.motion import SeenMotion
 from mtpipe.methods.quadratic import QuadraticStatistics
 from mtpipe.methods.result import MethodFit, describe
-from mtpipe.physics.camera import FloatArray
 
 MOST_ROUNDS = 25
 # One round takes 15 to 60 calls; more are wasted where no motion fits the trace at all, and the

@@ -10,7 +10,7 @@ import numpy as np
 from mtpipe.fit.estimates import logarithmic
 from mtpipe.ground.estimate import Estimate, Status
 from mtpipe.ground.status import status_of
-from mtpipe.physics.camera import FloatArray
+from mtpipe.ground.types import FloatArray
 
 
 @dataclass(frozen=True)

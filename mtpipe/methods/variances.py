@@ -18,11 +18,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mtpipe.fit.arguments import TraceArguments
+from mtpipe.ground.types import FloatArray
 from mtpipe.methods.motion import SeenMotion
 from mtpipe.methods.quadratic import Gaps, QuadraticStatistics, Stencil, statistics_of
 from mtpipe.methods.quasi_likelihood import fit_statistics
 from mtpipe.methods.result import MethodFit
-from mtpipe.physics.camera import FloatArray
 
 # Where the noise is fitted too, lags up to this many relaxation times tell it from the motion.
 LONGEST_LAG = 2.0

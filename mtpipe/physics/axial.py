@@ -14,7 +14,7 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.linalg import eigh_tridiagonal
 
-from mtpipe.physics.camera import FloatArray
+from mtpipe.ground.types import FloatArray
 
 # The slowest modes carry nearly all of the variance.
 MODES = 4

@@ -14,7 +14,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-FloatArray = NDArray[np.float64]
+from mtpipe.ground.types import FloatArray
 
 # Exposure over relaxation time beyond which there is no telling.
 LONGEST = 1e30

@@ -11,8 +11,8 @@ from __future__ import annotations
 
 import numpy as np
 
+from mtpipe.ground.types import FloatArray
 from mtpipe.physics.axial import AxialMotion
-from mtpipe.physics.camera import FloatArray
 from mtpipe.physics.linear import NormalModes
 from mtpipe.physics.relaxation import modes_of_first
 

@@ -14,12 +14,11 @@ bead would be in the surface: that is refused, since it means a wrong zero of z 
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from mtpipe.ground.errors import FitError
+from mtpipe.ground.types import FloatArray
 from mtpipe.physics.buffer import viscosity_pN_s_per_nm2
-
-FloatArray = NDArray[np.float64]
 
 
 def stokes_pN_s_per_nm(radius_nm: ArrayLike, viscosity_mPa_s: ArrayLike) -> FloatArray:

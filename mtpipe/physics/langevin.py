@@ -14,7 +14,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from mtpipe.physics.camera import Camera, FloatArray
+from mtpipe.ground.types import FloatArray
+from mtpipe.physics.camera import Camera
 from mtpipe.physics.modes import SINGLE_MODE, Modes
 from mtpipe.physics.normal_numbers import standard_normal
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from mtpipe.ground.compiled import compiled
-from mtpipe.physics.camera import FloatArray
+from mtpipe.ground.types import FloatArray
 
 
 @compiled

@@ -15,7 +15,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from mtpipe.physics.camera import FloatArray
+from mtpipe.ground.types import FloatArray
 
 
 @dataclass(frozen=True, eq=False)

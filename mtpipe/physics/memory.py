@@ -17,7 +17,7 @@ from __future__ import annotations
 import numpy as np
 from scipy import linalg
 
-from mtpipe.physics.camera import FloatArray
+from mtpipe.ground.types import FloatArray
 
 WATER_KG_PER_M3 = 1000.0
 # Rates of the decays, besides those of the modes, about that of each with so much of the variance.

@@ -10,7 +10,7 @@ from __future__ import annotations
 import numpy as np
 from scipy import ndimage, stats
 
-from mtpipe.physics.camera import FloatArray
+from mtpipe.ground.types import FloatArray
 
 # A Gaussian trace of 10⁷ frames exceeds 5.6 standard deviations once; heavy-tailed but real motion
 # (hopping, sticking) stays well below twice that.

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from mtpipe.physics.camera import FloatArray
+from mtpipe.ground.types import FloatArray
 
 # Of fewer numbers numpy is the faster one.
 FEW = 2000

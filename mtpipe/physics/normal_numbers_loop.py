@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from mtpipe.ground.compiled import compiled
-from mtpipe.physics.camera import FloatArray
+from mtpipe.ground.types import FloatArray
 
 
 @compiled

@@ -13,7 +13,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from mtpipe.physics.camera import FloatArray
+from mtpipe.ground.types import FloatArray
 
 # Combinations of functions with less than this share of the variance are rounding error.
 ROUNDING = 1e-8

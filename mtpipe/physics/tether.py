@@ -20,12 +20,12 @@ from dataclasses import dataclass, replace
 from typing import Literal
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 from scipy.special import exprel
 
+from mtpipe.ground.types import FloatArray
 from mtpipe.physics.buffer import thermal_energy_pN_nm
 
-FloatArray = NDArray[np.float64]
 Formula = Literal["marko-siggia", "bouchiat", "extensible", "extensible-marko-siggia"]
 
 

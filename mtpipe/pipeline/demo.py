@@ -18,8 +18,9 @@ from typing import Any
 
 from mtpipe.calibration.recommended_force import BeadForces
 from mtpipe.ground.errors import MtpipeError
+from mtpipe.ground.types import NamedProgress
 from mtpipe.pipeline.results import Run
-from mtpipe.pipeline.run import Progress, run
+from mtpipe.pipeline.run import run
 
 
 @dataclass(frozen=True)
@@ -77,7 +78,7 @@ def recording_in(folder: Path) -> Path:
     return next(iter(sorted(folder.glob("recording.*"))), folder / "setup.toml")
 
 
-def run_demo(out: Path, *, workers: int = 1, progress: Progress | None = None) -> str:
+def run_demo(out: Path, *, workers: int = 1, progress: NamedProgress | None = None) -> str:
     """Run bundled recordings and compare what mtpipe says with what made them.
 
     Returns
@@ -194,7 +195,7 @@ def _line(recording: str, score: BeadScore) -> str:
     )
 
 
-def _labelled(progress: Progress | None, label: str) -> Progress | None:
+def _labelled(progress: NamedProgress | None, label: str) -> NamedProgress | None:
     if progress is None:
         return None
     return lambda step, done, total: progress(f"{label}: {step}", done, total)

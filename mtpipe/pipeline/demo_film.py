@@ -11,8 +11,9 @@ from pathlib import Path
 import numpy as np
 import tifffile
 
+from mtpipe.ground.types import NamedProgress
 from mtpipe.pipeline.results import Run
-from mtpipe.pipeline.run import Progress, run
+from mtpipe.pipeline.run import run
 from mtpipe.recording.recording import Recording
 from mtpipe.setup.setup import read_setup
 from mtpipe.simulation.bead_image import BeadImage
@@ -99,7 +100,7 @@ def make_film(folder: Path, *, seed: int = 5) -> Recording:
 
 
 def film_run(
-    out: Path, *, workers: int = 1, progress: Progress | None = None
+    out: Path, *, workers: int = 1, progress: NamedProgress | None = None
 ) -> tuple[Recording, Run]:
     """Render a film in a folder and run it into the folder `run` there: the truth and the run."""
     if progress is not None:
@@ -109,7 +110,7 @@ def film_run(
     return truth, run(film, results, workers=workers, cross_check=False, progress=progress)
 
 
-def run_film_demo(out: Path, *, workers: int = 1, progress: Progress | None = None) -> str:
+def run_film_demo(out: Path, *, workers: int = 1, progress: NamedProgress | None = None) -> str:
     """Text: the film's true and measured forces, and where the report is."""
     _, result = film_run(out, workers=workers, progress=progress)
     lines = [

@@ -7,7 +7,7 @@ clock, and writes the files that `docs/run-folder.md` describes.
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import replace
 from datetime import UTC, datetime
 from pathlib import Path
@@ -21,6 +21,7 @@ from mtpipe.curves.tether_curves import tether_curves
 from mtpipe.diagnosis.forces_to_quote import recommended_forces
 from mtpipe.diagnosis.mismatch import Examined, content, examine
 from mtpipe.drift import subtract_drift
+from mtpipe.ground.types import NamedProgress
 from mtpipe.ingest import load
 from mtpipe.ingest.data_files import SETUP_NAME
 from mtpipe.ingest.surface import put_surface_at_zero
@@ -33,7 +34,6 @@ from mtpipe.tracking.stack import is_stack
 from mtpipe.verdicts.diagnosed import with_diagnosis
 from mtpipe.verdicts.verdict import BeadVerdict, bead_verdicts
 
-Progress = Callable[[str, int, int], None]
 LEFT_OUT_CODES = ("no_positions", "constant_bead")
 # Of a reference bead: it moves by itself, as reading or subtraction saw it.
 REFERENCE_CODES = ("moving_reference", "reference_moves")
@@ -49,7 +49,7 @@ def run(
     methods: Sequence[str] = (),
     cross_check: bool = True,
     overwrite: bool = False,
-    progress: Progress | None = None,
+    progress: NamedProgress | None = None,
 ) -> Run:
     """Run the whole pipeline and write its folder, which is replaced whole once all is done.
 
@@ -96,7 +96,7 @@ def _run(
     workers: int,
     methods: Sequence[str],
     cross_check: bool,
-    say: Progress,
+    say: NamedProgress,
 ) -> Run:
     from mtpipe.report import write_report
 
@@ -183,7 +183,7 @@ def _run(
     return result
 
 
-def _tracked(path: Path, out: Path, setup: Path, workers: int, say: Progress) -> Path:
+def _tracked(path: Path, out: Path, setup: Path, workers: int, say: NamedProgress) -> Path:
     """Track an image stack; the recording is in the run's folder."""
     from mtpipe.tracking.track import track
 

@@ -7,7 +7,8 @@ import itertools
 import numpy as np
 from numpy.typing import NDArray
 
-from mtpipe.recording.recording import FloatArray, Plateau
+from mtpipe.ground.types import FloatArray
+from mtpipe.recording.recording import Plateau
 from mtpipe.setup.setup import Plateaus
 
 # Stamps are kept to some digits, so a frame at the very end of a time counts as within it.

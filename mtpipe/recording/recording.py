@@ -16,9 +16,9 @@ from numpy.typing import NDArray
 
 from mtpipe.ground.errors import RecordingError
 from mtpipe.ground.notice import Notice
+from mtpipe.ground.types import FloatArray
 from mtpipe.setup.setup import Setup
 
-FloatArray = NDArray[np.float64]
 AXES = ("x", "y", "z")
 
 

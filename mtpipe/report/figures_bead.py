@@ -5,9 +5,9 @@ from __future__ import annotations
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from mtpipe.fit.tether import Assay, expected_extension_nm
+from mtpipe.ground.types import FloatArray
 from mtpipe.physics.tether import VALIDITY, Chain
 from mtpipe.report import words
 from mtpipe.report.folder import RunFolder, records
@@ -29,7 +29,6 @@ from mtpipe.report.plotly_json import (
     with_gaps,
 )
 
-FloatArray = NDArray[np.float64]
 MODEL_DASH = {"marko-siggia": "dash", "bouchiat": "solid", "extensible": "dashdot"}
 MODEL_COLOUR = {"marko-siggia": "#cc79a7", "bouchiat": INK, "extensible": "#009e73"}
 

@@ -15,7 +15,7 @@ import numpy as np
 import pandas as pd
 from numpy.typing import ArrayLike
 
-from mtpipe.physics.camera import FloatArray
+from mtpipe.ground.types import FloatArray
 from mtpipe.report.figures_unexplained import SHAPE_WORDS, left_panels, left_shapes
 from mtpipe.report.findings import clearest_place
 from mtpipe.report.folder import RunFolder, records

@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from mtpipe.physics.camera import FloatArray
+from mtpipe.ground.types import FloatArray
 from mtpipe.report.folder import RunFolder
 from mtpipe.report.plotly_json import (
     AXIS_COLOUR,

@@ -6,7 +6,7 @@ plotly.js, style and script are copied beside the pages once; nothing is loaded 
 from __future__ import annotations
 
 import re
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from datetime import datetime
 from importlib.resources import files as resources
 from pathlib import Path
@@ -16,6 +16,7 @@ import pandas as pd
 from jinja2 import Environment, PackageLoader, StrictUndefined
 
 from mtpipe.ground.files import folder_written_whole
+from mtpipe.ground.types import Progress
 from mtpipe.report import rows, rows_crosscheck, rows_drift, rows_methods, rows_plateaus, words
 from mtpipe.report.captions import agreement_caption, trace_captions
 from mtpipe.report.figures_agreement import agreement_figure
@@ -42,7 +43,6 @@ from mtpipe.report.notices import notice_groups
 from mtpipe.report.plateau_forces import comparisons, quoted
 from mtpipe.report.plotly_json import DARK, Arrays
 
-Progress = Callable[[int, int], None]
 PlateauMeans = Mapping[tuple[str, str], Means]
 STATIC = ("report.css", "charts.js", "lists.js")
 DRIFT_METHOD = {

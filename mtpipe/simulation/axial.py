@@ -14,8 +14,9 @@ import math
 import numpy as np
 from scipy import interpolate, optimize
 
+from mtpipe.ground.types import FloatArray
 from mtpipe.physics.axial import AxialMotion
-from mtpipe.physics.camera import Camera, FloatArray, frame_variance
+from mtpipe.physics.camera import Camera, frame_variance
 from mtpipe.physics.langevin import mode_path
 
 STEP_RELAXATIONS = 0.2

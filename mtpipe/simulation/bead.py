@@ -13,9 +13,9 @@ from dataclasses import dataclass
 import numpy as np
 
 from mtpipe.experiment.description import Experiment
+from mtpipe.ground.types import FloatArray
 from mtpipe.physics import tether
 from mtpipe.physics.buffer import thermal_energy_pN_nm
-from mtpipe.physics.camera import FloatArray
 
 
 @dataclass(frozen=True, eq=False)

@@ -14,7 +14,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from mtpipe.ground.compiled import compiled
-from mtpipe.physics.camera import FloatArray
+from mtpipe.ground.types import FloatArray
 from mtpipe.tracking.library import optics
 
 PLANE_NM, FINE_NM, FINE_PX = 100.0, 5.0, 0.05

@@ -25,8 +25,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from mtpipe.ground.types import FloatArray
 from mtpipe.physics import friction, tether
-from mtpipe.physics.camera import Camera, FloatArray
+from mtpipe.physics.camera import Camera
 from mtpipe.simulation.bead import BrownianBead
 from mtpipe.simulation.chain_table import ChainTable, reach_nm, tabulate
 from mtpipe.simulation.dynamics import advance, friction_table

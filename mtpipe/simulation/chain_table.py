@@ -12,9 +12,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from mtpipe.ground.types import FloatArray
 from mtpipe.physics import tether
 from mtpipe.physics.buffer import thermal_energy_pN_nm
-from mtpipe.physics.camera import FloatArray
 
 _NODES = 1 << 16
 _NEGLIGIBLE = 40.0

@@ -17,8 +17,8 @@ from __future__ import annotations
 import numpy as np
 
 from mtpipe.ground.compiled import compiled
+from mtpipe.ground.types import FloatArray
 from mtpipe.physics import friction
-from mtpipe.physics.camera import FloatArray
 from mtpipe.simulation.bead import BrownianBead
 
 _HEIGHTS = 4096

@@ -12,7 +12,7 @@ from __future__ import annotations
 import numpy as np
 from scipy.special import i0e
 
-from mtpipe.physics.camera import FloatArray
+from mtpipe.ground.types import FloatArray
 from mtpipe.simulation.bead import BrownianBead
 from mtpipe.simulation.chain_table import ChainTable
 from mtpipe.simulation.dynamics import attachment

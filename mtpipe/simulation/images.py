@@ -19,7 +19,8 @@ from numpy.typing import NDArray
 
 from mtpipe.experiment.description import Clock, Experiment
 from mtpipe.ground.errors import SetupError
-from mtpipe.physics.camera import Camera, FloatArray
+from mtpipe.ground.types import FloatArray
+from mtpipe.physics.camera import Camera
 from mtpipe.recording.plateaus import find_plateaus
 from mtpipe.recording.recording import Recording
 from mtpipe.setup.setup import Setup

@@ -22,9 +22,9 @@ from scipy import fft
 from scipy.sparse.csgraph import connected_components
 
 from mtpipe.experiment.recorded_modes import UP, BeadState, followed_modes, recorded_modes
+from mtpipe.ground.types import FloatArray
 from mtpipe.physics.camera import (
     Camera,
-    FloatArray,
     blur_factor,
     edge_factor,
     frame_variance,

@@ -20,7 +20,7 @@ from mtpipe.experiment.readout import (
 )
 from mtpipe.experiment.state import all_states
 from mtpipe.experiment.step import Place
-from mtpipe.physics.camera import FloatArray
+from mtpipe.ground.types import FloatArray
 from mtpipe.physics.langevin import simulate_mode
 from mtpipe.physics.normal_numbers import standard_normal
 

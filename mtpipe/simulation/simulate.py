@@ -20,7 +20,7 @@ from mtpipe.experiment.changes import with_bead
 from mtpipe.experiment.description import Experiment
 from mtpipe.experiment.state import bead_state, has_whole_motion
 from mtpipe.ground.notice import Notice
-from mtpipe.physics.camera import FloatArray
+from mtpipe.ground.types import FloatArray, Progress
 from mtpipe.recording.plateaus import find_plateaus
 from mtpipe.recording.recording import Recording
 from mtpipe.setup.setup import Setup
@@ -28,7 +28,6 @@ from mtpipe.simulation.linear import simulate_motion
 from mtpipe.simulation.readout import force_pieces, height_within_pieces, recorded, reference_motion
 from mtpipe.simulation.setup_experiment import stated_experiment
 
-Progress = Callable[[int, int], None]
 Engine = Literal["linear", "brownian"]
 ENGINES: tuple[Engine, ...] = ("linear", "brownian")
 # Beads stand well apart; where they stand has no influence.

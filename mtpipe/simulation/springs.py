@@ -17,7 +17,8 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from mtpipe.ground.compiled import compiled
-from mtpipe.physics.camera import Camera, FloatArray
+from mtpipe.ground.types import FloatArray
+from mtpipe.physics.camera import Camera
 from mtpipe.simulation.steps import divide_frame
 
 PAPER_TIME_STEP_S = 5e-6

@@ -14,7 +14,8 @@ import numpy as np
 
 from mtpipe.experiment.description import Experiment
 from mtpipe.experiment.recorded_modes import ACROSS, ALONG, ANGLE, UP, BeadState
-from mtpipe.physics.camera import Camera, FloatArray
+from mtpipe.ground.types import FloatArray
+from mtpipe.physics.camera import Camera
 from mtpipe.physics.tether import Chain
 from mtpipe.simulation.bead import BrownianBead, brownian_bead
 from mtpipe.simulation.brownian import longest_time_step_s, simulate_bead

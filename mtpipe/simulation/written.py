@@ -24,11 +24,12 @@ from mtpipe.experiment.recorded_modes import BeadState, recorded_modes
 from mtpipe.experiment.state import bead_state
 from mtpipe.ground.errors import MtpipeError, SetupError
 from mtpipe.ground.files import write_atomically
+from mtpipe.ground.types import Progress
 from mtpipe.ground.version import VERSION
 from mtpipe.recording.recording import AXES, Recording
 from mtpipe.setup.setup import parse_setup
 from mtpipe.simulation.setup_experiment import stated_experiment
-from mtpipe.simulation.simulate import Engine, Progress, simulate_experiment
+from mtpipe.simulation.simulate import Engine, simulate_experiment
 
 SCHEMA = "mtpipe.truth/1"
 # Digits after the point: µs, nm of the magnets (slow moves stay moves), pm of the beads.

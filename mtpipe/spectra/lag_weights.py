@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import fft
 
-from mtpipe.physics.camera import FloatArray
+from mtpipe.ground.types import FloatArray
 
 
 class LagWeights:

@@ -25,7 +25,7 @@ from numpy.typing import NDArray
 from scipy import fft
 
 from mtpipe.ground.errors import FitError
-from mtpipe.physics.camera import FloatArray
+from mtpipe.ground.types import FloatArray
 from mtpipe.spectra.window import Window, bin_edges, window_of
 
 MINIMUM_FRAMES = 64

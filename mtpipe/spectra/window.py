@@ -12,8 +12,9 @@ from numpy.typing import NDArray
 from scipy import fft, interpolate
 
 from mtpipe.ground.errors import FitError
+from mtpipe.ground.types import FloatArray
 from mtpipe.physics import camera as cam
-from mtpipe.physics.camera import Camera, FloatArray
+from mtpipe.physics.camera import Camera
 from mtpipe.spectra.lag_weights import LagWeights
 from mtpipe.spectra.window_power import power_matrices, powers_of_modes
 

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 from scipy import fft, ndimage
 
-from mtpipe.recording.recording import FloatArray
+from mtpipe.ground.types import FloatArray
 
 # Relaxation times per block: means of blocks this long are nearly independent of one another.
 RELAXATIONS_PER_BLOCK = 4.0

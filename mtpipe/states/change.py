@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import stats
 
-from mtpipe.recording.recording import FloatArray
+from mtpipe.ground.types import FloatArray
 from mtpipe.states.blocks import LEAST_BLOCKS, Blocks, block_width, blocks_of
 from mtpipe.states.edges import LEAST_FRAMES, sides_of
 from mtpipe.states.level import FEWEST_BLOCKS, StepScores, step_scores

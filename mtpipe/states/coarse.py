@@ -12,7 +12,7 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from mtpipe.recording.recording import FloatArray
+from mtpipe.ground.types import FloatArray
 from mtpipe.states.edges import Edge
 from mtpipe.states.motion import Motion, independent_share
 

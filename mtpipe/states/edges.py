@@ -16,7 +16,8 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import signal
 
-from mtpipe.recording.recording import FloatArray, Plateau
+from mtpipe.ground.types import FloatArray
+from mtpipe.recording.recording import Plateau
 from mtpipe.states.motion import Motion, independent_share, slowest_relaxation
 
 State = tuple[float, float]

@@ -10,7 +10,7 @@ from dataclasses import dataclass
 import numpy as np
 from scipy import stats
 
-from mtpipe.recording.recording import FloatArray
+from mtpipe.ground.types import FloatArray
 from mtpipe.states.coarse import likely_shift
 from mtpipe.states.edges import Edge, EdgeLag, edge_lag
 from mtpipe.states.motion import Motion

@@ -15,7 +15,7 @@ from dataclasses import dataclass
 import numpy as np
 from scipy import fft, stats
 
-from mtpipe.recording.recording import FloatArray
+from mtpipe.ground.types import FloatArray
 
 # Variance of the random walk per block over that of the white noise, and none.
 WALKS = np.concatenate([[0.0], np.geomspace(1e-4, 1e2, 19)])

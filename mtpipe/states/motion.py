@@ -9,8 +9,9 @@ from dataclasses import dataclass
 import numpy as np
 from scipy import ndimage
 
+from mtpipe.ground.types import FloatArray
 from mtpipe.physics.mistracking import without_mistracked
-from mtpipe.recording.recording import FloatArray, Recording
+from mtpipe.recording.recording import Recording
 from mtpipe.states.blocks import block_means, block_width, relaxation_frames
 from mtpipe.states.level import FEWEST_BLOCKS, fit_noise_about_step
 

@@ -10,7 +10,8 @@ import numpy as np
 
 from mtpipe.ground.notice import Notice
 from mtpipe.ground.processes import in_one_thread
-from mtpipe.recording.recording import FloatArray, Plateau, Recording, States
+from mtpipe.ground.types import FloatArray
+from mtpipe.recording.recording import Plateau, Recording, States
 from mtpipe.states.change import Change, strongest_change
 from mtpipe.states.edges import edges_of
 from mtpipe.states.lag import Lag, find_lag

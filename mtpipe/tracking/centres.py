@@ -13,7 +13,7 @@ from typing import Any
 
 import numpy as np
 
-from mtpipe.physics.camera import FloatArray
+from mtpipe.ground.types import FloatArray
 from mtpipe.tracking.library import from_device, magtrack, stack_of
 
 CENTRES = ("center_of_mass", "auto_conv", "auto_conv_multiline")

@@ -19,8 +19,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mtpipe.ground.notice import Notice
+from mtpipe.ground.types import FloatArray
 from mtpipe.ingest.tracked import Notes
-from mtpipe.recording.recording import FloatArray
 from mtpipe.tracking.find_beads import Region
 from mtpipe.tracking.follow import corner, cut, followed, is_lost, sought
 from mtpipe.tracking.measured import LOST_REASONS

@@ -18,7 +18,7 @@ import numpy as np
 from scipy import ndimage, signal, special
 
 from mtpipe.ground.errors import RecordingError
-from mtpipe.recording.recording import FloatArray
+from mtpipe.ground.types import FloatArray
 from mtpipe.tracking.measured import MIN_SIZE_PX
 
 SMOOTHING_PX = 1.0

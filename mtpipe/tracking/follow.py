@@ -15,7 +15,7 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
-from mtpipe.recording.recording import FloatArray
+from mtpipe.ground.types import FloatArray
 from mtpipe.tracking.find_beads import Region
 
 LAST_FRAMES = 32  # a region follows where its bead was in this many frames

@@ -14,7 +14,7 @@ from typing import Any
 
 import numpy as np
 
-from mtpipe.physics.camera import FloatArray
+from mtpipe.ground.types import FloatArray
 
 
 @functools.cache

@@ -30,8 +30,8 @@ from scipy.interpolate import CubicSpline
 from mtpipe.ground.errors import RecordingError
 from mtpipe.ground.files import write_atomically
 from mtpipe.ground.notice import Notice
+from mtpipe.ground.types import FloatArray
 from mtpipe.ingest.bounded import BoundedReader, check_archive
-from mtpipe.physics.camera import FloatArray
 from mtpipe.tracking.information import confused_with, longest_without
 from mtpipe.tracking.matching import normalized, ring_count
 from mtpipe.tracking.measured import DEFAULT_METHOD, LOST_REASONS, METHODS, checked_images, measure

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from scipy.special import fdtri
 
 from mtpipe.ground.errors import RecordingError
-from mtpipe.physics.camera import FloatArray
+from mtpipe.ground.types import FloatArray
 from mtpipe.tracking.centres import CENTRES, centres
 from mtpipe.tracking.library import from_device, magtrack, on_device, stack_of
 from mtpipe.tracking.matching import ring_count

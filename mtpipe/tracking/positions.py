@@ -23,7 +23,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mtpipe.ground.errors import RecordingError
-from mtpipe.physics.camera import FloatArray
+from mtpipe.ground.types import FloatArray
 from mtpipe.tracking.library import magtrack
 from mtpipe.tracking.matching import match
 from mtpipe.tracking.measured import (

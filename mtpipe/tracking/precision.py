@@ -21,7 +21,7 @@ from numpy.typing import NDArray
 from scipy.ndimage import correlate1d
 from scipy.stats import chi2
 
-from mtpipe.physics.camera import FloatArray
+from mtpipe.ground.types import FloatArray
 from mtpipe.tracking.measured import DEFAULT_METHOD, checked_images
 from mtpipe.tracking.positions import locate
 

@@ -13,7 +13,7 @@ from dataclasses import replace
 import numpy as np
 from scipy.stats import median_abs_deviation
 
-from mtpipe.recording.recording import FloatArray
+from mtpipe.ground.types import FloatArray
 from mtpipe.tracking.find_beads import FoundBeads, Region
 from mtpipe.tracking.follow import corner, cut
 from mtpipe.tracking.measured import MIN_SIZE_PX

@@ -23,7 +23,7 @@ import numpy as np
 from scipy.interpolate import CubicSpline
 
 from mtpipe.ground.compiled import compiled
-from mtpipe.physics.camera import FloatArray
+from mtpipe.ground.types import FloatArray
 from mtpipe.tracking.measured import MIN_SIZE_PX
 from mtpipe.tracking.precision import PixelNoise
 

@@ -7,15 +7,14 @@ was taken. Positions are a column `z_nm` (or `z_um`), a row for each frame, or w
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
 
 from mtpipe.ground.errors import MtpipeError, RecordingError
+from mtpipe.ground.types import FloatArray, NamedProgress
 from mtpipe.ingest.columns import Names
 from mtpipe.ingest.read import open_table
-from mtpipe.recording.recording import FloatArray
 from mtpipe.setup.setup import Setup
 from mtpipe.setup.source_table import NM_PER_UNIT, Layout
 from mtpipe.tracking.find_beads import Region
@@ -26,7 +25,6 @@ from mtpipe.tracking.regions import FIRST_FRAMES, beads_in, check_inside, said_o
 from mtpipe.tracking.stack import Stack, open_stack
 from mtpipe.tracking.stack_look import Reading
 
-Progress = Callable[[str, int, int], None]
 POSITIONS = Layout(format="text", header=True)
 
 
@@ -38,7 +36,7 @@ def table_from_scan(
     bead: str | None = None,
     region: tuple[float, float, int] | None = None,
     setup: Setup | None = None,
-    progress: Progress | None = None,
+    progress: NamedProgress | None = None,
 ) -> LookUpTable:
     """Make a look-up table of one bead from a focus scan.
 

@@ -21,9 +21,10 @@ from numpy.typing import NDArray
 
 from mtpipe.ground.errors import RecordingError
 from mtpipe.ground.notice import Notice
+from mtpipe.ground.types import Progress
 from mtpipe.ingest.data_files import SETUP_NAME, data_files, natural_order
 from mtpipe.setup.setup import read_setup
-from mtpipe.tracking.stack_look import Look, Progress, Reading, StackFile, look_at
+from mtpipe.tracking.stack_look import Look, Reading, StackFile, look_at
 from mtpipe.tracking.stack_series import files_of_ome, missing_frames
 from mtpipe.tracking.stack_times import Stamps
 from mtpipe.tracking.tiff import TIFF_MAGICS, Kind, image_at, opened

@@ -5,7 +5,6 @@ Every page is checked, so that a fault at the end of a film is told before hours
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -14,6 +13,7 @@ import numpy as np
 
 from mtpipe.ground.errors import RecordingError
 from mtpipe.ground.notice import Notice
+from mtpipe.ground.types import Progress
 from mtpipe.tracking.stack_times import Stamps, StampsOfPages, stamps_of_file
 from mtpipe.tracking.tiff import (
     Kind,
@@ -31,7 +31,6 @@ if TYPE_CHECKING:
 
     from mtpipe.setup.tracking_table import Tracking
 
-Progress = Callable[[int, int], None]
 # What may stand for time: axes named by ImageJ, OME and tifffile.
 AXES_OF_FRAMES = "TIQZ"
 AXIS_NAMES = {"C": "channels", "S": "colours", "Z": "focal planes"}

@@ -7,7 +7,6 @@ stack is.
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -16,9 +15,9 @@ import numpy as np
 from mtpipe.ground.errors import RecordingError, SetupError
 from mtpipe.ground.notice import Notice
 from mtpipe.ground.processes import executor
+from mtpipe.ground.types import FloatArray, NamedProgress
 from mtpipe.ingest.data_files import SETUP_NAME
 from mtpipe.ingest.tracked import Notes
-from mtpipe.recording.recording import FloatArray
 from mtpipe.setup.setup import Setup, read_setup
 from mtpipe.tracking.chunks import Work, tracked_chunks
 from mtpipe.tracking.find_beads import Region
@@ -28,8 +27,6 @@ from mtpipe.tracking.stack import Stack, open_stack
 from mtpipe.tracking.stack_look import Reading
 from mtpipe.tracking.stack_times import frame_times
 from mtpipe.tracking.track_files import Rows, check_out, recording_written_whole
-
-Progress = Callable[[str, int, int], None]
 
 
 @dataclass(frozen=True)
@@ -54,7 +51,7 @@ def track(
     *,
     setup: Path | str | None = None,
     workers: int = 1,
-    progress: Progress | None = None,
+    progress: NamedProgress | None = None,
 ) -> TrackedStack:
     """Track the beads of an image stack and write a recording.
 

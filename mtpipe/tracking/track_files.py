@@ -20,8 +20,9 @@ import numpy as np
 
 from mtpipe.ground.errors import MtpipeError
 from mtpipe.ground.files import clear_leftovers
+from mtpipe.ground.types import FloatArray
 from mtpipe.ingest.tracked import COMMENT, PARQUET_KEY, Notes
-from mtpipe.recording.recording import AXES, FloatArray
+from mtpipe.recording.recording import AXES
 
 if TYPE_CHECKING:
     import pyarrow as pa

@@ -19,7 +19,7 @@ from mtpipe.crosschecking.prepared_bead import prepare
 from mtpipe.drift import subtract_drift
 from mtpipe.experiment.description import Experiment, Rest
 from mtpipe.experiment.from_setup import experiment_of
-from mtpipe.physics.camera import FloatArray
+from mtpipe.ground.types import FloatArray
 from mtpipe.physics.tether import Formula
 from mtpipe.recording.recording import Recording
 from mtpipe.setup.setup import Setup, parse_setup

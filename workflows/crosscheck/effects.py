@@ -17,7 +17,8 @@ import numpy as np
 
 from mtpipe.experiment import changes
 from mtpipe.experiment.description import Experiment, Rest
-from mtpipe.physics.camera import Camera, FloatArray
+from mtpipe.ground.types import FloatArray
+from mtpipe.physics.camera import Camera
 from mtpipe.physics.langevin import simulate_mode
 from mtpipe.recording.plateaus import find_plateaus
 from mtpipe.recording.recording import Recording

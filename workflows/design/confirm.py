@@ -29,8 +29,8 @@ from mtpipe.fit.model import TraceModel
 from mtpipe.fit.series import fit_series
 from mtpipe.fit.trace import fit_positions
 from mtpipe.ground.errors import FitError
+from mtpipe.ground.types import FloatArray
 from mtpipe.methods import fit_by_method
-from mtpipe.physics.camera import FloatArray
 from mtpipe.physics.tethered_bead import lever_nm
 from mtpipe.setup.setup import read_setup
 from mtpipe.simulation.linear import simulate_motion

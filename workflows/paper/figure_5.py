@@ -14,8 +14,8 @@ from quoted import CORRECTED_LIMIT_PN, NOT_PUBLIC, UNCORRECTED_LIMIT_PN
 from recovery import CORRECTIONS
 from setting import Bead, Setting, stepwise_traces
 
+from mtpipe.ground.types import FloatArray
 from mtpipe.methods.integrated_spectrum import fit_spectrum, lorentzian
-from mtpipe.physics.camera import FloatArray
 
 FORCES_PN = (UNCORRECTED_LIMIT_PN, CORRECTED_LIMIT_PN)
 FRAMES = 16384

@@ -16,8 +16,9 @@ from dataclasses import dataclass
 import numpy as np
 from scipy import optimize
 
+from mtpipe.ground.types import FloatArray
 from mtpipe.methods.integrated_spectrum import Correction, lorentzian
-from mtpipe.physics.camera import Camera, FloatArray, power_spectrum
+from mtpipe.physics.camera import Camera, power_spectrum
 
 ORDINATES = 512
 MOST_ROUNDS = 100

@@ -20,8 +20,9 @@ from setting import Bead
 
 import mtpipe
 from mtpipe.ground.errors import FitError
+from mtpipe.ground.types import FloatArray
 from mtpipe.methods.integrated_spectrum import Correction, fit_spectrum
-from mtpipe.physics.camera import Camera, FloatArray, power_spectrum
+from mtpipe.physics.camera import Camera, power_spectrum
 
 CORRECTIONS = {
     "arctangent-uncorrected": Correction(False, ()),

@@ -16,9 +16,10 @@ import numpy as np
 from quoted import TIME_STEP_S
 from scipy import optimize
 
+from mtpipe.ground.types import FloatArray
 from mtpipe.physics import camera as cam
 from mtpipe.physics.buffer import thermal_energy_pN_nm
-from mtpipe.physics.camera import Camera, FloatArray
+from mtpipe.physics.camera import Camera
 from mtpipe.physics.friction import stokes_pN_s_per_nm
 from mtpipe.physics.langevin import simulate_axis
 from mtpipe.physics.tether import Chain, extension_nm, stiffness_pN_per_nm

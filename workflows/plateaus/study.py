@@ -24,7 +24,7 @@ from scipy import stats
 
 from mtpipe.drift import subtract_drift
 from mtpipe.experiment.description import Experiment, Rest, Stage
-from mtpipe.physics.camera import FloatArray
+from mtpipe.ground.types import FloatArray
 from mtpipe.recording.plateaus import find_plateaus
 from mtpipe.recording.recording import Plateau, Recording
 from mtpipe.setup.setup import Setup, parse_setup

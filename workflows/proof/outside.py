@@ -16,7 +16,7 @@ import numpy as np
 
 from mtpipe.experiment.changes import scaled_contour_length, scaled_viscosity
 from mtpipe.experiment.description import Experiment
-from mtpipe.physics.camera import FloatArray
+from mtpipe.ground.types import FloatArray
 from mtpipe.recording.recording import Recording
 from mtpipe.setup.setup import Setup
 from mtpipe.simulation.simulate import Engine, simulate_experiment

@@ -8,7 +8,7 @@ import numpy as np
 from scipy.ndimage import uniform_filter1d
 
 from mtpipe.experiment.description import Experiment
-from mtpipe.physics.camera import FloatArray
+from mtpipe.ground.types import FloatArray
 from mtpipe.recording.recording import Recording
 
 # A stuck bead stays stuck for so long on average; the stage's motion is known from so long.

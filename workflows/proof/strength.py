@@ -32,7 +32,8 @@ from mtpipe.experiment.description import (
 from mtpipe.experiment.readout import force_course, readout
 from mtpipe.experiment.recorded_modes import BeadState
 from mtpipe.experiment.state import bead_state
-from mtpipe.physics.camera import FloatArray, power_spectrum
+from mtpipe.ground.types import FloatArray
+from mtpipe.physics.camera import power_spectrum
 
 BINS = 28
 Z_ZERO_NM, HEIGHT_NM = 0.3, 0.1

@@ -14,9 +14,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from mtpipe.ground.types import FloatArray
 from mtpipe.physics import friction, tether
 from mtpipe.physics.buffer import thermal_energy_pN_nm
-from mtpipe.physics.camera import Camera, FloatArray
+from mtpipe.physics.camera import Camera
 from mtpipe.physics.langevin import simulate_axis
 from mtpipe.physics.modes import rotating_bead
 

@@ -24,7 +24,8 @@ from instrument import (
 )
 from several_beads import truth_of
 
-from mtpipe.physics.camera import Camera, FloatArray
+from mtpipe.ground.types import FloatArray
+from mtpipe.physics.camera import Camera
 
 SEED = 2027
 CAMERA = Camera(frame_s=1 / 150, exposure_s=1 / 150)

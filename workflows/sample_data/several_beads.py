@@ -22,7 +22,8 @@ from instrument import (
     tracked,
 )
 
-from mtpipe.physics.camera import Camera, FloatArray
+from mtpipe.ground.types import FloatArray
+from mtpipe.physics.camera import Camera
 from mtpipe.physics.langevin import simulate_mode
 
 SEED = 2026
