@@ -83,7 +83,9 @@ def find_lag(motion: Motion, edges: Sequence[Edge]) -> Lag | None:
     common, common_error = _common(straight, errors)
     where = np.array([0.5 * (edge.stop + edge.start) for edge in edges])
     expected = common + per_row * (where - middle)
-    certain = _beyond(common, common_error, exact) or per_row != 0
+    dwell = _shortest_dwell(edges, len(motion.time_s))
+    grows = per_row != 0 and common_error < dwell
+    certain = grows or _beyond(common, common_error, exact, dwell)
     shifts = expected if certain else np.zeros(len(edges))
     error = np.full(len(edges), common_error)
     own = []
@@ -92,6 +94,7 @@ def find_lag(motion: Motion, edges: Sequence[Edge]) -> Lag | None:
         allowed = SIGMAS * math.hypot(one.error, common_error if certain else 0.0) + 1
         if (
             abs(one.best - shifts[i]) > allowed
+            and one.error < dwell
             and one.nats_lost_at(shifts[i]) > OWN_NATS
             and not _also_at(motion, one, float(shifts[i]), allowed)
         ):
@@ -137,10 +140,20 @@ def _also_at(motion: Motion, one: EdgeLag, shift: float, allowed: float) -> bool
     return there is not None and there.seen and abs(there.best - shift) <= allowed
 
 
-def _beyond(common: float, error: float, seen: Sequence[EdgeLag]) -> bool:
-    """Whether the common lag is one, and not how beads and motors follow."""
+def _shortest_dwell(edges: Sequence[Edge], rows: int) -> int:
+    """Rows of the shortest dwell by the log."""
+    starts = [0, *(edge.start for edge in edges)]
+    stops = [*(edge.stop for edge in edges), rows]
+    return min(stop - start for start, stop in zip(starts, stops, strict=True))
+
+
+def _beyond(common: float, error: float, seen: Sequence[EdgeLag], dwell: int) -> bool:
+    """Whether the common lag is one, and not how beads and motors follow.
+
+    One that is less certain than the shortest dwell is long does not tell which dwell is which.
+    """
     allowed = float(np.median([one.systematic for one in seen])) + 1.0
-    return abs(common) > SIGMAS * error + allowed
+    return error < dwell and abs(common) > SIGMAS * error + allowed
 
 
 def _clock(rows: FloatArray, lags: FloatArray, errors: FloatArray) -> float:

@@ -7,7 +7,7 @@ import math
 import numpy as np
 
 from mtpipe.states.blocks import relaxation_frames
-from mtpipe.states.motion import Motion, middle
+from mtpipe.states.motion import Motion, independent_share, middle
 
 LEAST_FRAMES = 16
 # Standard errors by which sideways motion has to contradict heights for a change to be none of the
@@ -65,3 +65,20 @@ def heights_contradicted(motion: Motion, before: slice, after: slice) -> bool:
     wanted = float(np.median(asked))
     most = math.copysign(told, told * wanted) + CONTRADICTION_SIGMAS * stderr
     return most < min(abs(wanted) / 2, LEAST_LOG_CHANGE)
+
+
+def heights_go_both_ways(motion: Motion, before: slice, after: slice) -> bool:
+    """Whether some beads rise for certain and others fall, which no force makes them do, while
+    sideways motion shows no certain change of the force.
+    """
+    scores = []
+    for xyz in motion.position_nm.values():
+        sides = [xyz[rows, 2] for rows in (before, after)]
+        counts = [independent_share(z) * np.isfinite(z).sum() for z in sides]
+        if min(counts) > 0:
+            variance = sum(float(np.nanvar(z)) / n for z, n in zip(sides, counts, strict=True))
+            scores.append(float(np.nanmean(sides[1]) - np.nanmean(sides[0])) / math.sqrt(variance))
+    told, stderr = force_change(motion, before, after)
+    if not scores or abs(told) > CONTRADICTION_SIGMAS * stderr:
+        return False
+    return min(max(scores), -min(scores)) > CONTRADICTION_SIGMAS
