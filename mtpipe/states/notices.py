@@ -97,36 +97,40 @@ def part_notices(
     for change, before, after in zip(changes, parts[:-1], parts[1:], strict=True):
         if before not in kept or after not in kept:
             continue
-        ratio, error = force_change(motion, slice(*before), slice(*after))
         sides = motion, slice(*before), slice(*after)
-        both = heights_go_both_ways(*sides)
-        if both or heights_contradicted(*sides):
-            seen = (
-                "change at {:.2f} s, up for some and down for others, which no force does"
-                if both
-                else "change together at {:.2f} s, but their sideways motion does not change as a "
-                "force would make it"
-            ).format(motion.time_s[change.row])
-            what = "focus, references or beads themselves" if both else "focus or reference"
-            told = (
-                f"The heights of beads {seen} (sideways "
-                f"{100 * math.expm1(ratio):+.0f} ± {100 * error * math.exp(ratio):.0f} %): {what} "
-                f"moved. The plateau{position} is cut there; forces of both parts rest on their "
-                "own heights."
+        ratio, error = force_change(*sides)
+        sideways = f"{100 * math.expm1(ratio):+.0f} ± {100 * error * math.exp(ratio):.0f} %"
+        at = f"{motion.time_s[change.row]:.2f} s"
+        both_ways = heights_go_both_ways(*sides)
+        if both_ways or heights_contradicted(*sides):
+            told = _no_force(at, sideways, both_ways) + (
+                f" The plateau{position} is cut there; forces of both parts rest on their own "
+                "heights."
             )
             said.append(Notice(HEIGHT, "caution", told, plateau=number))
             continue
         told = (
-            f"All beads change together at {motion.time_s[change.row]:.2f} s, where the magnets' "
-            "log shows no move; by their sideways motion the force changes by "
-            f"{100 * math.expm1(ratio):+.0f} ± {100 * error * math.exp(ratio):.0f} %. The "
-            f"plateau{position} is cut there, and its magnet position is not trusted."
+            f"All beads change together at {at}, where the magnets' log shows no move; by their "
+            f"sideways motion the force changes by {sideways}. The plateau{position} is cut "
+            "there, and its magnet position is not trusted."
         )
         said.append(Notice(HIDDEN, "caution", told, plateau=number))
     for start, stop in parts:
         if (start, stop) not in kept:
             said.append(_left_out(motion, start, stop, "all beads change together before or after"))
     return said
+
+
+def _no_force(at: str, sideways: str, both_ways: bool) -> str:
+    if both_ways:
+        return (
+            f"The heights of beads change at {at}, up for some and down for others, which no force "
+            f"does (sideways {sideways}): focus, references or the beads themselves moved."
+        )
+    return (
+        f"The heights of all beads change together at {at}, but their sideways motion does not "
+        f"change as a force would make it ({sideways}): focus or reference moved."
+    )
 
 
 def _left_out(motion: Motion, start: int, stop: int, why: str) -> Notice:

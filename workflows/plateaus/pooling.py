@@ -19,7 +19,7 @@ import math
 import numpy as np
 from scipy import fft, special, stats
 
-from mtpipe.ground.types import FloatArray
+from mtpipe.recording.recording import FloatArray
 from mtpipe.states.level import WALKS, step_scores
 
 BLOCKS, PLATEAUS = 24, 8
