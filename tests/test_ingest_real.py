@@ -33,7 +33,10 @@ def test_cmaddry_run2_complete():
     assert recording.references == ("ref1", "ref2")
     assert recording.tethered == ("b1", "b2", "b3", "b4")
     assert np.isnan(recording.positions_nm["b1"][:400]).all()
-    assert np.isfinite(recording.positions_nm["b1"][400:]).mean() > 0.998
+    # 1.3 % are blocks that stand 256 rows earlier too: copies, which are lost
+    (copies,) = [notice for notice in recording.notices if notice.code == "repeated_rows"]
+    assert "those of 256 rows before" in copies.message
+    assert 0.985 < np.isfinite(recording.positions_nm["b1"][400:]).mean() < 0.99
     # columns and units: pair of stuck beads, first row of numbers
     difference = recording.positions_nm["ref1"] - recording.positions_nm["ref2"]
     assert np.nanstd(np.diff(difference[180_000:190_000], axis=0)) < 5

@@ -24,7 +24,7 @@ from typing import Any, Literal
 import plotly.offline  # noqa: F401
 
 from mtpipe.calibration.calibration import Calibration
-from mtpipe.cli.commands import main
+from mtpipe.cli.entry import main
 from mtpipe.pipeline import run as pipeline
 from mtpipe.recording.recording import Recording
 from mtpipe.report import pages
