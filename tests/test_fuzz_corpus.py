@@ -166,6 +166,15 @@ def test_a_virtual_dataset_of_itself_is_told(tmp_path):
     assert done.stdout == "('Z', 'plain') ['X', 'Y']\n60\n", done.stderr[-500:]
 
 
+def test_an_hdf5_name_that_is_no_utf_8_is_shown(tmp_path):
+    path = tmp_path / "r.h5"
+    with h5py.File(path, "w") as file:
+        file["Time"] = file["X"] = np.arange(60.0)
+    path.write_bytes(path.read_bytes().replace(b"Time\0", b"Tim\xff\0"))
+    table = open_arrays(path, "hdf5")
+    assert (table.names, list(table.unusable)) == (("X",), ["Tim\N{REPLACEMENT CHARACTER}"])
+
+
 @pytest.mark.parametrize("object_number", [0, 7])
 def test_a_heap_of_text_that_goes_round_and_round_is_told(tmp_path, object_number):
     """HDF5 never comes back from one, so it is read in a process of its own."""
