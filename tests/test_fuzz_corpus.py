@@ -3,8 +3,10 @@
 import gzip
 import io
 import re
+import struct
 import subprocess
 import sys
+import zlib
 from pathlib import Path
 
 import h5py
@@ -13,6 +15,7 @@ import pandas as pd
 import pyarrow as pa
 import pyarrow.parquet as pq
 import pytest
+import scipy.io
 from nptdms import ChannelObject, TdmsWriter
 
 import mtpipe
@@ -24,6 +27,7 @@ from mtpipe.ingest.arrays import open_arrays
 from mtpipe.ingest.bounded import BoundedReader
 from mtpipe.ingest.cells import is_number
 from mtpipe.ingest.data_files import open_stream
+from mtpipe.ingest.matlab_check import check_matlab
 from mtpipe.report.folder import RunFolderError, _read_table
 from mtpipe.setup.setup import read_setup
 from mtpipe.tracking.lookup_table import LookUpTable
@@ -120,6 +124,20 @@ def test_an_archive_that_announces_more_than_it_holds_is_told(tmp_path, name):
         )
 
 
+@pytest.mark.parametrize("packed", [False, True])
+def test_numbers_longer_than_their_matlab_array_are_told(packed):
+    stream = io.BytesIO()
+    scipy.io.savemat(stream, {"X": np.arange(60.0)})
+    content = bytearray(stream.getvalue())
+    at = len(content) - 480 - 4  # the length of the numbers, before them
+    content[at : at + 4] = b"\x00\x00\x00\xf0"
+    if packed:
+        array = zlib.compress(content[128:])
+        content[128:] = struct.pack("<II", 15, len(array)) + array
+    with pytest.raises(RecordingError, match="an element of 4026531840 bytes in an array of 5"):
+        check_matlab(io.BytesIO(content))
+
+
 def test_a_packed_file_that_unfolds_to_more_than_the_memory_is_told(tmp_path, monkeypatch):
     monkeypatch.setattr(announced, "memory_bytes", lambda: 1 << 20)
     np.save(tmp_path / "r.npy", np.zeros(100_000))
@@ -146,6 +164,15 @@ def test_a_virtual_dataset_of_itself_is_told(tmp_path):
         [sys.executable, "-c", read, str(path)], capture_output=True, text=True, check=False
     )
     assert done.stdout == "('Z', 'plain') ['X', 'Y']\n60\n", done.stderr[-500:]
+
+
+def test_an_hdf5_name_that_is_no_utf_8_is_shown(tmp_path):
+    path = tmp_path / "r.h5"
+    with h5py.File(path, "w") as file:
+        file["Time"] = file["X"] = np.arange(60.0)
+    path.write_bytes(path.read_bytes().replace(b"Time\0", b"Tim\xff\0"))
+    table = open_arrays(path, "hdf5")
+    assert (table.names, list(table.unusable)) == (("X",), ["Tim\N{REPLACEMENT CHARACTER}"])
 
 
 @pytest.mark.parametrize("object_number", [0, 7])

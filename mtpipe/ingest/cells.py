@@ -28,7 +28,7 @@ NO_NUMBER = re.compile(
 # Those that pyarrow passes over by itself, for speed; all others take a second look at the block.
 COMMON = ("", "nan", "NaN", "NAN", "-nan", "NA", "-1.#IND", "-1.#IND00", "-1.#IND000")
 # In one way only: a cell of many digits would be tried in each of several.
-NUMBER = r"^[+-]?(\d+({mark}\d*)?|{mark}\d+)([eEdD][+-]?\d+)?$"
+NUMBER = r"^[+-]?(?:\d+(?:{mark}\d*)?|{mark}\d+)(?:[eEdD][+-]?\d+)?$"
 MINUS_SIGN = "\N{MINUS SIGN}"
 
 

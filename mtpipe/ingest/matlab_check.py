@@ -52,7 +52,7 @@ def check_matlab(stream: BinaryIO) -> None:
             _check_packed(stream.read(length), order)
         else:
             head = stream.read(min(length, HEAD_BYTES))
-            _check_array(head, partial(_go_on, stream, head, length), order)
+            _check_array(head, partial(_go_on, stream, head, length), order, length)
         at += 8 + length
     stream.seek(0)
 
@@ -73,13 +73,13 @@ def _check_packed(packed: bytes, order: str) -> None:
         if kind != MATRIX:
             raise _damaged(f"a packed element of type {kind}")
         check_announced(length, len(packed), packed=True, where="")
-        _check_array(head[8:], lambda: zlib.decompress(packed)[8:], order)
+        _check_array(head[8:], lambda: zlib.decompress(packed)[8:], order, length)
     except zlib.error as error:
         raise _damaged(str(error)) from None
 
 
-def _check_array(head: bytes, whole: Callable[[], bytes], order: str) -> None:
-    """Check one array by its head, or by all of it where it has several parts."""
+def _check_array(head: bytes, whole: Callable[[], bytes], order: str, size: int) -> None:
+    """Check one array of `size` bytes by its head, or by all of it where it has several parts."""
     if not head:  # an empty cell
         return
     parts = _Parts(head, order)
@@ -94,7 +94,7 @@ def _check_array(head: bytes, whole: Callable[[], bytes], order: str) -> None:
     parts.next({INT8})
     several = kind not in NUMERIC or bool(flags & COMPLEX)
     parts.content = whole() if several else head
-    parts.may_end = not several
+    parts.size = len(parts.content) if several else size
     if kind in (CELL, STRUCT):
         if kind == STRUCT:
             parts.next({INT32})
@@ -102,7 +102,7 @@ def _check_array(head: bytes, whole: Callable[[], bytes], order: str) -> None:
         while not parts.at_end:
             start, length = parts.next({MATRIX})
             inner = parts.content[start : start + length]
-            _check_array(inner, partial(bytes, inner), order)
+            _check_array(inner, partial(bytes, inner), order, length)
         return
     if kind == SPARSE:
         parts.next({INT32, UINT32})
@@ -115,7 +115,7 @@ class _Parts:
     """The elements within an array, one after the other."""
 
     def __init__(self, content: bytes, order: str) -> None:
-        self.content, self.may_end = content, False
+        self.content, self.size = content, len(content)
         self._order, self._at = order, 0
 
     @property
@@ -135,8 +135,8 @@ class _Parts:
             following = start + length + -length % 8
         if kind not in kinds:
             raise _damaged(f"an element of type {kind} where {sorted(kinds)} may stand")
-        if start + length > len(self.content) and not self.may_end:
-            raise _damaged(f"an element of {length} bytes in an array of {len(self.content)}")
+        if start + length > self.size:
+            raise _damaged(f"an element of {length} bytes in an array of {self.size}")
         self._at = following
         return start, length
 
