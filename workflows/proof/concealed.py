@@ -18,6 +18,7 @@ import numpy as np
 import spoiled_traces
 
 from mtpipe.effects.hopping import Hopping
+from mtpipe.effects.z_crosstalk import Crosstalk
 from mtpipe.experiment import changes
 from mtpipe.experiment.changes import with_step
 from mtpipe.experiment.description import Experiment, ForceCourse, Line
@@ -188,6 +189,27 @@ def _turned(experiment: Experiment, random: np.random.Generator) -> Family:
     return Family(change, (2.0, 90.0), "°", {"sign": sign}, axes="xy")
 
 
+def _crosstalk(experiment: Experiment, random: np.random.Generator) -> Family:
+    direction = random.uniform(0, 2 * math.pi)
+    x, y = math.cos(direction), math.sin(direction)
+
+    def change(there: Experiment, size: float) -> Experiment:
+        return changes.with_step(there, Crosstalk(size * x, size * y))
+
+    return Family(change, (0.001, 0.6), "of x and y", {"x": x, "y": y}, axes="z")
+
+
+def _turning(experiment: Experiment, random: np.random.Generator) -> Family:
+    if not experiment.bead.turns:
+        raise ValueError("a bead that does not turn is not seen to")
+    sign = _sign(random)
+
+    def change(there: Experiment, size: float) -> Experiment:
+        return changes.with_bead(there, z_per_turn_nm=sign * size)
+
+    return Family(change, (1.0, 800.0), "nm/rad", {"sign": sign}, axes="z")
+
+
 def _aligned(experiment: Experiment, softness: float) -> Experiment:
     return changes.with_magnets(experiment, alignment_pN_nm=1e6 / softness)
 
@@ -272,6 +294,8 @@ EFFECTS = (
     Effect("multiple_tethers", "height", 1, _tethers),
     Effect("hopping", "hopping", 3, _hopping),
     Effect("force_drift", "course", 1, _force_drift),
+    Effect("z_crosstalk", "crosstalk", 2, _crosstalk),
+    Effect("bead_turning", "crosstalk", 1, _turning),
     Effect("anharmonic_tether", "regime", 0, regime="low force"),
     Effect(
         "hydrodynamic_memory",
