@@ -31,7 +31,7 @@ WORKS = """
 import os, sys, time
 from mtpipe.cli.entry import main
 from mtpipe.ground.processes import executor
-from mtpipe import commands
+from mtpipe.cli import commands
 
 def busy(_):
     # one write: two workers' lines may not mix
