@@ -123,8 +123,9 @@ def explain(
     if verdict == "unexplained":
         several = several_causes(before, begun, effects, random, say)
         if several:
+            named, case, found_first = [*corrections, *several], begun.case, 0
             verdict, kept, check, nearest = concluded(
-                before, begun.case.fit, [*corrections, *several], several[-1].after, None, random
+                before, case.fit, named, several[-1].after, None, random
             )
     # the last was compared with all others there, unless one of them has gone since
     compared = kept[-1:] if len(named) == found_first else []

@@ -3,7 +3,8 @@
 A real recording has four or five. Each by itself explains little, and with one of them alone
 recording and simulation may differ even more, so here likelihood alone decides which are taken:
 one more as long as it gains, and none that the others make needless. The battery speaks at the end:
-if recording and simulation do not agree with all of them, none is named.
+if recording and simulation do not agree with all of them, none is named. Nor is any where a search
+that begins with another effect ends with other causes that agree as well.
 """
 
 from __future__ import annotations
@@ -37,7 +38,7 @@ def several_causes(
     say: Callable[[str], None],
 ) -> list[Named]:
     """The causes that together make recording and simulation agree, in the order found; none where
-    they do not, or where fewer than two do.
+    they do not, or where others do so too.
 
     Parameters
     ----------
@@ -45,7 +46,15 @@ def several_causes(
     """
     say("trying several causes at once")
     found = _agreeing(first, begun, effects, random, say)
-    return [] if found is None else _in_order(begun, *found, random)
+    if found is None:
+        return []
+    named = _in_order(begun, *found, random)
+    if named:
+        say("beginning with another effect")
+        other = _agreeing(first, begun, effects, random, say, beside=found[0][0])
+        if other is not None and _names(other[0]) != _names(found[0]):
+            return []
+    return named
 
 
 def _agreeing(
@@ -54,8 +63,15 @@ def _agreeing(
     effects: Sequence[Effect],
     random: np.random.Generator,
     say: Callable[[str], None],
+    beside: FittedEffect | None = None,
 ) -> tuple[list[FittedEffect], BeadCheck] | None:
-    """As few effects as recording and simulation agree with, by likelihood, forward and back."""
+    """As few effects as recording and simulation agree with, by likelihood, forward and back; None
+    where there are fewer than two.
+
+    Parameters
+    ----------
+    beside : an effect with which the search does not begin.
+    """
     evidence, without = evidence_of(begun), begun.case.fit
     chosen: list[FittedEffect] = []
     fit = without
@@ -73,12 +89,20 @@ def _agreeing(
                 return chosen, check
         if not able:
             break
-        one = looking_ahead(fit, able)[0] if not chosen else able[0]
-        now, with_it = _needed(without, [*chosen, one], one.fit)
-        if {other.effect.name for other in now} == {other.effect.name for other in chosen}:
+        if not chosen:
+            able = looking_ahead(fit, able)
+            able = [one for one in able if beside is None or one.effect != beside.effect]
+            if not able:
+                break
+        now, with_it = _needed(without, [*chosen, able[0]], able[0].fit)
+        if _names(now) == _names(chosen):
             break
         chosen, fit = now, with_it
     return None
+
+
+def _names(chosen: Sequence[FittedEffect]) -> set[str]:
+    return {one.effect.name for one in chosen}
 
 
 def _needed(

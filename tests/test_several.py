@@ -1,0 +1,68 @@
+"""Several causes at once, on small recordings with a fixed seed."""
+
+import itertools
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from mtpipe.crosschecking.check import check_bead
+from mtpipe.crosschecking.prepared_bead import prepare
+from mtpipe.diagnosis.several import several_causes
+from mtpipe.drift import subtract_drift
+from mtpipe.effects.catalogue import OWN
+from tests.small_case import generator, raw
+
+NAMES = ("z_crosstalk", "lateral_scale", "viscosity", "axial_scale")
+
+
+def changed(matrix):
+    """A recording whose bead is seen through a matrix, about its mean in x and y."""
+    recording = subtract_drift(raw(3))
+    xyz = recording.positions_nm["b1"].copy()
+    for plateau in recording.plateaus:
+        rows = slice(plateau.start, plateau.stop)
+        centre = np.array([*xyz[rows, :2].mean(axis=0), 0.0])
+        xyz[rows] = (xyz[rows] - centre) @ np.asarray(matrix).T + centre
+    return replace(recording, positions_nm=recording.positions_nm | {"b1": xyz})
+
+
+def found(recording, names):
+    effects = [effect for effect in OWN if effect.name in names]
+    check = check_bead(prepare(recording, "b1"), generator(5), rounds=(24,))
+    named = several_causes(check, check, effects, generator(6), lambda step: None)
+    return check, named
+
+
+@pytest.fixture(scope="module")
+def seen():
+    return changed([[1.0, 0.0, 0.0], [0.0, 1.25, 0.0], [0.3, 0.2, 1.0]])
+
+
+def test_two_causes_are_named_together_with_their_sizes(seen):
+    check, named = found(seen, NAMES)
+    assert check.p_value < 1e-3
+    assert {one.name for one in named} == {"z_crosstalk", "lateral_scale"}
+    fit = named[-1].after.case.fit
+    experiment = fit.model.described(fit.theta)
+    sizes = {
+        name: value for one in named for name, value, _ in one.found.effect.strengths(experiment)
+    }
+    # standard errors are some 0.005 for slopes and 2 % for the scale
+    assert sizes["slope_x"] == pytest.approx(0.3, abs=0.03)
+    assert sizes["factor_y"] == pytest.approx(1.25, rel=0.08)
+    assert named[0].before is check
+    assert all(a.after is b.before for a, b in itertools.pairwise(named))
+    assert named[-1].after.p_value > 0.01
+    assert all(one.heldout_gain > 0 for one in named)
+
+
+def test_without_one_of_the_causes_none_is_named(seen):
+    check, named = found(seen, ("lateral_scale", "viscosity", "axial_scale"))
+    assert check.p_value < 1e-3
+    assert named == []
+
+
+def test_nothing_is_found_where_nothing_is_concealed():
+    _, named = found(subtract_drift(raw(3)), NAMES)
+    assert named == []
