@@ -158,8 +158,8 @@ def _odd_text(text: str, random: Random) -> str:
         j = int(random.integers(len(rows[k])))
         if way <= 2:
             rows[k][j] = pick(random, CELLS)
-        elif way == 3:
-            rows[0][j % max(1, len(rows[0]))] = pick(random, NAMES)
+        elif way == 3 and rows[0]:
+            rows[0][j % len(rows[0])] = pick(random, NAMES)
         elif way == 4:
             rows[k] += [pick(random, CELLS)] * int(random.integers(1, 4))
         elif way == 5:
