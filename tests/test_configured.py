@@ -92,6 +92,9 @@ def test_inverses_and_determinants_are_those_of_lapack():
     none, ln_none = inverses(np.zeros((1, 3, 3)))
     assert np.isnan(none).all()
     assert np.isnan(ln_none).all()
+    # two axes with more in common than they have, which is the power of nothing
+    impossible = np.array([[[1.0, 0.0, 0.0], [0.0, 1.0, 2.0], [0.0, 2.0, 1.0]]])
+    assert np.isnan(inverses(impossible)[1]).all()
 
 
 def test_mean_heights_scatter_as_stated_where_noise_is_most_of_it(fitted):

@@ -240,9 +240,11 @@ def _whole(experiment: Experiment, tether: Tether, force_pN: float) -> tuple[flo
 def _softer(modes: RecordedModes, experiment: Experiment) -> RecordedModes:
     """Modes of one axis each, with z as soft as it is allowed to be."""
     softer, covariance = experiment.allowance.upward_variance, modes.covariance_nm2.copy()
+    # what z has of the bead's turning is of one mode with x or y, and no matter of the spring
+    upward = (covariance[..., 0, 0] == 0) & (covariance[..., 1, 1] == 0)
     # a motion that is larger on a softer spring is slower, too
-    tau_s = np.where(covariance[..., 2, 2] > 0, softer * modes.tau_s, modes.tau_s)
-    covariance[..., 2, 2] *= softer
+    tau_s = np.where(upward, softer * modes.tau_s, modes.tau_s)
+    covariance[..., 2, 2] *= np.where(upward, softer, 1.0)
     return RecordedModes(tau_s, covariance)
 
 

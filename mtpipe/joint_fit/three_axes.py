@@ -16,9 +16,9 @@ from mtpipe.ground.types import FloatArray
 
 @compiled
 def inverses(power: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Inverse (n_bins, 3, 3) and ln |det| (n_bins,) of symmetric matrices (n_bins, 3, 3).
+    """Inverse (n_bins, 3, 3) and ln det (n_bins,) of symmetric matrices (n_bins, 3, 3).
 
-    Of a matrix that has no inverse they are nan.
+    Of a matrix that is not positive definite, which no power is, they are nan.
     """
     inverse = np.empty_like(power)
     log_determinant = np.empty(len(power))
@@ -27,9 +27,9 @@ def inverses(power: FloatArray) -> tuple[FloatArray, FloatArray]:
         xy, xz, yz = power[i, 0, 1], power[i, 0, 2], power[i, 1, 2]
         a, b, c = yy * zz - yz * yz, xz * yz - xy * zz, xy * yz - xz * yy
         determinant = xx * a + xy * b + xz * c
-        if determinant == 0:
+        if not (xx > 0 and xx * yy > xy * xy and determinant > 0):
             determinant = math.nan
-        log_determinant[i] = math.log(abs(determinant))
+        log_determinant[i] = math.log(determinant)
         inverse[i, 0, 0] = a / determinant
         inverse[i, 1, 1] = (xx * zz - xz * xz) / determinant
         inverse[i, 2, 2] = (xx * yy - xy * xy) / determinant
