@@ -109,7 +109,9 @@ def _put(file: h5py.File, name: str, values: Any, random: Random) -> None:
         file[name] = h5py.Empty("f8")
     elif way == 5:
         layout = h5py.VirtualLayout((ROWS,), "f8")
-        layout[:] = h5py.VirtualSource(pick(random, (".", "other.h5")), name, (ROWS,))
+        source = pick(random, (".", "other.h5"))
+        # a sign of its own in names of virtual sources
+        layout[:] = h5py.VirtualSource(source, name.replace("%", "%%"), (ROWS,))
         file.create_virtual_dataset(name, layout)
     else:
         try:
