@@ -221,7 +221,9 @@ def _is_endless(node: h5py.Dataset, depth: int = 0) -> bool:
     """Whether a virtual dataset is one of virtual ones without end, which HDF5 would follow."""
     if depth > MOST_VIEWS or not node.is_virtual:
         return bool(node.is_virtual)
-    within = [node.file.get(s.dset_name) for s in node.virtual_sources() if s.file_name == "."]
+    # HDF5 writes a percent sign of a name as two
+    names = [s.dset_name.replace("%%", "%") for s in node.virtual_sources() if s.file_name == "."]
+    within = [node.file.get(name) for name in names]
     return any(_is_endless(one, depth + 1) for one in within if isinstance(one, h5py.Dataset))
 
 
