@@ -115,10 +115,14 @@ def with_turning(moved: RecordedModes, modes: NormalModes) -> RecordedModes:
     amplitude = modes.amplitude_nm.T[there]
     amplitude[:, 2] = turned[there]
     added = amplitude[:, :, None] * amplitude[:, None, :]
-    added[:, :2, :2] = 0.0
+    # x and y are those of the whole potential: what these modes have of them is taken off again, by
+    # modes of their own, as the power of two axes is looked for where both have some
+    sideways = added.copy()
+    sideways[:, 2], sideways[:, :, 2] = 0.0, 0.0
+    tau_s = modes.tau_s[there]
     return RecordedModes(
-        np.concatenate([moved.tau_s, modes.tau_s[there]]),
-        np.concatenate([moved.covariance_nm2, added]),
+        np.concatenate([moved.tau_s, tau_s, tau_s]),
+        np.concatenate([moved.covariance_nm2, added, -sideways]),
     )
 
 
