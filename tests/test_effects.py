@@ -538,6 +538,23 @@ def test_new_physics_of_another_package_is_simulated_as_expected_and_found(tmp_p
     assert sizes["flicker_z_nm"] == pytest.approx(2.0, rel=0.2)
 
 
+def test_turning_is_seen_in_z_and_y_together_where_the_whole_potential_is_followed():
+    """At 0.1 pN, step by step; eight bands, of 6 recordings each scattered by some 0.05."""
+    low = replace(LOW, anharmonic=True, rests=LOW.rests[:1])
+    turning = replace(low, bead=replace(low.bead, z_per_turn_nm=200.0))
+    seen = []
+    for seed in range(6):
+        model, _ = model_of(turning, np.random.default_rng((7, seed)))
+        expected, spectrum = model.expected(turning, 0, 0.1), model.data[0].spectrum
+        size = np.sqrt(expected.power[:, 1, 1] * expected.power[:, 2, 2])
+        both = [spectrum.power[:, 1, 2] / size, expected.power[:, 1, 2] / size]
+        seen.append([[part.mean() for part in np.array_split(one, 8)] for one in both])
+    recorded_share, expected_share = np.mean(seen, axis=0)
+    assert expected_share[3] > 0.15
+    np.testing.assert_allclose(recorded_share, expected_share, atol=0.25)
+    np.testing.assert_allclose(recorded_share[4:], expected_share[4:], atol=0.06)
+
+
 def test_an_effect_of_another_package_can_be_listed_and_pinned(tmp_path, monkeypatch):
     table = {"effects": ["persistence_length"], "persistence_length": {"persistence_nm": 46.0}}
     with pytest.raises(SetupError, match="persistence_length"):

@@ -25,7 +25,7 @@ from mtpipe.joint_fit.fit import ConfiguredFit
 from mtpipe.joint_fit.hypotheses import FittedEffect, looking_ahead, together, try_effects
 
 # What an effect gains beyond this (nats) is taken before recording and simulation are compared.
-NEAR_NATS = 20.0
+UNDISPUTED_NATS = 20.0
 # More causes than any recording was seen to have: the search ends, whatever they gain.
 MOST_CAUSES = 9
 
@@ -78,7 +78,7 @@ def _agreeing(
     while len(chosen) < MOST_CAUSES:
         tried = try_effects(fit, effects, evidence, beside=bool(chosen))
         able = [one for one in tried if one.net >= ALIKE_NATS]
-        if len(chosen) > 1 and (not able or able[0].net < NEAR_NATS):
+        if len(chosen) > 1 and (not able or able[0].net < UNDISPUTED_NATS):
             # what is left is small: is it anything?
             say("checking with " + ", ".join(one.effect.name for one in chosen))
             try:

@@ -26,7 +26,7 @@ class BoundedReader(io.BufferedReader):
         self._size = os.fstat(self.fileno()).st_size
 
     def read(self, size: int | None = -1, /) -> bytes:
-        """Read up to so many bytes, all that are left by default."""
+        """The next bytes, at most the number asked for; all that are left by default."""
         if size is not None and size > HARMLESS_BYTES:
             size = min(size, max(0, self._size - self.tell()))
         return super().read(size)

@@ -29,7 +29,7 @@ HEAD_BYTES = 128
 # Where MATLAB 7.3 keeps what cells and objects refer to.
 MATLAB_INNER = {"#refs#", "#subsystem#"}
 MOST_CELLS = 10_000
-# Virtual datasets of virtual ones, so many deep, have no end.
+# Virtual datasets nested deeper than this count as views of themselves.
 MOST_VIEWS = 8
 SIGNATURE = b"\x89HDF\r\n\x1a\n"
 

@@ -14,7 +14,7 @@ from typing import Any, BinaryIO
 
 # The mark with version 1 and three bytes of zeros, which numbers of a recording do not look like.
 MARK = b"GCOL\x01\x00\x00\x00"
-# HDF5 reads so much of a heap before it knows how long it is (H5HG_MINSIZE).
+# Bytes of a heap that HDF5 reads before it knows the heap's length (H5HG_MINSIZE).
 FIRST_BYTES = 4096
 ALIGNED = 8
 

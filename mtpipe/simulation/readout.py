@@ -27,7 +27,7 @@ from mtpipe.physics.normal_numbers import standard_normal
 # Stretches of constant force that stand for a plateau during which it changes, fewer where it would
 # change by less than this share within one. The course of the height is followed within them.
 MOST_PIECES, FEWEST_PIECES, PIECE_CHANGE = 24, 4, 0.05
-# What steps of the tether add to heights is a straight line between so many forces.
+# Forces at which the heights that steps of the tether add are calculated; linear between them.
 ADDED_POINTS = 201
 
 
