@@ -8,6 +8,7 @@ from mtpipe.effects import (
     anharmonic_tether,
     axial_scale,
     bead_radius,
+    bead_rocking,
     bead_turning,
     contour_length,
     drift,
@@ -62,6 +63,7 @@ OWN: tuple[Effect, ...] = tuple(
         hydrodynamic_memory,
         z_crosstalk,
         bead_turning,
+        bead_rocking,
     )
 )
 

@@ -49,7 +49,8 @@ class Bead:
     """A tethered bead.
 
     `turns`: its rotation about the field's axis couples to its motion. `offset_nm`: distance of the
-    tether's attachment from the vertical through the bead's centre; 0: at its lowest point.
+    tether's attachment from the vertical through the bead's centre, at rest and towards the
+    positive end of the field's axis, alike at all forces; 0: at its lowest point.
     `z_per_turn_nm`: nm per radian by which the recorded height follows its rotation about the
     field's axis, where its image turns with it (PHYSICS E25).
     """
@@ -83,14 +84,23 @@ class ForceCourse:
 class Magnets:
     """What the magnets do besides pulling.
 
-    `alignment_pN_nm`: torque stiffness with which the field holds the bead's axis along the field;
-    infinite where None. `sideways_per_nm`: lateral stiffness over force, in x and y. `courses`: of
-    the force in each plateau; none at all where it is steady everywhere.
+    `alignment_pN_nm`: torque stiffness with which the field holds the bead's axis against tilting,
+    at 1 pN; infinite where None. It goes with the force to the power `alignment_power`: 0, the
+    field is much the same wherever the magnets are; 1, the bead is far from saturated.
+    `sideways_per_nm`: lateral stiffness over force, in x and y. `courses`: of the force in each
+    plateau; none at all where it is steady everywhere.
     """
 
     alignment_pN_nm: float | None = None
+    alignment_power: float = 0.0
     sideways_per_nm: float = 0.0
     courses: tuple[ForceCourse, ...] = ()
+
+    def alignment_at(self, force_pN: NDArray[np.float64]) -> NDArray[np.float64] | None:
+        """(…,) torque stiffness at forces (…,), pN nm; None where it is infinite."""
+        if self.alignment_pN_nm is None:
+            return None
+        return np.asarray(self.alignment_pN_nm * force_pN**self.alignment_power)
 
     def course(self, plateau: int) -> ForceCourse:
         """The force's course in a plateau."""
@@ -227,3 +237,8 @@ class Experiment:
     clock: Clock = Clock()
     allowance: Allowance = Allowance()
     anharmonic: bool = False
+
+    @property
+    def rocks(self) -> bool:
+        """Whether the bead tilts, and its tilt moves its height (PHYSICS E26)."""
+        return self.magnets.alignment_pN_nm is not None and self.bead.offset_nm != 0

@@ -34,6 +34,7 @@ class BeadState:
     stepped : the experiment, where the motion is followed step by step through the whole potential;
         None where it is followed by expansion.
     memory_s : time of hydrodynamic memory, which is in none of them; 0: none.
+    rocking : of a bead whose tilt moves its height; None: none does.
     """
 
     force_pN: float
@@ -45,11 +46,22 @@ class BeadState:
     moved: RecordedModes
     stepped: Experiment | None = None
     memory_s: float = 0.0
+    rocking: Rocking | None = None
 
     @property
     def upward(self) -> int:
         """Which of the modes is the harmonic motion away from the surface."""
         return int(np.argmax(np.abs(self.modes.shape[UP])))
+
+
+@dataclass(frozen=True, eq=False)
+class Rocking:
+    """Of a bead whose tilt stretches its tether: the modes as if it did not, and (d,) how much each
+    coordinate stretches it.
+    """
+
+    apart: NormalModes
+    stretch: FloatArray
 
 
 @dataclass(frozen=True, eq=False)
@@ -77,7 +89,7 @@ def recorded_modes(state: BeadState) -> RecordedModes:
     times, parts = [], []
     for axis in range(3):
         variance = state.moved.covariance_nm2[:, axis, axis]
-        there = variance > ROUNDING * variance.sum()
+        there = np.abs(variance) > ROUNDING * np.abs(variance).sum()
         tau_s, found = remembering(state.moved.tau_s[there], variance[there], state.memory_s)
         of_axis = np.zeros((len(tau_s), 3, 3))
         of_axis[:, axis, axis] = found
@@ -90,6 +102,9 @@ def followed_modes(state: BeadState) -> RecordedModes:
     """Modes of x, y and z as a simulation follows them; without memory."""
     if state.stepped is not None:
         return state.moved
+    if state.rocking is not None:
+        apart = state.rocking.apart
+        return with_rocking(by_expansion(apart, state.bending, state.axial), apart, state.modes)
     return by_expansion(state.modes, state.bending, state.axial)
 
 
@@ -123,6 +138,27 @@ def with_turning(moved: RecordedModes, modes: NormalModes) -> RecordedModes:
     return RecordedModes(
         np.concatenate([moved.tau_s, tau_s, tau_s]),
         np.concatenate([moved.covariance_nm2, added, -sideways]),
+    )
+
+
+def _linear(modes: NormalModes) -> RecordedModes:
+    """The linear motion, z with it."""
+    amplitude = modes.amplitude_nm.T
+    return RecordedModes(modes.tau_s, amplitude[:, :, None] * amplitude[:, None, :])
+
+
+def with_rocking(moved: RecordedModes, apart: NormalModes, rocking: NormalModes) -> RecordedModes:
+    """Motion of a bead whose tilt moves its height (PHYSICS E26): the motion as if it did not, and
+    what the linear motion changes by it.
+
+    Parameters
+    ----------
+    apart, rocking : modes of the linear motion without and with it.
+    """
+    less, more = _linear(apart), _linear(rocking)
+    return RecordedModes(
+        np.concatenate([moved.tau_s, more.tau_s, less.tau_s]),
+        np.concatenate([moved.covariance_nm2, more.covariance_nm2, -less.covariance_nm2]),
     )
 
 

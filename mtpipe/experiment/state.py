@@ -21,12 +21,14 @@ is described by expansion alone, which is what it leaves out.
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from mtpipe.experiment.description import Experiment
 from mtpipe.experiment.frictions import LEAST_HEIGHT_NM, frictions_at
+from mtpipe.experiment.lateral import Lateral, lateral
 from mtpipe.experiment.recorded_modes import (
     ACROSS,
     ALONG,
@@ -34,9 +36,11 @@ from mtpipe.experiment.recorded_modes import (
     UP,
     BeadState,
     RecordedModes,
+    Rocking,
     by_expansion,
     joined,
     recorded_modes,
+    with_rocking,
     with_turning,
 )
 from mtpipe.experiment.tethers import Tether, tethers_at
@@ -97,8 +101,9 @@ def bead_states(experiment: Experiment, forces_pN: Sequence[float]) -> list[Bead
     """
     tethers = tethers_at(experiment.chain, forces_pN)
     force, end = np.array(forces_pN), np.array([tether.end_nm for tether in tethers])
-    lateral = _lateral(experiment, force, end, force * experiment.magnets.sideways_per_nm)
-    extension = _hanging(experiment, force, end, lateral)[0]
+    holding = experiment.magnets.alignment_at(force)
+    beside = lateral(experiment, force, end, force * experiment.magnets.sideways_per_nm, holding)
+    extension = _heights(experiment, force, end, beside)[0]
     whole: dict[int, RecordedModes] = {}
     found: dict[int, BeadState | FitError] = {}
     if experiment.anharmonic and has_whole_motion(experiment):
@@ -124,7 +129,7 @@ def bead_states(experiment: Experiment, forces_pN: Sequence[float]) -> list[Bead
             force[held],
             [tethers[i] for i in held],
             extension[held],
-            (lateral[0][held], lateral[1][held], lateral[2]),
+            beside.chosen(held),
             [whole.get(i) for i in held],
         )
         found.update(zip(held, states, strict=True))
@@ -136,7 +141,7 @@ def _held(
     force_pN: FloatArray,
     tethers: Sequence[Tether],
     extension_nm: FloatArray,
-    lateral: tuple[FloatArray, FloatArray, FloatArray],
+    beside: Lateral,
     whole: Sequence[RecordedModes | None],
 ) -> list[BeadState]:
     """States at forces that hold the bead off the surface.
@@ -144,7 +149,7 @@ def _held(
     Parameters
     ----------
     force_pN, tethers, extension_nm : n of each, the mean heights.
-    lateral : as `_lateral` has it; the stiffness is completed.
+    beside : of the bead at the forces.
     whole : n, motion through the whole potential, None where that is not taken.
     """
     energy = experiment.fluid.thermal_energy_pN_nm
@@ -157,9 +162,7 @@ def _held(
     # is in it: what they have beyond is not the straight chain's
     tilted = (energy / force_pN) ** 2 * (gives**2 - 1)
     straight = np.maximum(variance - tilted, LEAST_STRAIGHT * variance)
-    stiffness, swing, turn = lateral
-    stiffness[:, UP, UP] = energy / straight
-    coordinates = stiffness.shape[-1]
+    coordinates = beside.stiffness.shape[-1]
     readout = np.zeros((3, coordinates))
     readout[experiment.along, ALONG] = readout[1 - experiment.along, ACROSS] = readout[2, UP] = 1
     if experiment.bead.turns:
@@ -167,35 +170,43 @@ def _held(
     # heights where the bead spends its time; the outermost are not below the surface
     spread, middle = np.sqrt(variance)[:, None], extension_nm[:, None]
     heights = np.maximum(middle + spread * _HEIGHTS, LEAST_SHARE * middle)
-    motion = LinearMotion(stiffness, _friction(experiment, heights, coordinates), readout)
-    modes = normal_modes(motion, energy)
+    friction = _friction(experiment, heights, coordinates)
+    length = energy / straight
+    motion = LinearMotion(beside.with_length(length), friction, readout)
+    modes = apart = normal_modes(motion, energy)
+    if experiment.rocks:
+        upright = replace(motion, stiffness=beside.with_length(length, rocks=False))
+        apart = normal_modes(upright, energy)
     allowed = straight * experiment.allowance.upward_variance
     axial = _axial(experiment, tethers, extension_nm, allowed)
-    bending = -gives[:, None, None] * swing - turn
-    closed = _closed(experiment, tethers, force_pN, extension_nm, modes)
+    bending = -gives[:, None, None] * beside.swing - beside.turn
+    closed = _closed(experiment, tethers, force_pN, extension_nm, apart)
     # a share of memory is all of it with a shorter time
     fluid = experiment.fluid
     memory_s = fluid.memory**2 * memory_time_s(experiment.bead.radius_nm, fluid.viscosity_mPa_s)
     found = []
     for i, low in enumerate(_low_shares(experiment, force_pN, end)):
-        of_one, moved, by_itself = modes.of(i), closed.of(i), axial.of(i)
+        of_one, moved, by_itself = apart.of(i), closed.of(i), axial.of(i)
         if low > 0:
             lowest = by_expansion(of_one, bending[i], by_itself)
             if (moves := whole[i]) is not None:
                 lowest = with_turning(moves, of_one)
             moved = lowest if low == 1 else _mixed(lowest, low, moved)
+        if experiment.rocks:
+            moved = with_rocking(moved, of_one, modes.of(i))
         stepped = None if whole[i] is None else experiment
         found.append(
             BeadState(
                 float(force_pN[i]),
                 float(extension_nm[i]),
                 motion.of(i),
-                of_one,
+                modes.of(i),
                 bending[i],
                 by_itself,
                 moved,
                 stepped,
                 memory_s,
+                Rocking(of_one, beside.stretch[i]) if experiment.rocks else None,
             )
         )
     return found
@@ -205,11 +216,9 @@ def has_whole_motion(experiment: Experiment) -> bool:
     """Whether the experiment's bead has a whole potential to move through.
 
     A bead that hangs stiffly on its tether is an approximation of one that turns, and has no
-    potential; one that is attached beside its lowest point and may tilt leans, which the
-    description leaves out.
+    potential; one that rocks is only followed about its mean.
     """
-    leans = experiment.magnets.alignment_pN_nm is not None and experiment.bead.offset_nm > 0
-    return experiment.bead.turns and not leans
+    return experiment.bead.turns and not experiment.rocks
 
 
 def low_share(experiment: Experiment, force_pN: float) -> float:
@@ -266,9 +275,10 @@ def _closed(
     end = np.array([tether.end_nm for tether in tethers])
     change = np.concatenate([step, -step])
     force, there = np.tile(force_pN, 2) + change, np.tile(end, 2) + np.tile(rises, 2) * change
-    lateral = _lateral(experiment, force, there, np.tile(aside, 2))
+    holding = experiment.magnets.alignment_at(np.tile(force_pN, 2))
+    beside = lateral(experiment, force, there, np.tile(aside, 2), holding)
     (higher, lower), (more, less) = (
-        np.split(one, 2) for one in _hanging(experiment, force, there, lateral)
+        np.split(one, 2) for one in _heights(experiment, force, there, beside)
     )
     # a force at which the surface holds the tether's end up changes its height by less than theory
     least = LEAST_STRAIGHT * np.array([tether.variance_nm2 for tether in tethers])
@@ -278,30 +288,30 @@ def _closed(
     return _softer(joined(modes, *coupled_height_modes(height, modes, with_height)), experiment)
 
 
-def _hanging(
+def _heights(
     experiment: Experiment,
     force_pN: FloatArray,
     end_nm: FloatArray,
-    lateral: tuple[FloatArray, FloatArray, FloatArray],
+    beside: Lateral,
 ) -> tuple[FloatArray, FloatArray]:
     """Mean height (n,) of the bead's lowest point, and (n, d, d) covariance of its lateral
     coordinates.
 
     Parameters
     ----------
-    end_nm : (n,) mean heights of the tether's end. lateral : as `_lateral` has it there.
+    end_nm : (n,) mean heights of the tether's end. beside : of the bead there.
     """
-    energy, bead = experiment.fluid.thermal_energy_pN_nm, experiment.bead
-    stiffness, swing, turn = lateral
+    energy, stiffness = experiment.fluid.thermal_energy_pN_nm, beside.stiffness
     sideways = np.array([i for i in range(stiffness.shape[-1]) if i != UP])
     block = (slice(None), sideways[:, None], sideways)
     covariance = np.zeros_like(stiffness)
     covariance[block] = energy * np.linalg.inv(stiffness[block])
-    sinks = np.sum((swing + turn) * covariance, axis=(1, 2)) / 2
+    sinks = np.sum((beside.swing + beside.turn) * covariance, axis=(1, 2)) / 2
     # the chain's mean height has the swinging of a free end in it, kT/F; what this bead's swinging
     # and tilting lowers it by stands in its place. A tether that is attached beside the bead's
     # lowest point ends above it
-    return end_nm - (bead.radius_nm - bead.lever_nm) + energy / force_pN - sinks, covariance
+    below = experiment.bead.radius_nm - experiment.bead.lever_nm
+    return end_nm - below + energy / force_pN - sinks, covariance
 
 
 def expected_spectrum(
@@ -341,48 +351,6 @@ def _axial(
     weight = np.array([tether.weight for tether in tethers])
     density = weight / (height[:, 1] - height[:, 0])[:, None]
     return AxialMotion(height, density, mobility, fluid.thermal_energy_pN_nm)
-
-
-def _lateral(
-    experiment: Experiment, force_pN: FloatArray, end_nm: FloatArray, aside_pN_per_nm: FloatArray
-) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """Stiffness of x, y and the bead's angles (z's is 0), and how they lower the bead: twice the
-    forms by which the tether's swinging does, and the bead's turning; (n, d, d), the last (d, d).
-    PHYSICS section 2, E3, E15 and E20.
-
-    With an angle φ the tether's end is at y − aφ, a the bead's lever; bead and end sink by aφ²/2 +
-    (y − aφ)²/2L. Without one the bead hangs stiffly on its tether (across) or keeps upright
-    (along).
-
-    Parameters
-    ----------
-    force_pN, end_nm : (n,), the mean heights of the tether's end.
-    aside_pN_per_nm : (n,) lateral stiffness that the magnets add.
-    """
-    lever, magnets = experiment.bead.lever_nm, experiment.magnets
-    turns, tilts = experiment.bead.turns, magnets.alignment_pN_nm is not None
-    coordinates = 3 + turns + tilts
-    swing = np.zeros((len(force_pN), coordinates, coordinates))
-    turn = np.zeros((coordinates, coordinates))
-    angles = {ACROSS: ANGLE} if turns else {}
-    if tilts:
-        angles[ALONG] = ANGLE + turns
-    for sideways, length in ((ALONG, end_nm), (ACROSS, end_nm + lever)):
-        if sideways not in angles:
-            swing[:, sideways, sideways] = 1 / length
-            continue
-        angle = angles[sideways]
-        both = np.array([sideways, angle])
-        swing[:, both[:, None], both] = (
-            np.array([[1, -lever], [-lever, lever**2]]) / end_nm[:, None, None]
-        )
-        turn[angle, angle] = lever
-    stiffness = force_pN[:, None, None] * (swing + turn)
-    stiffness[:, ALONG, ALONG] += aside_pN_per_nm
-    stiffness[:, ACROSS, ACROSS] += aside_pN_per_nm
-    if magnets.alignment_pN_nm is not None:
-        stiffness[:, angles[ALONG], angles[ALONG]] += magnets.alignment_pN_nm
-    return stiffness, swing, turn
 
 
 def _friction(experiment: Experiment, heights_nm: FloatArray, coordinates: int) -> FloatArray:

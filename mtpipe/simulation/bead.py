@@ -29,7 +29,8 @@ class BrownianBead:
     along : 0 or 1, the axis (x or y) of the field.
     wall : friction depends on the height above the surface.
     turns : the bead turns freely about the field's axis, and its attachment swings with it.
-    alignment_pN_nm : torque stiffness κ that holds the bead's axis along the field; None: locked.
+    alignment_pN_nm : torque stiffness κ that holds the bead's axis along the field, a number or one
+        for each frame; None: locked.
     sideways_per_nm : stiffness over force with which the magnets hold the bead's centre along x and
         y, about where it is with the tether upright and the bead as the field holds it.
     attachment_angle_rad : polar angle of the attachment from the lowest point, towards the
@@ -45,7 +46,7 @@ class BrownianBead:
     along: int = 0
     wall: bool = True
     turns: bool = True
-    alignment_pN_nm: float | None = None
+    alignment_pN_nm: float | FloatArray | None = None
     sideways_per_nm: float = 0.0
     attachment_angle_rad: float = 0.0
     upward_friction: float = 1.0
@@ -59,12 +60,17 @@ class BrownianBead:
             raise ValueError("force_pN must not be negative")
         if self.along not in (0, 1):
             raise ValueError(f"along = {self.along}: the field lies along axis 0 (x) or 1 (y)")
-        if self.alignment_pN_nm is not None and not self.alignment_pN_nm > 0:
+        if self.alignment_pN_nm is not None and not np.all(np.asarray(self.alignment_pN_nm) > 0):
             raise ValueError(f"alignment_pN_nm = {self.alignment_pN_nm}: must be positive")
         if not self.sideways_per_nm >= 0:
             raise ValueError(f"sideways_per_nm = {self.sideways_per_nm}: must not be negative")
-        if not 0 <= self.attachment_angle_rad < np.pi / 2:
-            raise ValueError("attachment_angle_rad must be at least 0 and less than pi/2")
+        if not abs(self.attachment_angle_rad) < np.pi / 2:
+            raise ValueError("attachment_angle_rad must be between -pi/2 and pi/2")
+
+    @property
+    def holding_pN_nm(self) -> float | FloatArray:
+        """Torque stiffness of the field; 0 where the bead's axis is locked."""
+        return 0.0 if self.alignment_pN_nm is None else self.alignment_pN_nm
 
     @property
     def thermal_energy_pN_nm(self) -> float:
@@ -73,18 +79,28 @@ class BrownianBead:
 
 
 def brownian_bead(experiment: Experiment, force_pN: float | FloatArray) -> BrownianBead:
-    """The bead of a described experiment, at a force or a force for each frame."""
+    """The bead of a described experiment, at a force or a force for each frame.
+
+    One that rocks is turned by the force, and rests as described at the mean of the forces.
+    """
+    bead, magnets = experiment.bead, experiment.magnets
+    angle = math.asin(bead.offset_nm / bead.radius_nm)
+    held = magnets.alignment_at(np.asarray(force_pN))
+    if held is not None:
+        # where the pull on the attachment has turned the bead, M sin δ = F d, it is held by M cos δ
+        turned = np.arctan2(force_pN * bead.offset_nm, held)
+        angle, held = angle + float(np.mean(turned)), held / np.cos(turned)
     return BrownianBead(
         experiment.chain,
         force_pN,
-        experiment.bead.radius_nm,
+        bead.radius_nm,
         experiment.fluid.viscosity_mPa_s,
         along=experiment.along,
         wall=experiment.fluid.wall,
-        turns=experiment.bead.turns,
-        alignment_pN_nm=experiment.magnets.alignment_pN_nm,
-        sideways_per_nm=experiment.magnets.sideways_per_nm,
-        attachment_angle_rad=math.asin(experiment.bead.offset_nm / experiment.bead.radius_nm),
+        turns=bead.turns,
+        alignment_pN_nm=held,
+        sideways_per_nm=magnets.sideways_per_nm,
+        attachment_angle_rad=angle,
         upward_friction=experiment.allowance.upward_friction,
-        z_per_turn_nm=experiment.bead.z_per_turn_nm,
+        z_per_turn_nm=bead.z_per_turn_nm,
     )

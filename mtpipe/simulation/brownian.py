@@ -105,7 +105,7 @@ def simulate_bead(
         bead.wall,
         bead.turns,
         bead.alignment_pN_nm is not None,
-        bead.alignment_pN_nm or 0.0,
+        np.ascontiguousarray(np.broadcast_to(bead.holding_pN_nm, (frames,))),
         bead.sideways_per_nm,
         bead.z_per_turn_nm,
         random,
@@ -140,7 +140,7 @@ def longest_time_step_s(bead: BrownianBead, camera: Camera) -> float:
     if bead.turns or bead.alignment_pN_nm is not None:
         side = np.sin(bead.attachment_angle_rad) * lever
         torque = stiffness * side**2 + tension / stretched * lever**2 + tension * lever
-        fastest += (torque + (bead.alignment_pN_nm or 0.0)) * turns
+        fastest += (torque + float(np.max(bead.holding_pN_nm))) * turns
         limits.append(0.005 / (kT * turns))
     limits.append(0.8 / fastest)
     if bead.wall:

@@ -93,7 +93,7 @@ def advance(
     wall: bool,
     turns: bool,
     tilts: bool,
-    hold: float,
+    holds: FloatArray,
     sideways: float,
     z_per_turn: float,
     random: np.random.Generator,
@@ -105,7 +105,7 @@ def advance(
     forces : (frames,) pN. per_frame, exposed : steps. sine, cosine : of the attachment's angle.
     secant, nodes_per_nm : the chain's tension over distance, and how dense its table is.
     frictions : `friction_table` for the time step.
-    hold : torque stiffness of the field, pN nm, where the bead tilts.
+    holds : (frames,) torque stiffness of the field, pN nm, where the bead tilts.
     sideways : lateral stiffness of the magnets over their force, per nm.
     z_per_turn : nm of recorded height per radian of the bead's turn about the field.
     """
@@ -118,6 +118,7 @@ def advance(
     for frame in range(len(forces)):
         force = forces[frame]
         held = force * sideways
+        hold = holds[frame]
         for step in range(per_frame):
             if wall:
                 place = cells * radius / (radius + z)

@@ -70,8 +70,7 @@ def _draw_tilt(
     bead: BrownianBead, pull: float, count: int, random: np.random.Generator
 ) -> FloatArray:
     """The angle ψ in equilibrium: the field's hold against the chain's pull on the attachment."""
-    assert bead.alignment_pN_nm is not None
-    hold = bead.alignment_pN_nm / bead.thermal_energy_pN_nm
+    hold = float(np.ravel(bead.holding_pN_nm)[0]) / bead.thermal_energy_pN_nm
     side = pull * np.sin(bead.attachment_angle_rad)
     down = pull * np.cos(bead.attachment_angle_rad)
     peak = np.arctan2(-side, hold + down)

@@ -34,6 +34,7 @@ from mtpipe.physics.camera import (
 from mtpipe.physics.langevin import mode_path
 from mtpipe.physics.normal_numbers import standard_normal
 from mtpipe.simulation.axial import MOST_KNOWN, simulate_heights
+from mtpipe.simulation.rocking import simulate_rocking
 
 # Products of modes are averaged over parts of the exposure, each at most this many relaxation times
 # long, as far as so many parts reach. What a product fluctuates within a part is nearly independent
@@ -81,7 +82,9 @@ def simulate_motion(
             start: FloatArray | None = None
             if position is not None:
                 start = np.asarray(np.linalg.solve(state.modes.shape, position - _mean(state)))
-            if i in unseen:
+            if state.rocking is not None:
+                motion, end = simulate_rocking(state, state.rocking, camera, frames, random, start)
+            elif i in unseen:
                 end = _end_of_stretch(state, camera, frames, random, start)
             else:
                 motion, end = _stretch(state, camera, frames, random, start)

@@ -147,8 +147,7 @@ def engine_of(true: Experiment) -> Engine:
     Its beads turn about the field's axis in any case, one that is attached beside its lowest point
     and may tilt does not rest upright, and its fluid has no memory.
     """
-    leans = true.magnets.alignment_pN_nm is not None and true.bead.offset_nm > 0
-    otherwise = leans or not true.bead.turns or true.fluid.memory > 0
+    otherwise = true.rocks or not true.bead.turns or true.fluid.memory > 0
     return "linear" if otherwise else "brownian"
 
 
