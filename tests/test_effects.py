@@ -179,6 +179,7 @@ KNOWN = [
     Known("lateral_scale", (LN(1.04), LN(0.93)), (0.0, 0.0), which=3),
     Known("z_crosstalk", (0.2, -0.1), (0.0, 0.0)),
     Known("bead_turning", (150.0,), (0.0,)),
+    Known("bead_rocking", (0.4, LN(1.5e3), 0.6), (0.0, LN(1e12), 0.0), which=1),
 ]  # fmt: skip
 each_effect = pytest.mark.parametrize(
     "known", KNOWN, ids=[f"{k.name}-{k.which}" if k.which else k.name for k in KNOWN]
@@ -246,7 +247,7 @@ NAMES = [
     "axial_scale", "dropped_frames", "field_rotation", "magnetic_alignment",
     "lateral_magnet_stiffness", "extensible_tether", "contour_length", "multiple_tethers",
     "surface_sticking", "hopping", "anharmonic_tether", "pixel_locking", "force_drift",
-    "hydrodynamic_memory", "z_crosstalk", "bead_turning",
+    "hydrodynamic_memory", "z_crosstalk", "bead_turning", "bead_rocking",
 ]
 # fmt: on
 

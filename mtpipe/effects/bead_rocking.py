@@ -33,14 +33,19 @@ def _power(experiment: Experiment, value: float) -> Experiment:
 
 
 def _hypotheses(experiment: Experiment, evidence: Evidence) -> list[Hypothesis]:
+    if experiment.rocks:
+        return []
     torque = (
         logarithm("torque stiffness", "pN nm/rad", START_PN_NM, BOUNDS_PN_NM, _stiffness),
-        plain("power of the torque", "", START_POWER, BOUNDS_POWER, 1e-2, _power),
+        plain("power of the torque, a number", "", START_POWER, BOUNDS_POWER, 1e-2, _power),
     )
     return [
         Hypothesis(
             experiment,
-            (plain("offset over radius", "", start, (-LARGEST, LARGEST), 1e-3, _beside), *torque),
+            (
+                plain("offset, share of the radius", "", start, (-LARGEST, LARGEST), 1e-3, _beside),
+                *torque,
+            ),
         )
         for start in STARTS
     ]

@@ -12,6 +12,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import NDArray
 
 from mtpipe.experiment.description import Experiment
 from mtpipe.experiment.recorded_modes import ACROSS, ALONG, ANGLE, UP
@@ -35,6 +36,14 @@ class Lateral:
     swing: FloatArray
     turn: FloatArray
     stretch: FloatArray
+
+    @property
+    def stands(self) -> NDArray[np.bool_]:
+        """(n,) whether all but the tether's length is held: a bead whose attachment is far aside
+        turns about the vertical where the field is weak."""
+        return np.asarray(
+            np.linalg.eigvalsh(self.with_length(np.ones(len(self.stretch))))[:, 0] > 0
+        )
 
     def with_length(self, stiffness_pN_per_nm: FloatArray, *, rocks: bool = True) -> FloatArray:
         """(n, d, d) stiffness with that of the tether's length (n,); without what tilts stretch."""

@@ -122,6 +122,10 @@ def bead_states(experiment: Experiment, forces_pN: Sequence[float]) -> list[Bead
             f"(mean extension {extension[i]:.0f} nm)"
         )
         found.setdefault(i, FitError(message))
+    if experiment.rocks:
+        for i in np.flatnonzero(~beside.stands).tolist():
+            said = f"at {forces_pN[i]:g} pN the field does not hold the bead upright"
+            found.setdefault(i, FitError(said))
     held = [i for i in range(len(forces_pN)) if i not in found]
     if held:
         states = _held(

@@ -60,12 +60,16 @@ def simulate_rocking(
     return recorded, end
 
 
+# Decay, spread, average, slope, rest, push and its mean; each (parts, d).
+Steps = tuple[FloatArray, FloatArray, FloatArray, FloatArray, FloatArray, FloatArray, FloatArray]
+
+
 @dataclass(frozen=True, eq=False)
 class _Plan:
     """What of a state and a camera does not change; see `rocking_steps.follow`."""
 
     exposed: int
-    steps: tuple[FloatArray, ...]
+    steps: Steps
     stretch: FloatArray
     bends: FloatArray
     push_pN: FloatArray

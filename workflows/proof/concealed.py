@@ -199,6 +199,18 @@ def _crosstalk(experiment: Experiment, random: np.random.Generator) -> Family:
     return Family(change, (0.001, 0.6), "of x and y", {"x": x, "y": y}, axes="z")
 
 
+def _rocking(experiment: Experiment, random: np.random.Generator) -> Family:
+    sign, power = _sign(random), float(random.uniform(0.3, 1.0))
+    torque_pN_nm = float(np.exp(random.uniform(math.log(1500), math.log(6000))))
+
+    def change(there: Experiment, size: float) -> Experiment:
+        there = changes.with_magnets(there, alignment_pN_nm=torque_pN_nm, alignment_power=power)
+        return changes.with_bead(there, offset_nm=sign * size * there.bead.radius_nm)
+
+    given = {"sign": sign, "torque_pN_nm": torque_pN_nm, "power": power}
+    return Family(change, (0.01, 0.7), "of the radius", given)
+
+
 def _turning(experiment: Experiment, random: np.random.Generator) -> Family:
     if not experiment.bead.turns:
         raise ValueError("a bead that does not turn is not seen to")
@@ -296,6 +308,7 @@ EFFECTS = (
     Effect("force_drift", "course", 1, _force_drift),
     Effect("z_crosstalk", "crosstalk", 2, _crosstalk),
     Effect("bead_turning", "crosstalk", 1, _turning),
+    Effect("bead_rocking", "tilt", 3, _rocking),
     Effect("anharmonic_tether", "regime", 0, regime="low force"),
     Effect(
         "hydrodynamic_memory",
