@@ -32,6 +32,7 @@ from mtpipe.joint_fit.parameters import (
 from mtpipe.physics.tether import Formula, without_stretching
 from mtpipe.recording.recording import Plateau, Recording, States
 from mtpipe.recording.traces import traces_of
+from mtpipe.states.focus import focus_numbers
 
 # No reference bead tells where the surface is better than this: its bottom is not the tether's
 # anchor.
@@ -63,6 +64,7 @@ class PreparedBead:
     stage_nm_per_root_s : per axis, the stage's random walk near the cutoff of its subtraction.
     pixel_nm : size of a pixel, or None where the setup does not state it.
     lines_hz : narrow lines that have bins of their own (`lines`), strongest first.
+    focus : per plateau, how many times the focus was moved before it.
     """
 
     bead: str
@@ -76,6 +78,12 @@ class PreparedBead:
     stage_nm_per_root_s: Triple = (0.0, 0.0, 0.0)
     pixel_nm: float | None = None
     lines_hz: tuple[float, ...] = ()
+    focus: tuple[int, ...] = ()
+
+    @property
+    def heights_nm(self) -> tuple[float, ...]:
+        """Per plateau, the mean of the recorded z."""
+        return tuple(float(one.mean_nm[2]) for one in self.fit.model.data)
 
     @property
     def frame_s(self) -> float:
@@ -181,6 +189,7 @@ def prepare(recording: Recording, bead: str) -> PreparedBead:
         preferred_fit(model),
         (0.0, 0.0, 0.0) if reference is None else _stage(reference, kept, subtraction, 1 / frame_s),
         None if pixel is None else pixel.value,
+        focus=focus_numbers(recording, kept),
     )
 
 

@@ -27,11 +27,11 @@ def with_listed(case: PreparedBead, setup: Setup) -> PreparedBead:
         if known.name not in listed:
             continue
         forces = tuple(float(f) for f in case.fit.force_pN)
-        evidence = Evidence((), forces)
+        evidence = Evidence((), forces, focus=case.focus, heights_nm=case.heights_nm)
         if known.read is not None:
             each, common = force_courses(case.fit, case.positions_nm, case.frame_s)
             lines_hz = tuple(line_hz for _, line_hz in strongest_lines(case)[:1])
-            evidence = Evidence(lines_hz, forces, courses=each, common_course=common)
+            evidence = replace(evidence, lines_hz=lines_hz, courses=each, common_course=common)
         held, evidence = read_sizes(known, pinned.get(known.name, {}), evidence)
         case = apart(case, distinct_lines((*evidence.lines_hz, *case.lines_hz)))
         tried = best_of(case.fit, with_pinned(known, held), evidence)

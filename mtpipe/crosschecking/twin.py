@@ -84,7 +84,7 @@ class TwinMaker:
         stretches = [self.variants[k][i] for i, k in enumerate(chosen)]
         motion = simulate_motion(stretches, experiment.camera, random, unseen=self.moves)
         motion[:, 2] += self.within_nm
-        motion = recorded(motion, self.force_pN, experiment, random)
+        motion = recorded(motion, self.force_pN, experiment, random, self.slices)
         own = reference_motion(experiment, len(motion), random)
         rest = np.zeros_like(motion)
         subtraction = case.fit.model.subtraction

@@ -25,7 +25,10 @@ def evidence_of(check: BeadCheck) -> Evidence:
     each, common = force_courses(check.case.fit, check.case.positions_nm, check.case.frame_s)
     named = [line.frequency_hz for line in described(check.case).stage.lines]
     lines_hz = distinct_lines(check.case.lines_hz, named)
-    return Evidence(lines_hz, forces, reference_moves(check), each, common)
+    heights_nm = check.case.heights_nm
+    return Evidence(
+        lines_hz, forces, reference_moves(check), each, common, check.case.focus, heights_nm
+    )
 
 
 def reference_moves(check: BeadCheck) -> bool | None:

@@ -31,6 +31,7 @@ from mtpipe.effects import (
     viscosity,
     wall_drag,
     z_crosstalk,
+    z_response,
 )
 from mtpipe.effects.effect import Effect
 from mtpipe.setup.setup import EFFECTS_GROUP
@@ -64,6 +65,7 @@ OWN: tuple[Effect, ...] = tuple(
         z_crosstalk,
         bead_turning,
         bead_rocking,
+        z_response,
     )
 )
 

@@ -25,6 +25,8 @@ class Evidence:
     lines_hz : frequencies of narrow lines, strongest first.
     force_pN : of the plateaus, as fitted without the effect.
     reference_moves : whether slow motion is the reference's own; None: the data do not tell.
+    focus, heights_nm : of each plateau, how many times the focus was moved before it, and the
+        recorded height. Empty: not looked at.
     courses, common_course : of the force in each plateau, and in all of them alike. Empty and a
         change of 0: not looked at, or steady.
     """
@@ -34,6 +36,8 @@ class Evidence:
     reference_moves: bool | None = None
     courses: tuple[ForceCourse, ...] = ()
     common_course: ForceCourse = field(default_factory=ForceCourse)
+    focus: tuple[int, ...] = ()
+    heights_nm: tuple[float, ...] = ()
 
 
 @dataclass(frozen=True)
@@ -45,7 +49,7 @@ class Hypothesis:
     read : how many numbers more were read from the data beforehand; they cost like fitted ones.
     chosen_from : how many forms this one was chosen from beforehand; that costs its logarithm.
     given : how many of the parameters have a prior that is no matter of these data; they cost no
-        more than that.
+        more than that, and `learned_nats`, by how much narrower than it data make them at most.
     own : of an effect that all beads share (`Effect.shared`), a form that each bead may have by
         itself.
     """
@@ -56,6 +60,7 @@ class Hypothesis:
     chosen_from: int = 1
     given: int = 0
     own: bool = False
+    learned_nats: float = 0.0
 
     @property
     def numbers(self) -> int:

@@ -11,13 +11,13 @@ from __future__ import annotations
 
 import functools
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
 
-from mtpipe.experiment.step import Step
+from mtpipe.experiment.step import Step, StepByPlateau
 from mtpipe.physics.buffer import thermal_energy_pN_nm
 from mtpipe.physics.camera import Camera
 from mtpipe.physics.tether import Chain
@@ -237,6 +237,16 @@ class Experiment:
     clock: Clock = Clock()
     allowance: Allowance = Allowance()
     anharmonic: bool = False
+
+    def in_plateau(self, plateau: int) -> Experiment:
+        """The experiment with the steps that it has in one plateau."""
+        if not any(isinstance(step, StepByPlateau) for step in self.steps):
+            return self
+        steps = tuple(
+            step.in_plateau(plateau) if isinstance(step, StepByPlateau) else step
+            for step in self.steps
+        )
+        return replace(self, steps=steps)
 
     @property
     def rocks(self) -> bool:

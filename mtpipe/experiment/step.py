@@ -8,7 +8,7 @@ any number of them; within one place they act in the order in which they were ad
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from typing import ClassVar, Literal, Protocol
+from typing import ClassVar, Literal, Protocol, runtime_checkable
 
 import numpy as np
 
@@ -57,6 +57,14 @@ class Seen:
 def nothing_seen(height_nm: float = 0.0) -> Seen:
     """A bead that does not move."""
     return Seen(np.empty(0), np.empty((0, 3, 3)), np.zeros((3, 3)), height_nm)
+
+
+@runtime_checkable
+class StepByPlateau(Protocol):
+    """A step that is another in each plateau."""
+
+    def in_plateau(self, plateau: int) -> Step:
+        """The step in one plateau."""
 
 
 class Step(Protocol):

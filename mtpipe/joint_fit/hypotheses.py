@@ -263,7 +263,7 @@ def try_effects(
             except (FitError, ValueError):
                 continue
             penalty = 0.5 * hypothesis.numbers * math.log(fit.model.ordinates)
-            penalty += math.log(hypothesis.chosen_from)
+            penalty += math.log(hypothesis.chosen_from) + hypothesis.learned_nats
             gain = fitted.log_likelihood - fit.log_likelihood
             begun.append(FittedEffect(effect, hypothesis, fitted, gain, penalty, evidence, index))
     best = max((one.gain for one in begun), default=0.0)

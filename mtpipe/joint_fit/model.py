@@ -100,7 +100,8 @@ class ConfiguredModel:
     def asked(self, experiment: Experiment, plateau: int, force_pN: float) -> Asked:
         """The question what one plateau's data should be in an experiment, at a force."""
         course = experiment.magnets.course(plateau)
-        return Asked(self.data[plateau], steady_of(experiment), course, force_pN)
+        steady = steady_of(experiment.in_plateau(plateau))
+        return Asked(self.data[plateau], steady, course, force_pN)
 
     def expectations(self, those: Sequence[Asked]) -> list[Expectation | FitError]:
         """What is asked, or why there is no answer."""

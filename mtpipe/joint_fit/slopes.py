@@ -12,14 +12,12 @@ from mtpipe.ground.types import FloatArray
 from mtpipe.joint_fit.data import PlateauData
 from mtpipe.joint_fit.expectation import (
     DIFFERENCE,
-    Asked,
     Expectation,
     answered,
     know_states,
     larger_pN,
 )
 from mtpipe.joint_fit.height_course import CourseSlopes
-from mtpipe.joint_fit.layers import steady_of
 from mtpipe.joint_fit.model import ConfiguredModel
 from mtpipe.joint_fit.random_walk import Walked, line_of, walked
 from mtpipe.joint_fit.spectra import Transform
@@ -64,11 +62,10 @@ def slopes(model: ConfiguredModel, theta: FloatArray, expected: list[Expectation
     forces = [rest.force_pN for rest in experiment.rests]
     for _, other in shifted:
         know_states(model.data, other, [[force] for force in forces])
-    described = [(step, other, steady_of(other)) for step, other in shifted]
     those = []
-    for i, (one, force) in enumerate(zip(model.data, forces, strict=True)):
+    for i, force in enumerate(forces):
         those.append(model.asked(experiment, i, larger_pN(force)))
-        those += [Asked(one, of, other.magnets.course(i), force) for _, other, of in described]
+        those += [model.asked(other, i, force) for _, other in shifted]
     answers = iter(model.expectations(those))
     found = []
     for i, here in enumerate(expected):

@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import itertools
 import math
+from collections.abc import Sequence
 
 import numpy as np
 from numpy.typing import NDArray
@@ -19,7 +20,7 @@ from mtpipe.experiment.readout import (
     height_weights,
 )
 from mtpipe.experiment.state import all_states
-from mtpipe.experiment.step import Place
+from mtpipe.experiment.step import Place, StepByPlateau
 from mtpipe.ground.types import FloatArray
 from mtpipe.physics.langevin import simulate_mode
 from mtpipe.physics.normal_numbers import standard_normal
@@ -74,18 +75,23 @@ def height_within_pieces(
 
 
 def recorded(
-    motion_nm: FloatArray, force_pN: FloatArray, experiment: Experiment, random: np.random.Generator
+    motion_nm: FloatArray,
+    force_pN: FloatArray,
+    experiment: Experiment,
+    random: np.random.Generator,
+    plateaus: Sequence[slice] = (),
 ) -> FloatArray:
     """(frames, 3) positions as recorded, without stage, reference and lost frames.
 
     Parameters
     ----------
     motion_nm : (frames, 3) averaged over each exposure. force_pN : (frames,) that acts.
+    plateaus : their rows, for steps that are another in each.
     """
     camera, frames = experiment.camera, len(motion_nm)
-    seen = _played(motion_nm, "tether", force_pN, experiment, random)
+    seen = _played(motion_nm, "tether", force_pN, experiment, random, plateaus)
     seen = seen @ experiment.optics.matrix.T
-    seen = _played(seen, "optics", force_pN, experiment, random)
+    seen = _played(seen, "optics", force_pN, experiment, random, plateaus)
     walk = np.asarray(experiment.stage.unsubtracted_nm_per_root_s)
     if walk.any():
         steps = standard_normal(random, (frames, 3))
@@ -105,7 +111,7 @@ def recorded(
     noise = standard_normal(random, seen.shape)
     noise *= np.asarray(experiment.tracker.noise_nm)
     seen += noise
-    seen = _played(seen, "tracker", force_pN, experiment, random)
+    seen = _played(seen, "tracker", force_pN, experiment, random, plateaus)
     seen[:, 2] += experiment.optics.z_zero_nm
     return np.asarray(seen)
 
@@ -116,12 +122,20 @@ def _played(
     force_pN: FloatArray,
     experiment: Experiment,
     random: np.random.Generator,
+    plateaus: Sequence[slice],
 ) -> FloatArray:
     """(frames, 3) positions behind all steps of one place."""
     camera, energy = experiment.camera, experiment.fluid.thermal_energy_pN_nm
     for step in experiment.steps:
         if step.place == place:
             position_nm = step.played(position_nm, force_pN, camera, energy, random)
+            if isinstance(step, StepByPlateau):
+                position_nm = position_nm.copy()
+                for i, rows in enumerate(plateaus):
+                    here = step.in_plateau(i)
+                    position_nm[rows] = here.played(
+                        position_nm[rows], force_pN[rows], camera, energy, random
+                    )
     return position_nm
 
 

@@ -130,12 +130,17 @@ def simulate_experiment(
         own = reference_motion(experiment, frames, random) if i == 0 else 0.0
         fixed[name] = _tracked(stage + own, _place(-1 - i), noise, experiment, random)
     force_pN = np.repeat(table.force_pN, np.diff(table.edges))
+    begins = [table.edges[table.rest.index(i)] for i in range(len(experiment.rests))]
+    plateaus = [
+        slice(begin, begin + rest.frames)
+        for begin, rest in zip(begins, experiment.rests, strict=True)
+    ]
     motion = _brownian(experiment, table) if engine == "brownian" else _linear(experiment, table)
     positions: dict[str, FloatArray] = {}
     for i, (name, random) in enumerate(zip(names, streams, strict=True)):
         if progress is not None:
             progress(i, len(names))
-        seen = recorded(motion(random), force_pN, experiment, random) + stage
+        seen = recorded(motion(random), force_pN, experiment, random, plateaus) + stage
         positions[name] = _tracked(seen, _place(i), (0.0, 0.0, 0.0), experiment, random)
     everything = positions | fixed
     rows = rows_in_file(table.edges[-1], experiment.clock.dropped_share, clock)

@@ -55,10 +55,10 @@ def motion_of(recording: Recording) -> Motion:
         pieces = [without_mistracked(xyz[a:b])[0] for a, b in itertools.pairwise(starts)]
         cleaned[bead] = np.concatenate(pieces)
     frame_s = float(np.median(np.diff(recording.time_s)))
-    return Motion(recording.time_s, frame_s, cleaned, _focus_nm(recording, frame_s))
+    return Motion(recording.time_s, frame_s, cleaned, focus_moves_nm(recording, frame_s))
 
 
-def _focus_nm(recording: Recording, frame_s: float) -> FloatArray:
+def focus_moves_nm(recording: Recording, frame_s: float) -> FloatArray:
     """(n_frames,) range of the subtracted motion in z within FOCUS_S of each frame, where it is far
     beyond the usual.
     """

@@ -14,6 +14,7 @@ from mtpipe.ground.types import FloatArray
 from mtpipe.recording.recording import Plateau, Recording, States
 from mtpipe.states.change import Change, strongest_change
 from mtpipe.states.edges import edges_of
+from mtpipe.states.focus import cut_at_focus_moves
 from mtpipe.states.lag import Lag, find_lag
 from mtpipe.states.motion import Motion, motion_of
 from mtpipe.states.moved import moved_plateaus
@@ -60,12 +61,14 @@ def with_states(recording: Recording) -> Recording:
 def _tested(recording: Recording) -> Recording:
     motion = motion_of(recording)
     lag = find_lag(motion, edges_of(recording.plateaus, recording.magnet_mm))
+    least = recording.setup.plateaus.minimum_s
     plateaus, notices = _by_the_beads(recording, motion, lag)
+    plateaus, moved = cut_at_focus_moves(motion, plateaus, least)
+    notices += moved
     cut: list[Plateau] = []
     unbelieved: list[int] = []
     doubtful: dict[tuple[str, int], str] = {}
     limit = math.log(CHANCE_PER_RECORDING / len(plateaus))
-    least = recording.setup.plateaus.minimum_s
     for plateau in plateaus:
         changes = _changes(motion, plateau.start, plateau.stop, limit)
         if changes and len(recording.tethered) == 1:
