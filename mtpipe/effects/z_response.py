@@ -9,18 +9,20 @@ moved, as a line that is wrong all along is a wrong scale (`axial_scale`).
 from __future__ import annotations
 
 import functools
+import math
 from dataclasses import dataclass, replace
 from typing import ClassVar
 
 import numpy as np
 
-from mtpipe.effects.effect import Effect, Evidence, Hypothesis
+from mtpipe.effects.effect import Effect, Evidence, Hypothesis, variance
 from mtpipe.experiment.changes import step_of, with_step
 from mtpipe.experiment.description import Experiment
 from mtpipe.experiment.parameter import Parameter
 from mtpipe.experiment.step import Place, Seen
 from mtpipe.ground.types import FloatArray
 from mtpipe.physics.camera import Camera
+from mtpipe.physics.langevin import simulate_mode
 
 # Slopes of the error, nm per nm, as real tables have them: off by up to a third.
 SLOPE = 0.15
@@ -32,20 +34,33 @@ COMMON_NM = 100.0
 LEAST_NM, LEAST_SLOPE = 0.5, 0.005
 # Standard deviations of the prior.
 BOUND = 6.0
+# The stage's motion is taken off with another slope than it is recorded with. What is left is a
+# random walk, here as a mode that relaxes in far more than a plateau.
+WALK_S, LARGEST_WALK_NM = 1000.0, 30.0
 
 
 @dataclass(frozen=True)
 class OnePlateau:
-    """z of a plateau is recorded `scale` times as large about its mean, which is off."""
+    """z of a plateau is recorded `scale` times as large about its mean, which is off, and walks."""
 
     place: ClassVar[Place] = "optics"
     offset_nm: float
     scale: float
+    walk_nm_per_root_s: float
 
     def expected(self, seen: Seen, force_pN: float, thermal_energy_pN_nm: float) -> Seen:
         """Power of z, what it has in common with x and y, and its mean."""
         scaled = seen.through(np.diag([1.0, 1.0, self.scale]))
-        return replace(scaled, height_nm=seen.height_nm + self.offset_nm)
+        scaled = replace(scaled, height_nm=seen.height_nm + self.offset_nm)
+        if self.walk_nm_per_root_s == 0:
+            return scaled
+        walk = np.diag([0.0, 0.0, self.walk_nm2])
+        return scaled.with_modes(np.array([WALK_S]), walk[None])
+
+    @property
+    def walk_nm2(self) -> float:
+        """Variance of the walk, as a mode that spreads as it does."""
+        return self.walk_nm_per_root_s**2 * WALK_S / 2
 
     def played(
         self,
@@ -59,6 +74,8 @@ class OnePlateau:
         scaled = position_nm.copy()
         mean = position_nm[:, 2].mean()
         scaled[:, 2] = mean + self.offset_nm + self.scale * (position_nm[:, 2] - mean)
+        if self.walk_nm_per_root_s > 0:
+            scaled[:, 2] += simulate_mode(self.walk_nm2, WALK_S, camera, len(scaled), random)
         return scaled
 
 
@@ -70,16 +87,19 @@ class Response:
     ----------
     shapes : offset and slope of each plateau in turn, in each of the independent forms that a
         smooth curve has there. sizes : of these forms.
+    walk_nm_per_root_s : of z, what is left of the stage's motion that is taken off with another
+        slope.
     """
 
     place: ClassVar[Place] = "optics"
     shapes: tuple[tuple[float, ...], ...]
     sizes: tuple[float, ...]
+    walk_nm_per_root_s: float = 0.0
 
     def in_plateau(self, plateau: int) -> OnePlateau:
         """What it is in one plateau."""
         offset, slope = np.asarray(self.shapes[2 * plateau : 2 * plateau + 2]) @ self.sizes
-        return OnePlateau(float(offset), 1.0 + float(slope))
+        return OnePlateau(float(offset), 1.0 + float(slope), self.walk_nm_per_root_s)
 
     @property
     def each(self) -> list[OnePlateau]:
@@ -107,6 +127,12 @@ def _sized(experiment: Experiment, value: float, *, form: int) -> Experiment:
     assert step is not None
     sizes = (*step.sizes[:form], value, *step.sizes[form + 1 :])
     return with_step(experiment, replace(step, sizes=sizes))
+
+
+def _walking(experiment: Experiment, square: float) -> Experiment:
+    step = step_of(experiment, Response)
+    assert step is not None
+    return with_step(experiment, replace(step, walk_nm_per_root_s=math.sqrt(max(square, 0.0))))
 
 
 def smooth_curves(heights_nm: FloatArray, focus: tuple[int, ...], length_nm: float) -> FloatArray:
@@ -137,9 +163,9 @@ def _hypothesis(experiment: Experiment, evidence: Evidence, length_nm: float) ->
     heights = np.array(evidence.heights_nm)
     unit = np.tile([LEAST_NM, LEAST_SLOPE], len(heights))
     covariance = smooth_curves(heights, evidence.focus, length_nm) / np.outer(unit, unit)
-    variance, forms = np.linalg.eigh(covariance)
-    there = variance > 1
-    shapes = unit[:, None] * forms[:, there] * np.sqrt(variance[there])
+    spread, forms = np.linalg.eigh(covariance)
+    there = spread > 1
+    shapes = unit[:, None] * forms[:, there] * np.sqrt(spread[there])
     count = int(there.sum())
     step = Response(tuple(map(tuple, shapes.tolist())), (0.0,) * count)
     parameters = tuple(
@@ -151,10 +177,10 @@ def _hypothesis(experiment: Experiment, evidence: Evidence, length_nm: float) ->
     )  # fmt: skip
     return Hypothesis(
         with_step(experiment, step),
-        parameters,
+        (*parameters, variance("walk beside z response", "nm²/s", 0.3, LARGEST_WALK_NM, _walking)),
         chosen_from=len(LENGTHS_NM),
         given=count,
-        learned_nats=0.5 * float(np.log(variance[there]).sum()),
+        learned_nats=0.5 * float(np.log(spread[there]).sum()),
     )
 
 
