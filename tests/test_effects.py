@@ -77,7 +77,14 @@ BASE = Experiment(
 STEP = ForceCourse(-0.3, "step", 0.4)
 COURSES = (ForceCourse(), ForceCourse(), STEP, ForceCourse())
 COMMON = ForceCourse(0.3, "settling", 0.2)
-EVIDENCE = Evidence((30.0,), FORCES_PN, courses=COURSES, common_course=COMMON)
+EVIDENCE = Evidence(
+    (30.0,),
+    FORCES_PN,
+    courses=COURSES,
+    common_course=COMMON,
+    focus=(0, 0, 1, 1),
+    heights_nm=(800.0, 980.0, 1060.0, 1100.0),
+)
 LOW = replace(
     BASE, rests=tuple(Rest(f, FRAMES, 5.0 - i) for i, f in enumerate((0.1, 0.4, 2.0, 10.0)))
 )
@@ -179,6 +186,7 @@ KNOWN = [
     Known("lateral_scale", (LN(1.04), LN(0.93)), (0.0, 0.0), which=3),
     Known("z_crosstalk", (0.2, -0.1), (0.0, 0.0)),
     Known("bead_turning", (150.0,), (0.0,)),
+    Known("z_response", (1.0, -1.0, 1.0, -1.0, 1.0, -1.0, 1.0, 0.3), (0.0,) * 8, which=2),
     Known("bead_rocking", (0.4, LN(1.5e3), 0.6), (0.0, LN(1e12), 0.0), which=1),
 ]  # fmt: skip
 each_effect = pytest.mark.parametrize(
@@ -205,7 +213,8 @@ def traces(experiment, random):
         stretches = [(_state(experiment, f), n) for f, n in zip(forces, lengths, strict=True)]
         motion = simulate_motion(stretches, experiment.camera, random)
         motion[:, 2] += height_within_pieces(experiment, i, force, frames)
-        seen = recorded(motion, np.repeat(forces, lengths), experiment, random)
+        here = experiment.in_plateau(i)
+        seen = recorded(motion, np.repeat(forces, lengths), here, random)
         own = reference_motion(experiment, frames, random)
         for axis, cutoff_hz in enumerate(subtraction.cutoff_hz):
             if cutoff_hz is not None:
@@ -247,7 +256,7 @@ NAMES = [
     "axial_scale", "dropped_frames", "field_rotation", "magnetic_alignment",
     "lateral_magnet_stiffness", "extensible_tether", "contour_length", "multiple_tethers",
     "surface_sticking", "hopping", "anharmonic_tether", "pixel_locking", "force_drift",
-    "hydrodynamic_memory", "z_crosstalk", "bead_turning", "bead_rocking",
+    "hydrodynamic_memory", "z_crosstalk", "bead_turning", "bead_rocking", "z_response",
 ]
 # fmt: on
 

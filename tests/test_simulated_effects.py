@@ -20,7 +20,8 @@ from mtpipe.simulation.simulate import simulate
 from tests.simulated import setup_content
 
 FORCES_PN = [1.0, 3.0, 9.0]
-SIZED = [effect for effect in OWN if effect.name not in DESCRIBED]
+# A table's answer to height is a curve: it is fitted to a recording, and no size can be stated.
+SIZED = [one for one in OWN if one.name not in {*DESCRIBED, "z_response"}]
 KNOWN = ["wall_drag", "rotation_coupling"]
 # Memory shows to a fast camera only.
 FAST_HZ = 10_000.0
@@ -107,6 +108,11 @@ def test_what_no_simulation_has_is_told():
     assert left_out(notices) == [
         "The simulation does not contain pixel_locking, which no simulation has."
     ]
+
+
+def test_an_unknown_curve_is_not_simulated():
+    (said,) = left_out(stated(z_response={})[1])
+    assert "z_response, which does not apply to this setup" in said
 
 
 def test_a_whole_tether_needs_a_bead_that_turns():

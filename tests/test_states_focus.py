@@ -10,6 +10,7 @@ import pytest
 import mtpipe
 from mtpipe.states import with_states
 from mtpipe.states.edges import edges_of
+from mtpipe.states.focus import focus_numbers
 from mtpipe.states.lag import find_lag
 from mtpipe.states.motion import Motion, motion_of
 from mtpipe.states.size import heights_go_both_ways
@@ -90,3 +91,42 @@ def test_a_lag_less_certain_than_the_shortest_dwell_is_not_applied(
     found = find_lag(motion_of(recording), edges)
     # no edge is where the lag would have it, so that each that is seen has its own
     assert bool(found.own) is applied
+
+
+def focused(own_nm, *, move_nm=600.0):
+    """A move of the focus in the middle of plateau 2; the bead's table shows it otherwise."""
+    truth = simulated(beads=1)
+    plateau = truth.plateaus[2]
+    at = (plateau.start + plateau.stop) // 2
+    positions = {bead: xyz.copy() for bead, xyz in truth.positions_nm.items()}
+    for bead, xyz in positions.items():
+        xyz[at:, 2] -= move_nm + (own_nm if bead in truth.tethered else 0.0)
+    moved = dataclasses.replace(truth, positions_nm=positions)
+    return with_states(mtpipe.subtract_drift(moved)), plateau, at
+
+
+def test_a_plateau_is_cut_where_the_focus_moves_and_a_bead_shows_it():
+    found, plateau, at = focused(80.0)
+    (notice,) = [n for n in found.notices if n.code == "focus_moved"]
+    assert "Plateau 2 is cut" in notice.message
+    assert len(found.plateaus) == 6
+    before, after = found.plateaus[2:4]
+    assert before.start == plateau.start
+    assert before.stop <= at <= after.start
+    assert after.stop == plateau.stop
+    assert before.magnet_mm == after.magnet_mm
+    assert focus_numbers(found, found.plateaus) == (0, 0, 0, 1, 1, 1)
+    assert not found.states.unbelieved
+    assert not found.states.doubtful
+
+
+def test_a_focus_that_moves_without_a_trace_cuts_nothing():
+    found, plateau, _ = focused(0.0)
+    assert [p for p in found.plateaus if p.start == plateau.start] == [plateau]
+    assert "focus_moved" not in [n.code for n in found.notices]
+    assert set(focus_numbers(found, found.plateaus)) == {0, 1}
+
+
+def test_a_recording_whose_focus_stays_has_one():
+    found = with_states(mtpipe.subtract_drift(simulated(beads=1)))
+    assert set(focus_numbers(found, found.plateaus)) == {0}
