@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 
 from mtpipe.ground.errors import RecordingError
 from mtpipe.ground.files import as_text
-from mtpipe.ingest.announced import check_fits
+from mtpipe.ingest.announced import check_fits, no_room
 from mtpipe.ingest.bounded import unpacked
 from mtpipe.ingest.column_attributes import NOTHING, Stated
 from mtpipe.ingest.contents import BLOCK_BYTES, Array, Contents, values_of
@@ -144,6 +144,8 @@ def open_arrays(path: Path, kind: Format, layout: Layout | None = None) -> Array
 
 
 def _damaged(path: Path, kind: Format, error: Exception) -> RecordingError:
+    if isinstance(error, MemoryError):
+        return no_room(str(path))
     reason = f"{type(error).__name__}: {error}".splitlines()[0][:200]
     mark = INDEX_LAST.get(kind)
     if mark is not None:

@@ -8,6 +8,7 @@ what is missing, and only rows that lie whole before the cut are taken from it.
 from __future__ import annotations
 
 import io
+import math
 from contextlib import ExitStack, suppress
 from functools import partial
 from typing import Any, BinaryIO
@@ -16,7 +17,7 @@ import h5py
 import numpy as np
 
 from mtpipe.ground.errors import RecordingError
-from mtpipe.ingest.announced import check_announced
+from mtpipe.ingest.announced import check_announced, check_room
 from mtpipe.ingest.column_attributes import NOTHING, Stated, stated_by
 from mtpipe.ingest.contents import Contents
 from mtpipe.ingest.hdf5_heaps import WatchedHeaps
@@ -189,6 +190,7 @@ def _held(node: h5py.Dataset, index: Any) -> Any:
     if not node.is_virtual:
         announced = node.size * node.dtype.itemsize
         check_announced(announced, node.id.get_storage_size(), node.chunks is not None, node.name)
+        check_room(math.prod(node.chunks or ()) * node.dtype.itemsize, node.name)
     return node[index]
 
 

@@ -14,11 +14,13 @@ from typing import Any
 
 import pandas as pd
 import pyarrow as pa
+import pyarrow.parquet as pq
 from pyarrow.fs import LocalFileSystem
 from pydantic import ValidationError
 
 from mtpipe.ground.errors import MtpipeError, SetupError
 from mtpipe.ground.notice import Notice
+from mtpipe.ingest.announced import check_fits
 from mtpipe.methods import METHODS
 from mtpipe.recording.recording import AXES
 from mtpipe.report.columns import check
@@ -217,6 +219,8 @@ def _read_json(path: Path, model: type[Content]) -> dict[str, Any]:
 
 def _read_table(path: Path, columns: tuple[str, ...]) -> pd.DataFrame:
     try:
+        content = pq.read_metadata(path, filesystem=LocalFileSystem())
+        check_fits(content.num_rows * content.num_columns, path.name)
         # a file opened in Python could still be held by a thread of pyarrow's as the process ends
         table = pd.read_parquet(path, filesystem=LocalFileSystem(), page_checksum_verification=True)
         table = table.reset_index(drop=True)  # damage can make an index of a column
