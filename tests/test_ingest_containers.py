@@ -308,7 +308,7 @@ def test_clock_times_in_hdf5(tmp_path, kind):
             file.create_dataset("Time", data=stamps.astype(kind_of_time))
     setup = five_setup()
     if unit == "ms":
-        with pytest.raises(RecordingError, match=r"column Time .*is in milliseconds since"):
+        with pytest.raises(RecordingError, match=r"column Time .*is in ms .*milliseconds since"):
             load(tmp_path / "r.h5", setup)
         setup = five_setup_in(unit)
     assert_plain(load(tmp_path / "r.h5", setup), columns)
