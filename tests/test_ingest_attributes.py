@@ -127,7 +127,7 @@ def with_units(path, kind, columns, unit):
         with nptdms.TdmsWriter(path) as writer:
             writer.write_segment(channels)
         return path
-    rows = [",".join(f"{v:.4f}" for v in row) for row in zip(*columns.values(), strict=True)]
+    rows = [",".join(f"{v:.9f}" for v in row) for row in zip(*columns.values(), strict=True)]
     return write(path, [",".join(columns), f"s,mm,{unit},{unit},{unit}", *rows])
 
 
