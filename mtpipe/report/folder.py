@@ -34,6 +34,9 @@ from mtpipe.report.contents import (
 from mtpipe.report.run_folder import finish
 from mtpipe.setup.setup import Setup, parse_setup
 
+# Of an int64.
+MOST_DIGITS = 18
+
 
 class RunFolderError(MtpipeError):
     """The folder is no run folder, or a file is missing, damaged, of another version or run."""
@@ -202,7 +205,7 @@ def _read_json(path: Path, model: type[Content]) -> dict[str, Any]:
     try:
         data = path.read_bytes()
         model.model_validate_json(data)
-        return dict(json.loads(data))
+        return dict(json.loads(data, parse_int=_whole))
     except FileNotFoundError:
         raise RunFolderError(
             "there is no such file, so this is no folder that mtpipe run has written",
@@ -215,6 +218,11 @@ def _read_json(path: Path, model: type[Content]) -> dict[str, Any]:
         raise RunFolderError(said, where=str(path), mend=_AGAIN) from None
     except (OSError, ValueError) as error:
         raise RunFolderError(f"cannot be read ({error}).", where=str(path), mend=_AGAIN) from None
+
+
+def _whole(digits: str) -> int | float:
+    """A whole number of JSON, which numpy takes for an object where it has too many digits."""
+    return int(digits) if len(digits) <= MOST_DIGITS else float(digits)
 
 
 def _read_table(path: Path, columns: tuple[str, ...]) -> pd.DataFrame:
