@@ -62,7 +62,8 @@ class Arrays:
 
     def add(self, values: ArrayLike) -> dict[str, int]:
         """Keep an array (any numbers, one dimension); NaN becomes a gap in the line."""
-        packed = np.asarray(values, dtype="<f4").tobytes()
+        with np.errstate(over="ignore"):
+            packed = np.asarray(values, dtype="<f4").tobytes()
         return {"array": self._index.setdefault(packed, len(self._index))}
 
     def packed(self) -> list[str]:
