@@ -48,7 +48,7 @@ def test_every_reader_ends_thirty_inputs_fine_or_with_a_sentence(tmp_path):
         check=False,
     )
     assert done.returncode == 0, done.stdout + done.stderr[-2000:]
-    assert len(re.findall(r"^\| \w+ \| 30 \|", done.stdout, re.MULTILINE)) == 12
+    assert len(re.findall(r"^\| \w+ \| 30 \|", done.stdout, re.MULTILINE)) == 13
 
 
 # ------------------------------------------------------------------ names

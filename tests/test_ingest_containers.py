@@ -191,6 +191,38 @@ def test_links_are_followed_within_the_file_and_refused_beyond_it(tmp_path):
             load(tmp_path / "r.h5", five_setup(("raw/Time", "raw/Magnet", name, "raw/Y", "raw/Z")))
 
 
+@pytest.mark.parametrize("record", [False, True])
+def test_netcdf_3(tmp_path, record):
+    columns = five_columns()
+    path = tmp_path / "r.nc"
+    with scipy.io.netcdf_file(path, "w") as file:
+        file.createDimension("row", None if record else len(columns["X"]))
+        for name, values in columns.items():
+            one = file.createVariable(name, "i4" if name in "XYZ" else "f8", ("row",))
+            one[:] = np.rint(values * 1000) if name in "XYZ" else values
+            if name in "XYZ":
+                one.scale_factor, one.units = np.float64(0.001), "nm"
+    assert_plain(load(path, five_setup()), columns)
+    whole = path.read_bytes()
+    path.write_bytes(whole[: len(whole) * 2 // 3])
+    with pytest.raises(RecordingError, match="is cut off or damaged, and nothing is taken"):
+        load(path, five_setup())
+    path.write_bytes(b"CDF\x05" + whole[4:])
+    with pytest.raises(RecordingError, match=r"version 5, .*nccopy"):
+        load(path, five_setup())
+
+
+def test_objects_of_matlab_s_own_are_named(tmp_path):
+    with h5py.File(tmp_path / "r.mat", "w") as file:
+        for name, values in five_columns().items():
+            file[name] = values
+        file["trace"] = np.array([[0xDD000000, 2, 1, 1, 1, 1]], "u4")
+        file["trace"].attrs["MATLAB_class"] = np.bytes_("table")
+        file["trace"].attrs["MATLAB_object_decode"] = np.int32(3)
+    with pytest.raises(RecordingError, match=r"an object of MATLAB's own \(table\)"):
+        load(tmp_path / "r.mat", five_setup(("Time", "Magnet", "trace[1]", "Y", "Z")))
+
+
 def test_what_cannot_be_used_is_listed_with_its_shape_and_type(tmp_path):
     columns = five_columns()
     with h5py.File(tmp_path / "r.h5", "w") as file:

@@ -1,4 +1,4 @@
-"""Files that hold arrays: MATLAB, HDF5, LabVIEW TDMS, numpy's, PicoTwist plots.
+"""Files that hold arrays: MATLAB, HDF5, netCDF, LabVIEW TDMS, numpy's, PicoTwist plots.
 
 Each is presented as a table of columns with names (`contents`). Names in HDF5 are full paths
 without the leading slash; in TDMS `group/channel`, or the channel alone where the file has one
@@ -198,6 +198,10 @@ def _contents(stream: BinaryIO, stack: ExitStack, kind: Format, take: bool) -> C
         from mtpipe.ingest.hdf5 import open_hdf5
 
         return open_hdf5(stream, stack, take=take)
+    if kind == "netcdf":
+        from mtpipe.ingest.netcdf import open_netcdf
+
+        return open_netcdf(stream, stack)
     if kind == "tdms":
         from mtpipe.ingest.tdms import open_tdms
 

@@ -136,6 +136,7 @@ _KINDS: dict[Format, str] = {
     "parquet": "a Parquet file",
     "matlab": "a MATLAB file",
     "hdf5": "an HDF5 file",
+    "netcdf": "a netCDF 3 file",
     "tdms": "a LabVIEW TDMS file",
     "npz": "a numpy archive",
     "npy": "a numpy array",

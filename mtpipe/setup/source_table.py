@@ -19,7 +19,9 @@ from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, PlainValidat
 
 from mtpipe.setup.presets import COLUMNS, DEKKER_TEXT, with_preset
 
-Format = Literal["canonical", "text", "parquet", "matlab", "hdf5", "tdms", "npz", "npy", "gr"]
+Format = Literal[
+    "canonical", "text", "parquet", "matlab", "hdf5", "netcdf", "tdms", "npz", "npy", "gr"
+]
 Delimiter = Literal["comma", "tab", "semicolon", "whitespace"]
 NM_PER_UNIT = {"nm": 1.0, "um": 1e3, "mm": 1e6, "m": 1e9}
 SECONDS_PER_UNIT = {
