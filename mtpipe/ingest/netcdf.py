@@ -30,7 +30,7 @@ def open_netcdf(stream: BinaryIO, stack: ExitStack) -> Contents:
     stream.seek(0)
     try:
         file: Any = stack.enter_context(netcdf_file(cast(Any, stream), mmap=False))
-    except ValueError as error:
+    except Exception as error:  # scipy raises anything on a header that is not whole
         raise RecordingError(
             f"is cut off or damaged, and nothing is taken of a file of this kind ({error})",
             mend="Copy the file again.",

@@ -264,7 +264,7 @@ def netcdf(columns: dict[str, Any], *, record: bool = False, version: int = 1) -
                     file.createDimension(side, size)
             one = file.createVariable(name, values.dtype, sides)
             one[:] = values
-            one.units = "nm" if name in "XYZ" else "s"
+            one.units = {"Time": "s", "Magnet": "mm"}.get(name, "nm")
     content = stream.getvalue()
     close()
     return content
