@@ -11,6 +11,7 @@ import scipy.io
 
 from mtpipe.ground.errors import RecordingError
 from mtpipe.ingest import load
+from mtpipe.ingest.instants import are_instants, is_instant
 from tests.ingest_recordings import FIVE, RATE, assert_plain, five_columns, five_setup, write
 
 
@@ -358,7 +359,10 @@ def five_setup_in(unit):
         "{0:%Y-%m-%d %H:%M:%S}.{1:06}", "{0:%Y-%m-%dT%H:%M:%S}.{1:06}Z", "{0:%H:%M:%S}.{1:06}",
         "{0:%Y-%m-%dT%H:%M:%S}.{1:06}+02:00", "{0:%d.%m.%Y %H:%M:%S},{1:06}",
         "{0:%m/%d/%Y %I:%M:%S}.{1:06} {0:%p}", "{0:%Y/%m/%d %H:%M:%S}.{1:06}",
-        "{0:%H:%M:%S}:{1:06}",
+        "{0:%H:%M:%S}:{1:06}", "{0:%Y%m%dT%H%M%S}.{1:06}", "{0:%Y%m%d %H:%M:%S}.{1:06}",
+        "{0:%Y-%m-%d_%H-%M-%S}.{1:06}", "{0:%d.%m.%y %H:%M:%S},{1:06}",
+        "{0:%d-%b-%Y %H:%M:%S}.{1:06}", "{0:%B %d, %Y %I:%M:%S}.{1:06} {0:%p}",
+        "{0:%Y-%m-%d %H:%M:%S}.{1:06} CET",
     ],
 )  # fmt: skip
 def test_clock_times_in_text(tmp_path, form):
@@ -370,6 +374,33 @@ def test_clock_times_in_text(tmp_path, form):
     for head in (["\t".join(FIVE)], ["Recorder 2", "started 12:00", "\t".join(FIVE)]):
         path = write(tmp_path / "r.txt", [*head, *lines])
         assert_plain(load(path, five_setup()), columns)
+
+
+def test_what_is_no_clock_time():
+    assert not are_instants(["2024-03-31 01:59:59 CET", "2024-03-31 03:00:00 CEST"])
+    for text in ("12:00:00 lost", "30-Foo-2024 12:00:00", "20240330", "120000.008", "25:00:00"):
+        assert not is_instant(text)
+
+
+@pytest.mark.parametrize("kind", ["parquet", "hdf5", "tdms"])
+def test_numbers_that_were_written_as_text(tmp_path, kind):
+    columns = five_columns()
+    written = {k: [repr(v) for v in values.tolist()] for k, values in columns.items()}
+    written["X"][7] = written["X"][8] = "NaN"
+    path = tmp_path / "r.dat"
+    if kind == "parquet":
+        pd.DataFrame(written).to_parquet(path)
+    elif kind == "hdf5":
+        with h5py.File(path, "w") as file:
+            for name, values in written.items():
+                file[name] = values
+    else:
+        with nptdms.TdmsWriter(path) as writer:
+            writer.write_segment([nptdms.ChannelObject("g", n, v) for n, v in written.items()])
+    recording = load(path, five_setup())
+    assert np.isnan(recording.positions_nm["b1"][[7, 8], 0]).all()
+    recording.positions_nm["b1"][[7, 8], 0] = columns["X"][[7, 8]]
+    assert_plain(recording, columns)
 
 
 def test_a_series_of_files_counts_from_its_first_clock_time(tmp_path):

@@ -23,8 +23,7 @@ from numpy.typing import NDArray
 from mtpipe.ground.errors import RecordingError
 from mtpipe.ingest.announced import NUMBER_BYTES, check_fits, check_room, no_room
 from mtpipe.ingest.column_attributes import NOTHING, Stated, stated_by
-from mtpipe.ingest.contents import BLOCK_BYTES, MOST_COLUMNS, TEXT_ROWS
-from mtpipe.ingest.instants import are_instants, instants_of
+from mtpipe.ingest.contents import BLOCK_BYTES, MOST_COLUMNS, values_of_text
 from mtpipe.setup.source_table import Layout
 
 MOST_ROWS = 1 << 17
@@ -107,15 +106,16 @@ class ParquetTable:
         if _is_text(kind):
             words = array.dictionary_encode()  # a word may be long, and stand in many rows
             cells = [str(cell or "") for cell in words.dictionary.to_pylist()]
-            if not are_instants(cells[:TEXT_ROWS]):
+            values = values_of_text(["", *cells])
+            if values is None:
                 begin = "".join(cells[:1])[:40]
                 raise RecordingError(
                     f"column {column.name} holds text ({begin!r}) where numbers or clock times are "
                     "expected",
                     where=str(self.path),
                 )
-            at = pc.fill_null(words.indices, len(cells)).to_numpy(zero_copy_only=False)
-            return np.asarray(instants_of([*cells, ""])[at])
+            at = pc.fill_null(words.indices, -1).to_numpy(zero_copy_only=False)
+            return np.asarray(values[at + 1])
         raw = array.cast(pa.float64(), safe=False).to_numpy(zero_copy_only=False)
         return (column.stated if self.as_stated else NOTHING).physical(raw)
 
