@@ -11,16 +11,20 @@ from pathlib import Path
 import h5py
 import numpy as np
 import pandas as pd
+import pyarrow as pa
+import pyarrow.parquet as pq
 import pytest
 import scipy.io
+import tifffile
 
 import mtpipe
 from mtpipe.ground.errors import MtpipeError, RecordingError
-from mtpipe.ingest import announced
+from mtpipe.ingest import announced, arrays
 from mtpipe.ingest.announced import HARMLESS_BYTES, check_announced, check_fits
 from mtpipe.ingest.arrays import open_arrays
 from mtpipe.ingest.matlab_check import check_matlab
 from mtpipe.ingest.parquet import open_parquet
+from mtpipe.report import write_report
 from mtpipe.tracking.lookup_table import LookUpTable
 from mtpipe.tracking.stack import open_stack
 from tests.ingest_recordings import (
@@ -30,6 +34,7 @@ from tests.ingest_recordings import (
     setup_of,
     write_magscope,
 )
+from tests.report_folder import write_run_folder
 
 FAULTS = Path(__file__).parents[2] / "shared" / "cases" / "faults"
 ODD = (None, -1, 0, 3.5, "odd", [], [1, 2, 3], {}, True, 1e99)
@@ -158,6 +163,70 @@ def test_what_does_not_fit_into_the_memory_is_told_before_it_is_read(tmp_path, m
     assert "numbers, which need" in said(lambda: mtpipe.load(text, setup_of()))
     monkeypatch.setattr(announced, "memory_bytes", lambda: None)
     check_fits(1 << 60, "a")
+
+
+def hdf5(path):
+    with h5py.File(path, "w") as file:
+        file.create_dataset("a", data=np.ones(200_000), chunks=(200_000,), compression="gzip")
+    return lambda: next(open_arrays(path, "hdf5").batches([0]))
+
+
+def matlab(path):
+    part = np.ones((100_000, 1))
+    scipy.io.savemat(path, {"a": part, "b": part}, do_compression=True)
+    return lambda: open_arrays(path, "matlab")
+
+
+def numpy_archive(path):
+    np.savez_compressed(path, a=np.ones((1000, 200)))
+    return lambda: open_arrays(path, "npz")
+
+
+def film(path):
+    images = np.ones((2, 1000, 1000), np.uint8)
+    tifffile.imwrite(path, images, compression="zlib", photometric="minisblack", metadata=None)
+    return lambda: open_stack(path)
+
+
+def run_folder(path):
+    path.mkdir()
+    folder = write_run_folder(path / "run", plateaus=1)
+    pd.DataFrame({"bead": np.zeros(200_000)}).to_parquet(folder / "forces.parquet")
+    return lambda: write_report(folder)
+
+
+@pytest.mark.parametrize("make", [hdf5, matlab, numpy_archive, film, run_folder])
+def test_what_unfolds_at_once_to_more_than_the_memory_is_told_first(tmp_path, monkeypatch, make):
+    read = make(tmp_path / "small.npz")
+    monkeypatch.setattr(announced, "memory_bytes", lambda: 1_500_000)
+    with pytest.raises(MtpipeError, match=r"unfolds to .* of memory; there are 0\.0015 GB"):
+        read()
+
+
+def test_parquet_fields_that_unfold_far(tmp_path):
+    long = pa.array([np.zeros(20_000)], pa.list_(pa.float64()))
+    fixed = pa.FixedSizeListArray.from_arrays(pa.array(np.zeros(20_000)), 20_000)
+    pq.write_table(pa.table({"a": long, "b": fixed, "t": [1.0]}), tmp_path / "long.parquet")
+    table = open_parquet(tmp_path / "long.parquet")
+    assert table.names == ("t",)
+    assert set(table.unusable) == {"a", "b"}
+    # a word of a megabyte that stands in a thousand rows
+    words = pa.DictionaryArray.from_arrays(np.zeros(1000, np.int8), ["x" * 1_000_000])
+    pq.write_table(pa.table({"t": words}), tmp_path / "words.parquet", store_schema=False)
+    with pytest.raises(RecordingError, match="column t holds text"):
+        next(open_parquet(tmp_path / "words.parquet").batches([0]))
+    assert pa.default_memory_pool().max_memory() < 500_000_000
+
+
+def test_memory_that_other_programs_have_is_told_as_that(tmp_path, monkeypatch):
+    np.save(tmp_path / "a.npy", np.zeros(10))
+
+    def none_left(*_):
+        raise MemoryError
+
+    monkeypatch.setattr(arrays, "values_of", none_left)
+    with pytest.raises(RecordingError, match=r"a\.npy: needs more memory than is free"):
+        next(open_arrays(tmp_path / "a.npy", "npy").batches([0]))
 
 
 ROWS = b"time_s,b1_x_nm,b1_y_nm\n" + b"0,0,0\n" * 1000

@@ -17,6 +17,7 @@ from tests.stack_images import setup_text
 from tests.test_stack import FRAMES, GREY, PLANES, everything, spread_film
 
 TAKE = Reading(take_incomplete=True)
+IMAGEJ = {"imagej": True, "metadata": {"axes": "TYX"}}
 
 
 def codes(stack):
@@ -120,6 +121,25 @@ def test_a_tail_of_zeros_is_no_end_of_a_film(tmp_path, one_header):
     with pytest.raises(RecordingError, match=r"after page 15 \(the 5 frames after it are all zero"):
         open_stack(path)
     assert np.array_equal(everything(open_stack(path, reading=TAKE)), FRAMES[:15])
+
+
+@pytest.mark.parametrize("options", [{}, IMAGEJ, {"compression": "packbits"}])
+@pytest.mark.parametrize("zeros", [40, 700])
+def test_a_last_frame_that_is_zero_in_part_is_not_whole(tmp_path, options, zeros):
+    path = tmp_path / "film.tif"
+    cut = FRAMES.copy()
+    cut[-1].flat[-zeros:] = 0
+    tifffile.imwrite(path, cut, photometric="minisblack", **options)
+    with pytest.raises(RecordingError, match=r"after page 19 \(the frame after it .* in zeros"):
+        open_stack(path)
+    assert np.array_equal(everything(open_stack(path, reading=TAKE)), FRAMES[:19])
+    dark = FRAMES.copy()
+    dark.reshape(len(dark), -1)[:, -zeros:] = 0  # a corner that the camera never lights
+    tifffile.imwrite(path, dark, photometric="minisblack", **options)
+    assert np.array_equal(everything(open_stack(path)), dark)
+    sparse = np.where(np.random.default_rng(5).random(FRAMES.shape) < 0.95, 0, FRAMES)
+    tifffile.imwrite(path, sparse, photometric="minisblack", **options)
+    assert np.array_equal(everything(open_stack(path)), sparse)
 
 
 def test_pages_that_differ_are_no_damage(tmp_path):

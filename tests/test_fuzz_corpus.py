@@ -2,6 +2,7 @@
 
 import gzip
 import io
+import json
 import re
 import struct
 import subprocess
@@ -28,10 +29,13 @@ from mtpipe.ingest.bounded import BoundedReader
 from mtpipe.ingest.cells import is_number
 from mtpipe.ingest.data_files import open_stream
 from mtpipe.ingest.matlab_check import check_matlab
+from mtpipe.report import write_report
 from mtpipe.report.folder import RunFolderError, _read_table
 from mtpipe.setup.setup import read_setup
 from mtpipe.tracking.lookup_table import LookUpTable
 from tests.ingest_recordings import five_setup
+from tests.report_beads import RUN
+from tests.report_folder import write_run_folder
 
 STUDY = Path(__file__).parents[1] / "workflows" / "fuzz" / "study.py"
 
@@ -44,7 +48,7 @@ def test_every_reader_ends_thirty_inputs_fine_or_with_a_sentence(tmp_path):
         check=False,
     )
     assert done.returncode == 0, done.stdout + done.stderr[-2000:]
-    assert len(re.findall(r"^\| \w+ \| 30 \|", done.stdout, re.MULTILINE)) == 12
+    assert len(re.findall(r"^\| \w+ \| 30 \|", done.stdout, re.MULTILINE)) == 13
 
 
 # ------------------------------------------------------------------ names
@@ -219,3 +223,43 @@ def test_a_column_with_a_line_end_in_its_name_is_told_in_one_line(tmp_path):
         mtpipe.load(tmp_path / "r.npz", five_setup())
     assert "a\\nb" in str(told.value)
     assert len(str(told.value).splitlines()) == 1
+
+
+# ------------------------------------------------------------------ run folders
+
+
+def _huge_ratio(folder):
+    path = folder / "details" / "spectra.parquet"
+    table = pd.read_parquet(path)
+    for row, power, model in ((0, 1e29, 1e-278), (1, 1e-278, 1e29)):
+        table.loc[row, ["power_nm2_per_hz", "model_nm2_per_hz"]] = [power, model]
+    table.attrs["run"] = RUN
+    table.to_parquet(path)
+
+
+def _long_integer(folder):
+    path = folder / "details" / "before_after.json"
+    content = json.loads(path.read_text())
+    for bead in content["beads"].values():
+        for one in bead["spectra"]:
+            one["ordinates"][0] = 10**25
+    path.write_text(json.dumps(content))
+
+
+def _no_band(folder):
+    path = folder / "details" / "unexplained.json"
+    content = json.loads(path.read_text())
+    for bead in content["beads"].values():
+        for shape in bead["shapes"]:
+            for key in ("curve", "curve_low", "curve_high", "value", "value_low", "value_high"):
+                shape[key] = [None] * len(shape[key])
+    path.write_text(json.dumps(content))
+
+
+@pytest.mark.parametrize("odd", [_huge_ratio, _long_integer, _no_band])
+def test_numbers_of_a_run_folder_that_numpy_takes_for_objects_or_for_nothing_are_drawn(
+    tmp_path, odd
+):
+    folder = write_run_folder(tmp_path / "run", plateaus=2)
+    odd(folder)
+    assert write_report(folder).is_file()

@@ -113,31 +113,81 @@ def test_an_attribute_without_agreed_meaning_is_refused_by_name(tmp_path, name, 
     assert_plain(load(write_hdf5(path, columns, neutral), five_setup()), columns)
 
 
-@pytest.mark.parametrize("kind", ["hdf5", "tdms", "parquet", "units row"])
-@pytest.mark.parametrize("unit", ["um", "µm", "[Micrometers]", "mm"])
-def test_a_unit_that_contradicts_the_setup_is_an_error(tmp_path, kind, unit):
-    columns = five_columns()
-    path = tmp_path / "r.dat"
+def with_units(path, kind, columns, unit):
+    """The columns in a file that says of X, Y and Z in what unit they are."""
     if kind == "hdf5":
-        write_hdf5(path, columns, {"units": unit})
-    elif kind == "tdms":
+        return write_hdf5(path, columns, {"units": unit})
+    if kind == "parquet":
+        return write_parquet(path, columns, {"unit": unit})
+    if kind == "tdms":
         channels = [
             nptdms.ChannelObject("g", n, v, {"unit_string": unit} if n in "XYZ" else {})
             for n, v in columns.items()
         ]
         with nptdms.TdmsWriter(path) as writer:
             writer.write_segment(channels)
-    elif kind == "parquet":
-        write_parquet(path, columns, {"unit": unit})
-    else:
-        rows = [",".join(f"{v:.4f}" for v in row) for row in zip(*columns.values(), strict=True)]
-        write(path, [",".join(columns), f"s,mm,{unit},{unit},{unit}", *rows])
-    with pytest.raises(RecordingError, match=r"column X \(b1 x\) is in .* by the file") as caught:
-        load(path, five_setup())
-    assert "in nm by the setup" in caught.value.message
+        return path
+    rows = [",".join(f"{v:.9f}" for v in row) for row in zip(*columns.values(), strict=True)]
+    return write(path, [",".join(columns), f"s,mm,{unit},{unit},{unit}", *rows])
+
+
+CARRIERS = ["hdf5", "tdms", "parquet", "units row"]
+
+
+@pytest.mark.parametrize("kind", CARRIERS)
+@pytest.mark.parametrize("unit", ["um", "µm", "[Micrometers]", "mm", "cm"])
+def test_a_unit_that_no_bead_can_have_is_told_and_the_setup_s_taken(tmp_path, kind, unit):
+    columns = five_columns()
+    path = with_units(tmp_path / "r.dat", kind, columns, unit)
+    recording = load(path, five_setup())
+    assert_plain(recording, columns)
+    (said,) = [n for n in recording.notices if n.code == "unit_contradicts"]
+    assert said.severity == "caution"
+    assert "X, Y, Z would be in" in said.message
+    assert "by the setup in nm" in said.message
     aside = load(path, five_setup(attributes="setup"))
     assert_plain(aside, columns)
     assert "attributes_put_aside" in codes(aside)
+
+
+@pytest.mark.parametrize("kind", CARRIERS)
+@pytest.mark.parametrize(
+    ("setup", "unit", "factor"),
+    [
+        ("um", "nm", 1.0),  # the setup is wrong
+        ("nm", "um", 1e-3),
+        ("nm", "um", 0.05),  # beads move by 1.5 nm or 1.5 µm: who knows
+        ("nm", "angstrom", 1.0),
+        ("nm", "px", 1.0),
+    ],
+)
+def test_a_unit_that_contradicts_the_setup_is_an_error(tmp_path, kind, setup, unit, factor):
+    columns = five_columns()
+    written = columns | {axis: columns[axis] * factor for axis in "XYZ"}
+    path = with_units(tmp_path / "r.dat", kind, written, unit)
+    with pytest.raises(RecordingError, match=r"column X \(b1 x\) is in .* by the file") as caught:
+        load(path, five_setup(units={"position": setup}))
+    assert f"in {setup} by the setup" in caught.value.message
+    scale = dict.fromkeys("xyz", 1 / factor)
+    aside = five_setup(units={"position": "nm"}, attributes="setup", scale=scale)
+    assert_plain(load(path, aside), columns)
+
+
+def test_stamps_tell_the_unit_of_time_and_nothing_that_of_magnets(tmp_path):
+    columns = five_columns()
+    path = write_hdf5(tmp_path / "r.h5", columns)
+    with h5py.File(path, "a") as file:
+        file["Time"].attrs["units"] = "ms"
+    recording = load(path, five_setup())
+    assert_plain(recording, columns)
+    assert "unit_contradicts" in codes(recording)
+    with pytest.raises(RecordingError, match=r"column Time \(time\) is in ms by the file"):
+        load(path, five_setup(rate="unknown"))
+    with h5py.File(path, "a") as file:
+        del file["Time"].attrs["units"]
+        file["Magnet"].attrs["units"] = "um"
+    with pytest.raises(RecordingError, match=r"column Magnet \(magnet\) is in um by the file"):
+        load(path, five_setup())
 
 
 def test_an_unknown_unit_is_the_file_s_own(tmp_path):
@@ -200,6 +250,9 @@ def rated(path, kind, columns, words):
         ("hdf5 column", {"frame_rate": 100.0}),
         ("hdf5 file", {"Frame rate (Hz)": 100}),
         ("hdf5 file", {"dt_ms": 10.0}),
+        ("hdf5 file", {"Sampling freq": "0,1 kHz"}),
+        ("hdf5 column", {"period": "10 ms"}),
+        ("tdms", {"Rate": "100 fps"}),
         ("parquet", {"fps": 100.0}),
         ("pandas", {"frame_rate_hz": 100.0}),
     ],

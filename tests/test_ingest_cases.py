@@ -20,15 +20,14 @@ READ = [
     "hdf_array_of_three_axes", "header_cp1252", "header_mu_or_micro", "header_with_quoted_mark",
     "lines_before_header", "lost_word_msvc_short", "lost_word_padded", "matlab_struct",
     "numpy_npy", "pandas_hdf_table", "parquet_clock_time", "row_ends_with_delimiter",
-    "scale_attribute", "tdms_clock_time_channel", "tdms_rate_unknown", "units_row_under_header",
-    "utf16_with_mark",
+    "scale_attribute", "tdms_clock_time_channel", "tdms_rate_unknown",
+    "unit_attribute_contradicts", "units_row_under_header", "utf16_with_mark",
 ]  # fmt: skip
 REFUSED = {
     "mixed_decimal_marks": r"'4\.1583' is no number",
     "tdms_cut_contiguous": "is cut off in its last segment: 2500 rows are whole",
     "tdms_cut_interleaved": "is cut off in its last segment: 2000 rows are whole",
     "tdms_rate_contradicts": "setup says 120 frames per second, the file says 60",
-    "unit_attribute_contradicts": "column X .* is in um by the file",
 }
 TAKEN = {"tdms_cut_contiguous": 2500, "tdms_cut_interleaved": 2000}
 

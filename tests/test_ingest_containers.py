@@ -11,6 +11,7 @@ import scipy.io
 
 from mtpipe.ground.errors import RecordingError
 from mtpipe.ingest import load
+from mtpipe.ingest.instants import are_instants, is_instant
 from tests.ingest_recordings import FIVE, RATE, assert_plain, five_columns, five_setup, write
 
 
@@ -191,6 +192,38 @@ def test_links_are_followed_within_the_file_and_refused_beyond_it(tmp_path):
             load(tmp_path / "r.h5", five_setup(("raw/Time", "raw/Magnet", name, "raw/Y", "raw/Z")))
 
 
+@pytest.mark.parametrize("record", [False, True])
+def test_netcdf_3(tmp_path, record):
+    columns = five_columns()
+    path = tmp_path / "r.nc"
+    with scipy.io.netcdf_file(path, "w") as file:
+        file.createDimension("row", None if record else len(columns["X"]))
+        for name, values in columns.items():
+            one = file.createVariable(name, "i4" if name in "XYZ" else "f8", ("row",))
+            one[:] = np.rint(values * 1000) if name in "XYZ" else values
+            if name in "XYZ":
+                one.scale_factor, one.units = np.float64(0.001), "nm"
+    assert_plain(load(path, five_setup()), columns)
+    whole = path.read_bytes()
+    path.write_bytes(whole[: len(whole) * 2 // 3])
+    with pytest.raises(RecordingError, match="is cut off or damaged, and nothing is taken"):
+        load(path, five_setup())
+    path.write_bytes(b"CDF\x05" + whole[4:])
+    with pytest.raises(RecordingError, match=r"version 5, .*nccopy"):
+        load(path, five_setup())
+
+
+def test_objects_of_matlab_s_own_are_named(tmp_path):
+    with h5py.File(tmp_path / "r.mat", "w") as file:
+        for name, values in five_columns().items():
+            file[name] = values
+        file["trace"] = np.array([[0xDD000000, 2, 1, 1, 1, 1]], "u4")
+        file["trace"].attrs["MATLAB_class"] = np.bytes_("table")
+        file["trace"].attrs["MATLAB_object_decode"] = np.int32(3)
+    with pytest.raises(RecordingError, match=r"an object of MATLAB's own \(table\)"):
+        load(tmp_path / "r.mat", five_setup(("Time", "Magnet", "trace[1]", "Y", "Z")))
+
+
 def test_what_cannot_be_used_is_listed_with_its_shape_and_type(tmp_path):
     columns = five_columns()
     with h5py.File(tmp_path / "r.h5", "w") as file:
@@ -308,7 +341,7 @@ def test_clock_times_in_hdf5(tmp_path, kind):
             file.create_dataset("Time", data=stamps.astype(kind_of_time))
     setup = five_setup()
     if unit == "ms":
-        with pytest.raises(RecordingError, match=r"column Time .*is in milliseconds since"):
+        with pytest.raises(RecordingError, match=r"column Time .*is in ms .*milliseconds since"):
             load(tmp_path / "r.h5", setup)
         setup = five_setup_in(unit)
     assert_plain(load(tmp_path / "r.h5", setup), columns)
@@ -326,7 +359,10 @@ def five_setup_in(unit):
         "{0:%Y-%m-%d %H:%M:%S}.{1:06}", "{0:%Y-%m-%dT%H:%M:%S}.{1:06}Z", "{0:%H:%M:%S}.{1:06}",
         "{0:%Y-%m-%dT%H:%M:%S}.{1:06}+02:00", "{0:%d.%m.%Y %H:%M:%S},{1:06}",
         "{0:%m/%d/%Y %I:%M:%S}.{1:06} {0:%p}", "{0:%Y/%m/%d %H:%M:%S}.{1:06}",
-        "{0:%H:%M:%S}:{1:06}",
+        "{0:%H:%M:%S}:{1:06}", "{0:%Y%m%dT%H%M%S}.{1:06}", "{0:%Y%m%d %H:%M:%S}.{1:06}",
+        "{0:%Y-%m-%d_%H-%M-%S}.{1:06}", "{0:%d.%m.%y %H:%M:%S},{1:06}",
+        "{0:%d-%b-%Y %H:%M:%S}.{1:06}", "{0:%B %d, %Y %I:%M:%S}.{1:06} {0:%p}",
+        "{0:%Y-%m-%d %H:%M:%S}.{1:06} CET",
     ],
 )  # fmt: skip
 def test_clock_times_in_text(tmp_path, form):
@@ -338,6 +374,33 @@ def test_clock_times_in_text(tmp_path, form):
     for head in (["\t".join(FIVE)], ["Recorder 2", "started 12:00", "\t".join(FIVE)]):
         path = write(tmp_path / "r.txt", [*head, *lines])
         assert_plain(load(path, five_setup()), columns)
+
+
+def test_what_is_no_clock_time():
+    assert not are_instants(["2024-03-31 01:59:59 CET", "2024-03-31 03:00:00 CEST"])
+    for text in ("12:00:00 lost", "30-Foo-2024 12:00:00", "20240330", "120000.008", "25:00:00"):
+        assert not is_instant(text)
+
+
+@pytest.mark.parametrize("kind", ["parquet", "hdf5", "tdms"])
+def test_numbers_that_were_written_as_text(tmp_path, kind):
+    columns = five_columns()
+    written = {k: [repr(v) for v in values.tolist()] for k, values in columns.items()}
+    written["X"][7] = written["X"][8] = "NaN"
+    path = tmp_path / "r.dat"
+    if kind == "parquet":
+        pd.DataFrame(written).to_parquet(path)
+    elif kind == "hdf5":
+        with h5py.File(path, "w") as file:
+            for name, values in written.items():
+                file[name] = values
+    else:
+        with nptdms.TdmsWriter(path) as writer:
+            writer.write_segment([nptdms.ChannelObject("g", n, v) for n, v in written.items()])
+    recording = load(path, five_setup())
+    assert np.isnan(recording.positions_nm["b1"][[7, 8], 0]).all()
+    recording.positions_nm["b1"][[7, 8], 0] = columns["X"][[7, 8]]
+    assert_plain(recording, columns)
 
 
 def test_a_series_of_files_counts_from_its_first_clock_time(tmp_path):

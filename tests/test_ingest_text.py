@@ -21,7 +21,8 @@ NO_NUMBERS = [
     "1.#R", "1.#QO", "1.#SNAN", "1.#INF", "-1.#INF00", "1.#J", "-1.$", "1.#QNAN0e+000",
     "-1.#IND00e-12", "-1,#IND00", "inf", "-Inf", "Infinity", "-infinity", "∞", "NA", "N/A", "n/a",
     "n.a.", "#N/A", "<NA>", "NaT", "NULL", "null", "None", "nil", "--", "-", "---", "?", "***",
-    ".", "#NUM!", "#DIV/0!", "#VALUE!", "#WERT!", "#REF!",
+    "nan0x7", "nan1", "NaN nm", "nan+0j", "%NAN", "Inf.", "n.d.", "ND", "No data", "missing",
+    "undefined", "#N/A N/A", "\\N", "(null)", ".", "#NUM!", "#DIV/0!", "#VALUE!", "#WERT!", "#REF!",
 ]  # fmt: skip
 NUMBERS = ["0", "-1", "+1.5", ".5", "5.", "1e5", "1E-05", "-1.25D+03", "007", "−3.5"]
 
@@ -43,7 +44,9 @@ def test_any_spelling_of_no_number_is_known(word):
     assert not is_number(word, ".")
 
 
-@pytest.mark.parametrize("word", [*NUMBERS, "LOST", "bead", "1.2.3", "12 nm", "nano", "0x1F", "#5"])
+@pytest.mark.parametrize(
+    "word", [*NUMBERS, "LOST", "bead", "1.2.3", "12 nm", "nano", "0x1F", "#5", "nanny", "nod", "Nm"]
+)
 def test_what_says_something_is_not_taken_for_no_number(word):
     assert not is_no_number(word)
     assert is_number(word, ".") == (word in NUMBERS)
@@ -162,6 +165,23 @@ def test_a_delimiter_at_the_end_of_rows(tmp_path, mark, of_names, of_rows):
     assert_plain(load(path, five_setup()), columns)
 
 
+@pytest.mark.parametrize("head", [[], ["sep=|"]])
+def test_columns_separated_by_upright_strokes(tmp_path, head):
+    columns = five_columns()
+    path = write(tmp_path / "r.csv", [*head, "|".join(columns), *lines_of(columns, "|")])
+    assert_plain(load(path, five_setup()), columns)
+
+
+def test_names_that_fit_no_row_are_told_with_both_numbers(tmp_path):
+    columns = five_columns()
+    numbered = [f"{k},{line}" for k, line in enumerate(lines_of(columns))]
+    path = write(tmp_path / "r.csv", [",".join(columns), *numbered])  # as R writes row names
+    with pytest.raises(RecordingError, match=r"line 1, .* has 5 of them, .* have 6 columns"):
+        load(path, five_setup())
+    path = write(tmp_path / "r.csv", [",".join(columns), *lines_of(columns, end=",,")])
+    assert_plain(load(path, five_setup()), columns)
+
+
 @pytest.mark.parametrize("inner", [";", "\t", ", ", ";;;;"])
 def test_marks_within_quoted_names(tmp_path, inner):
     columns = five_columns()
@@ -206,7 +226,8 @@ def test_plain_names_are_plain(one, other):
 
 @pytest.mark.parametrize(
     "encoding",
-    ["utf-8", "utf-8-sig", "utf-16", "utf-16-le", "utf-16-be", "utf-32", "cp1252", "latin-1",
+    ["utf-8", "utf-8-sig", "utf-16", "utf-16-le", "utf-16-be", "utf-32", "utf-32-le",
+     "utf-32-be", "cp1252", "latin-1",
      "mac_roman", "cp437", "cp850"],
 )  # fmt: skip
 @pytest.mark.parametrize("mark", [",", "  "])

@@ -1,7 +1,8 @@
 """Whether what files say of themselves agrees with the setup: units and the frame rate.
 
-A file that contradicts the setup is refused, as contradicting time stamps are: one of the two is
-wrong, and with it every force. `[source] attributes = "setup"` puts the file's word aside.
+A rate that contradicts the setup is refused, as contradicting time stamps are: one of the two is
+wrong, and with it every force. So is a unit, unless the numbers show which is wrong
+(`contradictions`). `[source] attributes = "setup"` puts the file's word aside.
 """
 
 from __future__ import annotations
@@ -15,11 +16,11 @@ from mtpipe.ingest.clock import FASTEST_HZ, RATE_TOLERANCE, SLOWEST_HZ
 from mtpipe.ingest.collect import OpenTable
 from mtpipe.ingest.column_attributes import Stated
 from mtpipe.ingest.columns import Assignment
+from mtpipe.ingest.contradictions import ASIDE, Contradiction
 from mtpipe.ingest.units import unit_of
 from mtpipe.recording.recording import AXES
 from mtpipe.setup.source_table import UNKNOWN_UNIT, Source
 
-ASIDE = 'If the file is wrong, write attributes = "setup" into [source].'
 # What programs write that do not know the time between frames.
 PLACEHOLDER_HZ = 1.0
 
@@ -44,28 +45,35 @@ class Use:
     key: str
 
 
-def check_columns(table: OpenTable, plan: Assignment, source: Source | None) -> tuple[Notice, ...]:
-    """Compare the units of a recording's columns with the setup; errors as in `check_uses`."""
+Said = tuple[tuple[Notice, ...], tuple[Contradiction, ...]]
+
+
+def check_columns(table: OpenTable, plan: Assignment, source: Source | None) -> Said:
+    """Compare the units of a recording's columns with the setup; as `check_uses`."""
     aside = source is not None and source.attributes is not None
     return check_uses(table, list(_uses(plan, source)), aside=aside)
 
 
-def check_uses(table: OpenTable, uses: Sequence[Use], *, aside: bool) -> tuple[Notice, ...]:
+def check_uses(table: OpenTable, uses: Sequence[Use], *, aside: bool) -> Said:
     """Compare what a file says of columns in use with the setup, and say what is done with it.
 
     Parameters
     ----------
     aside : whether the setup puts the file's word aside.
 
+    Returns
+    -------
+    Notices, and units in which file and setup contradict each other.
+
     Raises
     ------
-    RecordingError : a unit contradicts the setup, or an attribute may change the numbers in a way
-        that is not known.
+    RecordingError : an attribute may change the numbers in a way that is not known.
     """
     told = {use: table.stated[use.column] for use in uses}
     if aside:
-        return _put_aside(told, table)
+        return _put_aside(told, table), ()
     notices: dict[str, Notice] = {}
+    contradictions = []
     changed: dict[str, list[str]] = {}
     for use, stated in told.items():
         name = table.names[use.column]
@@ -76,15 +84,17 @@ def check_uses(table: OpenTable, uses: Sequence[Use], *, aside: bool) -> tuple[N
                 where=str(table.path),
                 mend='Say by scale in [source] what the numbers need, and attributes = "setup".',
             )
-        notice = _compared(use, stated, table)
-        if notice is not None:
-            notices.setdefault(notice.message, notice)
+        found = _compared(use, stated, table)
+        if isinstance(found, Contradiction):
+            contradictions.append(found)
+        elif found is not None:
+            notices.setdefault(found.message, found)
         for words in stated.changed_by:
             changed.setdefault(words, []).append(name)
     for words, names in changed.items():
         said = f"The file's {words} of {_listed(names)} is applied."
         notices[said] = Notice("attributes_applied", "info", said)
-    return tuple(notices.values())
+    return tuple(notices.values()), tuple(contradictions)
 
 
 def stated_rate(
@@ -190,7 +200,7 @@ def _uses(plan: Assignment, source: Source | None) -> Iterator[Use]:
             yield Use(column, what, unit, f"[source.{what}] unit")
 
 
-def _compared(use: Use, stated: Stated, table: OpenTable) -> Notice | None:
+def _compared(use: Use, stated: Stated, table: OpenTable) -> Notice | Contradiction | None:
     """What is to be said of a column's unit; None where it agrees or there is none."""
     name = table.names[use.column]
     if not stated.unit or use.unit is None:
@@ -205,13 +215,12 @@ def _compared(use: Use, stated: Stated, table: OpenTable) -> Notice | None:
     if unit is None:
         said = f"The unit {stated.unit!r} of column {name} is not known; {use.unit} is taken."
         return Notice("unit_not_known", "info", said)
-    said = (
-        f"column {name} ({use.what}) is in {stated.unit} by the file ({stated.unit_words}), in "
-        f"{use.unit} by the setup ({use.key})"
-    )
+    words, where = stated.unit_words, str(table.path)
+    one = Contradiction(name, use.what, unit, use.unit, words, use.key, where)
     if stated.unit_in_name:
+        said = one.refused().message
         return Notice("unit_contradicts", "caution", f"{said[0].upper()}{said[1:]}.")
-    raise RecordingError(said, where=str(table.path), mend=f"Correct {use.key}. {ASIDE}")
+    return one
 
 
 def _put_aside(told: dict[Use, Stated], table: OpenTable) -> tuple[Notice, ...]:

@@ -18,6 +18,7 @@ HELD_TIMES = 2
 NUMBER_BYTES = 8
 # The memory that a container may have, where it is bounded (Linux, control groups).
 BOUND_OF_CONTAINER = Path("/sys/fs/cgroup/memory.max")
+LESS = "Take a part of it, fewer beads, or a computer with more memory."
 # What is smaller than this does no harm, whatever its header says.
 HARMLESS_BYTES = 1 << 26
 
@@ -47,14 +48,29 @@ def check_fits(numbers: int, where: str) -> None:
     ----------
     numbers : rows times columns that are read.
     """
-    needed, memory = numbers * NUMBER_BYTES * HELD_TIMES, memory_bytes()
+    _check_memory(numbers * NUMBER_BYTES * HELD_TIMES, f"{numbers:.3g} numbers", where)
+
+
+def check_room(size: int, where: str) -> None:
+    """Raise RecordingError if what a library unfolds at once cannot be held in memory.
+
+    Parameters
+    ----------
+    size : bytes of it.
+    """
+    _check_memory(size, f"{size:.3g} bytes at once", where)
+
+
+def _check_memory(needed: int, what: str, where: str) -> None:
+    memory = memory_bytes()
     if memory is not None and needed > memory:
-        raise RecordingError(
-            f"unfolds to {numbers:.3g} numbers, which need {needed / 1e9:.3g} GB of memory; there "
-            f"are {memory / 1e9:.3g} GB",
-            where=where,
-            mend="Take a part of it, fewer beads, or a computer with more memory.",
-        )
+        said = f"{needed / 1e9:.3g} GB of memory; there are {memory / 1e9:.3g} GB"
+        raise RecordingError(f"unfolds to {what}, which need {said}", where=where, mend=LESS)
+
+
+def no_room(where: str) -> RecordingError:
+    """The error for what asked for more memory than other programs left."""
+    return RecordingError("needs more memory than is free", where=where, mend=LESS)
 
 
 def memory_bytes() -> int | None:

@@ -1,4 +1,4 @@
-"""Files that hold arrays: MATLAB, HDF5, LabVIEW TDMS, numpy's, PicoTwist plots.
+"""Files that hold arrays: MATLAB, HDF5, netCDF, LabVIEW TDMS, numpy's, PicoTwist plots.
 
 Each is presented as a table of columns with names (`contents`). Names in HDF5 are full paths
 without the leading slash; in TDMS `group/channel`, or the channel alone where the file has one
@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 
 from mtpipe.ground.errors import RecordingError
 from mtpipe.ground.files import as_text
-from mtpipe.ingest.announced import check_fits
+from mtpipe.ingest.announced import check_fits, no_room
 from mtpipe.ingest.bounded import unpacked
 from mtpipe.ingest.column_attributes import NOTHING, Stated
 from mtpipe.ingest.contents import BLOCK_BYTES, Array, Contents, values_of
@@ -144,6 +144,8 @@ def open_arrays(path: Path, kind: Format, layout: Layout | None = None) -> Array
 
 
 def _damaged(path: Path, kind: Format, error: Exception) -> RecordingError:
+    if isinstance(error, MemoryError):
+        return no_room(str(path))
     reason = f"{type(error).__name__}: {error}".splitlines()[0][:200]
     mark = INDEX_LAST.get(kind)
     if mark is not None:
@@ -196,6 +198,10 @@ def _contents(stream: BinaryIO, stack: ExitStack, kind: Format, take: bool) -> C
         from mtpipe.ingest.hdf5 import open_hdf5
 
         return open_hdf5(stream, stack, take=take)
+    if kind == "netcdf":
+        from mtpipe.ingest.netcdf import open_netcdf
+
+        return open_netcdf(stream, stack)
     if kind == "tdms":
         from mtpipe.ingest.tdms import open_tdms
 

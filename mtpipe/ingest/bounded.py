@@ -13,7 +13,13 @@ from pathlib import Path
 from typing import BinaryIO
 
 from mtpipe.ground.errors import RecordingError
-from mtpipe.ingest.announced import HARMLESS_BYTES, NUMBER_BYTES, check_announced, check_fits
+from mtpipe.ingest.announced import (
+    HARMLESS_BYTES,
+    NUMBER_BYTES,
+    check_announced,
+    check_fits,
+    check_room,
+)
 
 PIECE_BYTES = 1 << 24
 
@@ -48,7 +54,7 @@ def unpacked(stream: BinaryIO, where: str) -> io.BytesIO:
 
 
 def check_archive(archive: zipfile.ZipFile, size: int, file: str = "") -> None:
-    """Raise RecordingError if the members of an archive of `size` bytes cannot be in it.
+    """Raise RecordingError if members of an archive of `size` bytes cannot be in it, or be read.
 
     Parameters
     ----------
@@ -61,3 +67,4 @@ def check_archive(archive: zipfile.ZipFile, size: int, file: str = "") -> None:
             raise RecordingError(f"{said}: it is cut off or damaged", where=where)
         packed = one.compress_type != zipfile.ZIP_STORED
         check_announced(one.file_size, one.compress_size, packed, where)
+        check_room(one.file_size, where)

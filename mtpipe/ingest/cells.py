@@ -18,9 +18,12 @@ NO_NUMBER = re.compile(
     r"""
     \W*                                     # empty, or signs alone: --, ?, ***
     | [+-]?1[.,][#$]\w*(?:[+-]\d+)?         # Microsoft's C: -1.#IND00, 1.#QNAN, -1.#IO, -1.$
-    | [+-]?[sq]?nan[qs]?(?:\(\w*\))?        # other C, IEEE 754: nan, -nan(ind), NaNQ
-    | [+-]?(?:inf(?:inity)?|∞)
-    | \W*(?:n\W?a\W?|null|none|nil|nat)\W*  # N/A, n.a., #N/A, <NA>, NULL, NaT
+    # other C, IEEE 754: nan, -nan(ind), NaNQ, nan0x7, NaN nm
+    | [+-]?\W?[sq]?nan(?:[qs]|0x\w+|\d+)?(?:\W.*)?
+    | [+-]?(?:inf(?:inity)?|∞)\W*
+    # N/A, n.d., #N/A, <NA>, NULL, NaT
+    | \W*(?:n\W?[ad]\W?|null|none|nil|nat|undef(?:ined)?|missing|no\W?(?:data|value))\W*
+    | \#n/a\W.*|\\n                         # of Bloomberg's and of databases
     | \#[\w/]+[!?]                          # spreadsheets: #NUM!, #DIV/0!, #WERT!
     """,
     re.VERBOSE | re.IGNORECASE,

@@ -164,23 +164,12 @@ def _refuse_zero_rows(positions_nm: Mapping[str, FloatArray]) -> None:
 
 def _check_units(tethered: Mapping[str, FloatArray], setup: Setup) -> list[Notice]:
     """Positions in a wrong unit: an error if every tethered bead says so, else a remark."""
-    length = setup.tether.contour_length_nm.value
-    widest = max(WIDEST_NM, 3 * length) if length is not None else WIDEST_NM
     notices: list[Notice] = []
     for bead, xyz in tethered.items():
         for axis in (0, 1):
-            column = _sampled(xyz[:, axis])
-            if np.isnan(column).all():
-                continue
-            low, high = np.nanquantile(column, [0.01, 0.99])
-            spread = float(np.nanstd(column)) if high - low < 10 * QUIETEST_NM else QUIETEST_NM
-            said = ""
-            if high - low > widest:
-                said = f"wanders over {(high - low) / 1000:.3g} µm in {AXES[axis]}"
-            elif spread < QUIETEST_NM:
-                said = f"moves by only {spread:.2g} nm (rms) in {AXES[axis]}"
+            said = unlike_a_tether(xyz[:, axis], setup)
             if said:
-                said = f"Bead {bead} {said}: not a tethered bead, or not in nm."
+                said = f"Bead {bead} {said} in {AXES[axis]}: not a tethered bead, or not in nm."
                 notices.append(Notice("unit", "warning", said, bead=bead, axis=AXES[axis]))
                 break
     if notices and len(notices) == len(tethered):
@@ -190,6 +179,20 @@ def _check_units(tethered: Mapping[str, FloatArray], setup: Setup) -> list[Notic
             "[source.units]).",
         )
     return notices
+
+
+def unlike_a_tether(column: FloatArray, setup: Setup) -> str:
+    """How positions (n,), in nm, move as no tethered bead does; "" where one may."""
+    length = setup.tether.contour_length_nm.value
+    widest = max(WIDEST_NM, 3 * length) if length is not None else WIDEST_NM
+    column = _sampled(column)
+    if np.isnan(column).all():
+        return ""
+    low, high = np.nanquantile(column, [0.01, 0.99])
+    spread = float(np.nanstd(column)) if high - low < 10 * QUIETEST_NM else QUIETEST_NM
+    if high - low > widest:
+        return f"wanders over {(high - low) / 1000:.3g} µm"
+    return f"moves by only {spread:.2g} nm (rms)" if spread < QUIETEST_NM else ""
 
 
 def _check_heights(tethered: Mapping[str, FloatArray], setup: Setup) -> list[Notice]:

@@ -24,11 +24,11 @@ UNIT = {"unit", "units", "unitstring", "niunitdescription"}
 START = {"wfstartoffset"}
 RATE = {
     "framerate", "fps", "framespersecond", "samplingrate", "samplerate", "samplingfrequency",
-    "samplefrequency", "acquisitionrate", "camerarate",
+    "samplefrequency", "samplingfreq", "samplefreq", "acquisitionrate", "camerarate", "rate", "fs",
 }  # fmt: skip
 INTERVAL = {
     "wfincrement", "dt", "deltat", "timestep", "frameinterval", "frameperiod", "frametime",
-    "samplinginterval", "sampleinterval", "sampleperiod",
+    "samplinginterval", "sampleinterval", "sampleperiod", "sampletime", "cycletime", "period",
 }  # fmt: skip
 # Factors and sums by names that each program understands in its own way, and the value that
 # changes nothing.
@@ -37,7 +37,8 @@ UNAGREED = {
     "calibration": 1.0, "calibrationfactor": 1.0, "conversion": 1.0, "conversionfactor": 1.0,
     "offset": 0.0, "intercept": 0.0,
 }  # fmt: skip
-PER_SECOND = {"": 1.0, "hz": 1.0, "khz": 1e3, "persecond": 1.0}
+WITH_UNIT = re.compile(r"\s*([-+]?\d+(?:[.,]\d*)?(?:[eE][-+]?\d+)?)\s*([A-Za-z/1]*)\s*")
+PER_SECOND = {"": 1.0, "hz": 1.0, "khz": 1e3, "persecond": 1.0, "fps": 1.0, "1s": 1.0}
 SECONDS = {"": 1.0, "s": 1.0, "sec": 1.0, "seconds": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9}
 
 
@@ -112,7 +113,7 @@ def stated_by(
         words = f"{name} = {value if isinstance(value, str) else _short(value)}{of}"
         if plain in UNIT and isinstance(value, str) and value.strip():
             said |= {"unit": value.strip(), "unit_words": words}
-        number = _number(value)
+        number, in_unit = _number_and_unit(value)
         if number is None or not np.isfinite(number):
             pair = np.ravel(np.asarray(content)) if plain in RANGE else np.empty(0)
             if len(pair) == 2 and pair.dtype.kind in "iuf":
@@ -134,7 +135,7 @@ def stated_by(
             said["start_s"] = number
         elif number != UNAGREED.get(plain, number):
             said["unagreed"] = words
-        elif (rate := _rate_hz(plain, number)) is not None:
+        elif (rate := _rate_hz(plain + in_unit, number)) is not None:
             said |= {"rate_hz": rate, "rate_words": words}
     return Stated(**said, lost=tuple(dict.fromkeys(lost)), changed_by=tuple(changed))
 
@@ -168,11 +169,16 @@ def _one(content: Any, column: int, columns: int) -> Any:
     return value.decode("utf-8", "replace") if isinstance(value, bytes) else value
 
 
-def _number(value: Any) -> float | None:
+def _number_and_unit(value: Any) -> tuple[float | None, str]:
+    """The number of an attribute, None without, and the unit behind it, as in "50,5 Hz"."""
+    if isinstance(value, (bool, np.bool_)):
+        return None, ""
+    if isinstance(value, str) and (match := WITH_UNIT.fullmatch(value)):
+        return float(match[1].replace(",", ".")), re.sub(r"[^a-z0-9]", "", match[2].casefold())
     try:
-        return None if isinstance(value, (bool, np.bool_)) else float(value)
+        return float(value), ""
     except (TypeError, ValueError):
-        return None
+        return None, ""
 
 
 def _short(value: Any) -> str:

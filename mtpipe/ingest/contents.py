@@ -14,16 +14,19 @@ from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
+import pyarrow as pa
 from numpy.typing import NDArray
 
+from mtpipe.ground.errors import RecordingError
+from mtpipe.ingest.cells import is_number, values_of_cells
 from mtpipe.ingest.column_attributes import NOTHING, Stated, stated_by
-from mtpipe.ingest.instants import are_instants, instants_of
+from mtpipe.ingest.instants import is_instant
 
 NUMERIC, TIMES, TEXT = "biuf", "mM", "SUO"
 BLOCK_BYTES = 1 << 26
 # An array with more values a frame than this is a stack of images and no table.
 MOST_COLUMNS = 10_000
-# Text is looked at this far to tell whether it is clock times.
+# Text is looked at this far to tell whether it is numbers or clock times.
 TEXT_ROWS = 20
 Index = tuple[int | slice, ...]
 
@@ -111,7 +114,7 @@ class Contents:
             if records and math.prod(across) > 1:
                 self.unusable[label] = f"{_told(shape, one)} of records"
                 continue
-            text = one.kind in TEXT and _is_clock(get, shape, side, path)
+            text = one.kind in TEXT and _is_values(get, shape, side, path)
             if one.kind not in NUMERIC + TIMES and not text:
                 self.unusable[label] = _told(shape, one)
                 continue
@@ -184,18 +187,22 @@ def _followed(records: NDArray[Any], path: tuple[str | tuple[int, ...], ...]) ->
     return records[(slice(None), *index)]
 
 
-def _is_clock(
+def _is_values(
     get: Callable[[Any], Any],
     shape: tuple[int, ...],
     side: int,
     path: tuple[str, ...],
 ) -> bool:
+    """Whether text is numbers or clock times."""
     if math.prod(shape) != shape[side]:
         return False
     values = get(tuple(slice(0, TEXT_ROWS) if k == side else 0 for k in range(len(shape))))
     for key in path:
         values = values[key]
-    return are_instants(as_text(values))
+    cells = as_text(values)
+    return (
+        any(is_number(c, ".") or is_instant(c) for c in cells) and values_of_text(cells) is not None
+    )
 
 
 def as_text(values: Any) -> list[str]:
@@ -206,10 +213,19 @@ def as_text(values: Any) -> list[str]:
     ]
 
 
+def values_of_text(cells: Sequence[str]) -> NDArray[Any] | None:
+    """Numbers or clock times (n,) of text; None if some of it is neither and says no lack."""
+    text = pa.chunked_array([pa.array(cells, pa.string())])
+    return values_of_cells(text, ".", ())
+
+
 def values_of(raw: NDArray[Any], column: Column, stated: Stated) -> NDArray[Any]:
     """A block of a column as float64 in the column's unit, or as datetime64[ns]."""
     if column.is_text:
-        return instants_of(as_text(raw))
+        values = values_of_text(as_text(raw))
+        if values is None:
+            raise RecordingError(f"column {column.name} holds text where numbers are expected")
+        return values
     if raw.dtype.kind == "M":
         return raw.astype("datetime64[ns]")
     if raw.dtype.kind == "m":

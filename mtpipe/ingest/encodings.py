@@ -26,10 +26,13 @@ ZEROS_SHARE = 0.4
 
 
 def marked_encoding(head: bytes) -> str | None:
-    """UTF-8, UTF-16 or UTF-32 if the file begins with its mark or is UTF-16 by its zeros."""
+    """UTF-8, UTF-16 or UTF-32 if the file begins with its mark, or by its zeros."""
     for mark, encoding in MARKS:
         if head.startswith(mark):
             return encoding
+    zeros = [head[k::4].count(0) > 2 * ZEROS_SHARE * (len(head) // 4) for k in range(4)]
+    if zeros in ([False, True, True, True], [True, True, True, False]):
+        return "utf-32-be" if zeros[0] else "utf-32-le"
     pairs = len(head) // 2
     even, odd = head[0::2].count(0), head[1::2].count(0)
     if pairs and odd > 2 * ZEROS_SHARE * pairs and even < pairs // 10:

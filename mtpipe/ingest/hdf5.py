@@ -8,6 +8,7 @@ what is missing, and only rows that lie whole before the cut are taken from it.
 from __future__ import annotations
 
 import io
+import math
 from contextlib import ExitStack, suppress
 from functools import partial
 from typing import Any, BinaryIO
@@ -16,9 +17,9 @@ import h5py
 import numpy as np
 
 from mtpipe.ground.errors import RecordingError
-from mtpipe.ingest.announced import check_announced
+from mtpipe.ingest.announced import check_announced, check_room
 from mtpipe.ingest.column_attributes import NOTHING, Stated, stated_by
-from mtpipe.ingest.contents import Contents
+from mtpipe.ingest.contents import Contents, as_text
 from mtpipe.ingest.hdf5_heaps import WatchedHeaps
 
 # Chunks are kept unpacked up to this size, so that the next block of rows finds them.
@@ -28,6 +29,8 @@ ADDRESSES_AT = {0: 24, 1: 28, 2: 12, 3: 12}
 HEAD_BYTES = 128
 # Where MATLAB 7.3 keeps what cells and objects refer to.
 MATLAB_INNER = {"#refs#", "#subsystem#"}
+# Marks tables, strings and times of MATLAB's own, whose numbers say nothing outside it.
+MATLAB_OBJECT = "MATLAB_object_decode"
 MOST_CELLS = 10_000
 # Virtual datasets nested deeper than this count as views of themselves.
 MOST_VIEWS = 8
@@ -167,6 +170,9 @@ def _add(
         contents.unusable[name] = f"kept in another file, {elsewhere}"
     elif _is_endless(node):
         contents.unusable[name] = "a view of itself"
+    elif MATLAB_OBJECT in node.attrs:
+        kind = _attributes(node).get("MATLAB_class", b"object")
+        contents.unusable[name] = f"an object of MATLAB's own ({as_text(kind)[0]})"
     elif node.shape is None:
         contents.unusable[name] = "empty"
     elif h5py.check_ref_dtype(node.dtype) is h5py.Reference and node.size <= MOST_CELLS:
@@ -189,6 +195,7 @@ def _held(node: h5py.Dataset, index: Any) -> Any:
     if not node.is_virtual:
         announced = node.size * node.dtype.itemsize
         check_announced(announced, node.id.get_storage_size(), node.chunks is not None, node.name)
+        check_room(math.prod(node.chunks or ()) * node.dtype.itemsize, node.name)
     return node[index]
 
 

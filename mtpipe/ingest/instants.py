@@ -14,28 +14,52 @@ import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
 
-DATE_FIRST = r"(?P<year>\d{4})[-/.](?P<month>\d{1,2})[-/.](?P<day>\d{1,2})"
-DATE_LAST = r"(?P<a>\d{1,2})[-/.](?P<b>\d{1,2})[-/.](?P<c>\d{4})"
+MONTHS = "janfebmaraprmayjunjulaugsepoctnovdec"
+NAME = rf"(?P<{{}}>(?:{'|'.join(MONTHS[k : k + 3] for k in range(0, 36, 3))})[a-z]*)\.?"
+DATES = (
+    r"(?P<year>\d{4})[-/.](?P<month>\d{1,2})[-/.](?P<day>\d{1,2})",
+    r"(?P<compact>\d{8})",
+    r"(?P<a>\d{1,2})[-/.](?P<b>\d{1,2})[-/.](?P<c>\d{4}|\d{2})",
+    rf"(?P<day_first>\d{{1,2}})[-/. ]*{NAME.format('its_month')}[-/., ]+(?P<its_year>\d{{4}})",
+    rf"{NAME.format('month_first')} +(?P<its_day>\d{{1,2}}),? +(?P<last_year>\d{{4}})",
+)
+PART = r"(?:[.,:](?P<part>\d{1,9})\d*)?"
 TIME = (
-    r"(?P<hour>[01]?\d|2[0-4]):(?P<minute>[0-5]\d)(?::(?P<second>[0-6]\d)(?:[.,:](?P<part>\d{1,9})\d*)?)?"
-    r"(?:\s*(?P<half>[AaPp])\.?[Mm]\.?)?"
+    r"(?P<hour>[01]?\d|2[0-4]):(?P<minute>[0-5]\d)(?::(?P<second>[0-6]\d)"
+    rf"{PART})?(?:\s*(?P<half>[AaPp])\.?[Mm]\.?)?"
 )
-ZONE = r"(?:\s*(?P<zone>Z|UTC|GMT|[+-]\d{2}:?\d{2}|[+-]\d{2}))?"
-INSTANT = re.compile(
-    rf"\s*(?:(?:{DATE_FIRST}|{DATE_LAST})(?:\s*[T ,;_]\s*|\s+))?{TIME}{ZONE}\s*", re.IGNORECASE
+# Of file names, behind a date alone: 2024-05-01_12-00-00.008, 20240501T120000.008
+PLAIN_TIME = rf"(?P<hour>[01]\d|2[0-4])-?(?P<minute>[0-5]\d)-?(?P<second>[0-6]\d){PART}"
+ZONE = (
+    r"(?:\s*(?:(?P<zone>Z|UTC|GMT|[+-]\d{2}:?\d{2}|[+-]\d{2})|\s(?P<zone_name>(?-i:[A-Z]{3,5}))))?"
 )
+DATE = rf"(?:{'|'.join(DATES)})(?:\s*[T ,;_]\s*|\s+)"
+WAYS = [
+    re.compile(rf"\s*{way}{ZONE}\s*", re.IGNORECASE)
+    for way in (rf"(?:{DATE})?{TIME}", rf"{DATE}{PLAIN_TIME}")
+]
 DAY_NS = 86_400 * 10**9
 
 
 def is_instant(text: str) -> bool:
     """Whether a cell is a clock time, such as `2024-05-01T12:00:00.008+02:00` or `12:00:00.008`."""
-    return INSTANT.fullmatch(text) is not None
+    return _parts(text) is not None
 
 
 def are_instants(cells: Sequence[str]) -> bool:
-    """Whether the cells that are not empty, of which there is one at least, are clock times."""
-    filled = [cell for cell in cells if cell.strip()]
-    return bool(filled) and all(is_instant(cell) for cell in filled)
+    """Whether the cells that are not empty, of which there is one at least, are clock times.
+
+    They are none where the name of the time zone changes, as hours then do.
+    """
+    parts = [_parts(cell) for cell in cells if cell.strip()]
+    known = [part for part in parts if part is not None]
+    zones = {part.get("zone_name") for part in known}
+    return bool(parts) and len(known) == len(parts) and len(zones) == 1
+
+
+def _parts(text: str) -> dict[str, str | None] | None:
+    """The parts of a clock time, None of other text."""
+    return next((m.groupdict() for way in WAYS if (m := way.fullmatch(text))), None)
 
 
 def instants_of(cells: Sequence[str]) -> NDArray[Any]:
@@ -52,25 +76,33 @@ def instants_of(cells: Sequence[str]) -> NDArray[Any]:
     return values
 
 
+def _date(text: str, part: dict[str, str | None]) -> tuple[int, int, int]:
+    """Year, month and day; those of 1970-01-01 without."""
+    compact = part["compact"] or ""
+    year = part["year"] or compact[:4] or part["c"] or part["its_year"] or part["last_year"]
+    name = part["its_month"] or part["month_first"]
+    month = part["month"] or compact[4:6] or part["b"]
+    day = part["day"] or compact[6:] or part["a"] or part["day_first"] or part["its_day"]
+    if part["c"] and "/" in text and int(part["a"] or 0) <= 12:
+        month, day = day, month
+    in_number = MONTHS.index(name[:3].casefold()) // 3 + 1 if name else int(month or 1)
+    century = 2000 if year and len(year) == 2 else 0
+    return int(year or 1970) + century, in_number, int(day or 1)
+
+
 def _instant(text: str) -> np.datetime64:
-    match = INSTANT.fullmatch(text)
-    if match is None:
+    part = _parts(text)
+    if part is None:
         return np.datetime64("NaT", "ns")
-    part = match.groupdict()
-    year, month, day = part["year"], part["month"], part["day"]
-    if part["c"]:
-        month_first = "/" in text and int(part["a"]) <= 12
-        year, month, day = (part["c"], part["a"], part["b"])
-        if not month_first:
-            month, day = day, month
-    hour = int(part["hour"]) % 12 if part["half"] else int(part["hour"])
-    if part["half"] and part["half"].lower() == "p":
-        hour += 12
+    year, month, day = _date(text, part)
+    hour, half = int(part["hour"] or 0), (part.get("half") or "").lower()
+    if half:
+        hour = hour % 12 + 12 * (half == "p")
     try:
-        date = np.datetime64(f"{int(year or 1970):04}-{int(month or 1):02}-{int(day or 1):02}")
+        date = np.datetime64(f"{year:04}-{month:02}-{day:02}")
     except ValueError:
         return np.datetime64("NaT", "ns")
-    seconds = 3600 * hour + 60 * int(part["minute"]) + int(part["second"] or 0)
+    seconds = 3600 * hour + 60 * int(part["minute"] or 0) + int(part["second"] or 0)
     seconds -= _zone_s(part["zone"] or "")
     fraction = int((part["part"] or "0").ljust(9, "0"))
     return np.datetime64(str(date), "ns") + np.timedelta64(seconds * 10**9 + fraction, "ns")

@@ -74,7 +74,7 @@ def kind_of(path: Path) -> Format:
         return "npz"
     magics: dict[bytes, Format] = {
         b"PAR1": "parquet", b"\x89HDF": "hdf5", b"TDSm": "tdms", b"MATLAB 5.0": "matlab",
-        b"\x93NUMPY": "npy",
+        b"\x93NUMPY": "npy", **dict.fromkeys((b"CDF\x01", b"CDF\x02", b"CDF\x05"), "netcdf"),
     }  # fmt: skip
     for magic, kind in magics.items():
         if head.startswith(magic):

@@ -150,7 +150,10 @@ def _from_log(
             Use(column, what, unit, "[source.magnet] and [source.rotation]")
             for column, (_, what), unit in zip(found, wanted, units, strict=False)
         ]
-        notices += check_uses(table, uses, aside=layout.attributes is not None)
+        told, contradictions = check_uses(table, uses, aside=layout.attributes is not None)
+        if contradictions:  # nothing else tells the magnets' unit
+            raise contradictions[0].refused()
+        notices += told
         pieces += table.batches(found)
         notices += [Notice("guessed_layout", "info", f"{path.name}: {g}.") for g in table.guesses]
         notices += [Notice("file_incomplete", "caution", f"{r}.") for r in table.remarks]

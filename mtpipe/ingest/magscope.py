@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 
 from mtpipe.ground.errors import RecordingError
 from mtpipe.ground.types import FloatArray
-from mtpipe.ingest.announced import check_announced
+from mtpipe.ingest.announced import check_announced, check_room
 from mtpipe.ingest.bounded import unpacked
 from mtpipe.ingest.column_attributes import NOTHING, Stated
 from mtpipe.ingest.data_files import is_packed, open_stream
@@ -222,6 +222,7 @@ def _dataset(group: Any, names: tuple[str, ...], path: Path) -> Any:
             announced = node.size * node.dtype.itemsize
             held = node.id.get_storage_size()
             check_announced(announced, held, node.chunks is not None, str(path))
+            check_room(announced, str(path))
             return node
     raise RecordingError(f"has no dataset /{GROUP}/{names[0]} of numbers", where=str(path))
 

@@ -17,7 +17,7 @@ from functools import partial
 from typing import BinaryIO, Literal
 
 from mtpipe.ground.errors import RecordingError
-from mtpipe.ingest.announced import check_announced
+from mtpipe.ingest.announced import check_announced, check_room
 
 HEADER_BYTES, ENDIAN_AT = 128, 126
 # Types of data elements
@@ -37,8 +37,9 @@ def check_matlab(stream: BinaryIO) -> None:
 
     Raises
     ------
-    RecordingError : they do not fit into one another.
+    RecordingError : they do not fit into one another, or unfold to more than the memory.
     """
+    unfolded = 0  # bytes: all variables are read
     stream.seek(0)
     order = byte_order(stream.read(HEADER_BYTES))
     size = stream.seek(0, io.SEEK_END)
@@ -49,7 +50,7 @@ def check_matlab(stream: BinaryIO) -> None:
         if kind not in (MATRIX, PACKED) or at + 8 + length > size:
             raise _damaged(f"an element of type {kind} and {length} bytes at byte {at}")
         if kind == PACKED:
-            _check_packed(stream.read(length), order)
+            unfolded += _check_packed(stream.read(length), order, unfolded)
         else:
             head = stream.read(min(length, HEAD_BYTES))
             _check_array(head, partial(_go_on, stream, head, length), order, length)
@@ -66,16 +67,19 @@ def _go_on(stream: BinaryIO, head: bytes, length: int) -> bytes:
     return head + stream.read(length - len(head))
 
 
-def _check_packed(packed: bytes, order: str) -> None:
+def _check_packed(packed: bytes, order: str, before: int) -> int:
+    """Check a packed array, after others that unfold to `before` bytes; its own size unpacked."""
     try:
         head = zlib.decompressobj().decompress(packed, HEAD_BYTES)
         kind, length = _tag(head[:8], order)
         if kind != MATRIX:
             raise _damaged(f"a packed element of type {kind}")
         check_announced(length, len(packed), packed=True, where="")
+        check_room(before + length, where="")
         _check_array(head[8:], lambda: zlib.decompress(packed)[8:], order, length)
     except zlib.error as error:
         raise _damaged(str(error)) from None
+    return length
 
 
 def _check_array(head: bytes, whole: Callable[[], bytes], order: str, size: int) -> None:

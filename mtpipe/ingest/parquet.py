@@ -21,12 +21,12 @@ import pyarrow.parquet as pq
 from numpy.typing import NDArray
 
 from mtpipe.ground.errors import RecordingError
-from mtpipe.ingest.announced import check_fits
+from mtpipe.ingest.announced import NUMBER_BYTES, check_fits, check_room, no_room
 from mtpipe.ingest.column_attributes import NOTHING, Stated, stated_by
-from mtpipe.ingest.instants import are_instants, instants_of
+from mtpipe.ingest.contents import BLOCK_BYTES, MOST_COLUMNS, values_of_text
 from mtpipe.setup.source_table import Layout
 
-BLOCK_ROWS = 1 << 17
+MOST_ROWS = 1 << 17
 END_MARKS = (b"PAR1", b"PARE")
 PANDAS = b"pandas"
 
@@ -74,9 +74,12 @@ class ParquetTable:
         chosen = [self.columns[i] for i in wanted]
         fields = list(dict.fromkeys(column.field for column in chosen))
         try:
-            with pq.ParquetFile(self.path) as file:
+            with _opened(self.path) as file:
                 check_fits(file.metadata.num_rows * len(chosen), str(self.path))
-                for batch in file.iter_batches(BLOCK_ROWS, columns=fields):
+                values, held = _measured(file, fields)
+                check_room(held, str(self.path))
+                rows = max(1, BLOCK_BYTES // (NUMBER_BYTES * max(1, values)))
+                for batch in file.iter_batches(min(rows, MOST_ROWS), columns=fields):
                     yield [self._values(batch.column(c.field), c) for c in chosen]
         except RecordingError:
             raise
@@ -101,14 +104,18 @@ class ParquetTable:
             whole = array.cast(pa.duration("ns"), safe=False).cast(pa.int64()).cast(pa.float64())
             return np.asarray(whole.to_numpy(zero_copy_only=False)) / 1e9
         if _is_text(kind):
-            cells = [str(cell or "") for cell in array.to_pylist()]
-            if not are_instants(cells[:20]):
+            words = array.dictionary_encode()  # a word may be long, and stand in many rows
+            cells = [str(cell or "") for cell in words.dictionary.to_pylist()]
+            values = values_of_text(["", *cells])
+            if values is None:
+                begin = "".join(cells[:1])[:40]
                 raise RecordingError(
-                    f"column {column.name} holds text ({cells[0][:40]!r}) where numbers or clock "
-                    "times are expected",
+                    f"column {column.name} holds text ({begin!r}) where numbers or clock times are "
+                    "expected",
                     where=str(self.path),
                 )
-            return instants_of(cells)
+            at = pc.fill_null(words.indices, -1).to_numpy(zero_copy_only=False)
+            return np.asarray(values[at + 1])
         raw = array.cast(pa.float64(), safe=False).to_numpy(zero_copy_only=False)
         return (column.stated if self.as_stated else NOTHING).physical(raw)
 
@@ -123,13 +130,13 @@ def open_parquet(path: Path, layout: Layout | None = None) -> ParquetTable:
     columns: list[_Column] = []
     unusable: dict[str, str] = {}
     try:
-        with pq.ParquetFile(path) as file:
+        with _opened(path) as file:
             around = _of_the_file(file.schema_arrow.metadata or {})
             for one in file.schema_arrow:
                 own = _text_of(one.metadata or {})
                 for name, steps, kind in _leaves(one, file):
                     if not _is_usable(kind):
-                        unusable[name] = str(kind)
+                        unusable[name] = f"{file.metadata.num_rows} rows of {kind}"
                         continue
                     stated = NOTHING if _is_time(kind) else stated_by(own).within(around)
                     columns.append(_Column(name, one.name, steps, kind, stated))
@@ -143,6 +150,28 @@ def open_parquet(path: Path, layout: Layout | None = None) -> ParquetTable:
     return ParquetTable(path, tuple(columns), unusable, as_stated)
 
 
+def _opened(path: Path) -> pq.ParquetFile:
+    """The file, of which text is kept as in it: a word that stands in many rows is there once."""
+    with pq.ParquetFile(path) as file:
+        flat = [one for one in file.schema if one.path == one.name]
+    text = [one.name for one in flat if one.logical_type.type == "STRING"]
+    return pq.ParquetFile(path, read_dictionary=text)
+
+
+def _measured(file: pq.ParquetFile, fields: Sequence[str]) -> tuple[int, int]:
+    """Values in a row of some fields, and bytes in which a row group keeps them; at most."""
+    values, held = 0, 0
+    for k in range(file.num_row_groups):
+        group = file.metadata.row_group(k)
+        leaves = [group.column(j) for j in range(group.num_columns)]
+        ours = [
+            c for c in leaves if f"{c.path_in_schema}.".startswith(tuple(f"{f}." for f in fields))
+        ]
+        values = max(values, sum(c.num_values for c in ours) // max(1, group.num_rows))
+        held = max(held, sum(c.total_uncompressed_size for c in ours))
+    return values, held
+
+
 def _leaves(
     one: pa.Field, file: pq.ParquetFile
 ) -> Iterator[tuple[str, tuple[str | int, ...], pa.DataType]]:
@@ -150,6 +179,8 @@ def _leaves(
     if pa.types.is_struct(one.type):
         for inner in one.type:
             yield f"{one.name}/{inner.name}", (inner.name,), inner.type
+    elif _measured(file, [one.name])[0] > MOST_COLUMNS:
+        yield one.name, (), one.type
     elif pa.types.is_fixed_size_list(one.type):
         for k in range(one.type.list_size):
             yield f"{one.name}[{k + 1}]", (k,), one.type.value_type
@@ -188,6 +219,8 @@ def _is_usable(kind: pa.DataType) -> bool:
 
 
 def _damaged(path: Path, error: Exception) -> RecordingError:
+    if isinstance(error, MemoryError):
+        return no_room(str(path))
     with path.open("rb") as stream:
         stream.seek(max(0, path.stat().st_size - 4))
         whole = stream.read() in END_MARKS

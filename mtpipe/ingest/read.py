@@ -26,6 +26,7 @@ from mtpipe.ingest.checks import check_beads, check_gaps
 from mtpipe.ingest.clock import Clock, read_clock
 from mtpipe.ingest.collect import Collected, OpenTable, RowChoice, collect
 from mtpipe.ingest.columns import Assignment, Names, canonical_columns, source_columns
+from mtpipe.ingest.contradictions import settled
 from mtpipe.ingest.data_files import Found, describe, find_recording
 from mtpipe.ingest.instruments import look_at
 from mtpipe.ingest.kinds import kind_of
@@ -50,13 +51,12 @@ def read_recording(path: Path, setup: Path | str | Setup | None) -> Recording:
     lost = source.lost if source is not None else Lost()
     tables = _open(found.files, source)
     plans = [_assign(found.setup, table) for table in tables]
-    told = tuple(
-        notice
-        for table, plan in zip(tables, plans, strict=True)
-        for notice in check_columns(table, plan, source)
-    )
+    checked = [check_columns(t, plan, source) for t, plan in zip(tables, plans, strict=True)]
     rows = RowChoice(source.keep_rows, source.skip_rows) if source is not None else RowChoice()
     data = collect(tables, partial(_assign, found.setup), lost, rows)
+    contradictions = [one for _, ones in checked for one in ones]
+    told = [one for ones, _ in checked for one in ones]
+    told += settled(contradictions, data, found.setup)
     rate = stated_rate(tables, plans, source, found.setup.camera.frame_rate_hz.value)
     locate = _locator(tables, data, rows)
     try:
@@ -136,6 +136,7 @@ _KINDS: dict[Format, str] = {
     "parquet": "a Parquet file",
     "matlab": "a MATLAB file",
     "hdf5": "an HDF5 file",
+    "netcdf": "a netCDF 3 file",
     "tdms": "a LabVIEW TDMS file",
     "npz": "a numpy archive",
     "npy": "a numpy array",

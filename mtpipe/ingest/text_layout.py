@@ -20,10 +20,11 @@ from mtpipe.ingest.names import plain
 from mtpipe.ingest.units import is_row_of_units, unit_in_name
 from mtpipe.setup.source_table import NUMBER, Delimiter, Layout
 
-MARKS: dict[Delimiter, str] = {"comma": ",", "tab": "\t", "semicolon": ";", "whitespace": "\t"}
+MARKS: dict[Delimiter, str] = {"comma": ",", "tab": "\t", "semicolon": ";", "pipe": "|",
+                               "whitespace": "\t"}  # fmt: skip
 # Excel's first line, which says what separates the columns.
 SEPARATOR = re.compile(r'"?sep=(.)"?\s*', re.IGNORECASE)
-SEPARATORS: dict[str, Delimiter] = {",": "comma", ";": "semicolon", "\t": "tab"}
+SEPARATORS: dict[str, Delimiter] = {",": "comma", ";": "semicolon", "\t": "tab", "|": "pipe"}
 BODY_ROWS = 100
 # A delimiter stands equally often in all rows but for remarks among them.
 SAME_SHARE = 0.9
@@ -111,12 +112,13 @@ def find_table(
     skip = table[at].number if at < len(table) else above[-1].number + 1
     header, units = named.among(above)
     if header is None:
-        if layout.header:
+        named_best = max(above, key=lambda line: (named.asked(line), line.number))
+        if layout.header or named.asked(named_best) >= max(2, rows.width // 2):
             raise RecordingError(
-                f"line {above[-1].number + 1}, where the columns' names are expected, has "
-                f"{len(above[-1].cells)} of them, and the rows below have {rows.width} columns "
-                f"({above[-1].text.strip()[:60]!r})",
-                mend=_otherwise(above[-1].text, delimiter, skip),
+                f"line {named_best.number + 1}, where the columns' names are expected, has "
+                f"{len(named_best.cells)} of them, and the rows below have {rows.width} columns "
+                f"({named_best.text.strip()[:60]!r})",
+                mend=_otherwise(named_best.text, delimiter, skip),
             )
         guesses.append(f"{_lines(above)} before the numbers are passed over; none names columns")
         return _without_names(rows.width, skip, delimiter, guesses)
@@ -184,7 +186,7 @@ class _Rows:
 
     width: int
     numeric: tuple[int, ...]
-    ends_empty: bool
+    empty_at_end: int
     value: Callable[[str], bool]
     number: Callable[[str], bool]
 
@@ -203,8 +205,9 @@ class _Rows:
         many = range(width)
         numeric = [j for j in many if sum(value(r[j]) for r in rows) > len(rows) / 2]
         numeric = [j for j in numeric if any(value(r[j]) and r[j].strip() for r in rows)]
-        ends_empty = width > 1 and all(not r[-1].strip() for r in rows)
-        return cls(width, tuple(numeric), ends_empty, value, number)
+        filled = [j for j in many if any(r[j].strip() for r in rows)]
+        empty_at_end = width - 1 - max(filled, default=0)
+        return cls(width, tuple(numeric), empty_at_end, value, number)
 
     def has(self, line: Line) -> bool:
         """Whether a line is one of the rows, or of another width but all numbers."""
@@ -274,8 +277,9 @@ class _Header:
             cells = [cell.strip() for cell in way]
             while len(cells) > self.rows.width and not cells[-1]:
                 cells.pop()
-            if self.rows.ends_empty and len(cells) == self.rows.width - 1:
-                cells.append("")
+            lacking = self.rows.width - len(cells)
+            if 0 < lacking <= self.rows.empty_at_end:
+                cells += [""] * lacking
             numbers = self.layout.header is not True and all(map(self.rows.number, cells))
             if len(cells) == self.rows.width and not numbers:
                 return Line(line.number, line.text, cells)
@@ -323,7 +327,7 @@ def _cells(line: str, delimiter: Delimiter, number: int) -> list[str]:
 
 def _guess_delimiter(body: Sequence[str], decimal: str) -> Delimiter:
     bare = [QUOTED.sub("", line) for line in body]
-    likely: tuple[Delimiter, ...] = ("tab", "semicolon", "comma")
+    likely: tuple[Delimiter, ...] = ("tab", "semicolon", "pipe", "comma")
     for delimiter in likely:
         mark = MARKS[delimiter]
         if mark == decimal:

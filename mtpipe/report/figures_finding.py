@@ -142,9 +142,10 @@ def _left(arrays: Arrays, panel: Mapping[str, Any]) -> Picture:
 
 def _over_time(arrays: Arrays, shape: Mapping[str, Any]) -> Picture:
     """Mean or variance over the time of a plateau."""
-    colour, value = AXIS_COLOUR[shape["axis"]], np.array(shape["value"])
-    above = np.array(shape["value_high"]) - value
-    error = bars(arrays, above, colour, below=value - np.array(shape["value_low"]))
+    colour, value = AXIS_COLOUR[shape["axis"]], np.array(shape["value"], dtype=float)
+    above = np.array(shape["value_high"], dtype=float) - value
+    below = value - np.array(shape["value_low"], dtype=float)
+    error = bars(arrays, above, colour, below=below)
     across, along, _ = SHAPE_WORDS[shape["kind"]]
     made = _layout(xaxis=axis(across), yaxis=axis(along))
     made["shapes"] = [_level(0 if shape["kind"] == "mean" else 1)]

@@ -106,7 +106,7 @@ def shapes_figure(arrays: Arrays, shapes: Sequence[Mapping[str, Any]]) -> Figure
         on: dict[str, Any] = {"xaxis": f"x{suffix}", "yaxis": f"y{suffix}"}
         across, along, hover = SHAPE_WORDS[shape["kind"]]
         at, value, low, high, curve, curve_low, curve_high = (
-            np.array(shape[key])
+            np.array(shape[key], dtype=float)
             for key in (
                 "at", "value", "value_low", "value_high", "curve", "curve_low", "curve_high",
             )

@@ -14,11 +14,13 @@ from typing import Any
 
 import pandas as pd
 import pyarrow as pa
+import pyarrow.parquet as pq
 from pyarrow.fs import LocalFileSystem
 from pydantic import ValidationError
 
 from mtpipe.ground.errors import MtpipeError, SetupError
 from mtpipe.ground.notice import Notice
+from mtpipe.ingest.announced import check_fits
 from mtpipe.methods import METHODS
 from mtpipe.recording.recording import AXES
 from mtpipe.report.columns import check
@@ -31,6 +33,9 @@ from mtpipe.report.contents import (
 )
 from mtpipe.report.run_folder import finish
 from mtpipe.setup.setup import Setup, parse_setup
+
+# Of an int64.
+MOST_DIGITS = 18
 
 
 class RunFolderError(MtpipeError):
@@ -200,7 +205,7 @@ def _read_json(path: Path, model: type[Content]) -> dict[str, Any]:
     try:
         data = path.read_bytes()
         model.model_validate_json(data)
-        return dict(json.loads(data))
+        return dict(json.loads(data, parse_int=_whole))
     except FileNotFoundError:
         raise RunFolderError(
             "there is no such file, so this is no folder that mtpipe run has written",
@@ -215,8 +220,15 @@ def _read_json(path: Path, model: type[Content]) -> dict[str, Any]:
         raise RunFolderError(f"cannot be read ({error}).", where=str(path), mend=_AGAIN) from None
 
 
+def _whole(digits: str) -> int | float:
+    """A whole number of JSON, which numpy takes for an object where it has too many digits."""
+    return int(digits) if len(digits) <= MOST_DIGITS else float(digits)
+
+
 def _read_table(path: Path, columns: tuple[str, ...]) -> pd.DataFrame:
     try:
+        content = pq.read_metadata(path, filesystem=LocalFileSystem())
+        check_fits(content.num_rows * content.num_columns, path.name)
         # a file opened in Python could still be held by a thread of pyarrow's as the process ends
         table = pd.read_parquet(path, filesystem=LocalFileSystem(), page_checksum_verification=True)
         table = table.reset_index(drop=True)  # damage can make an index of a column

@@ -28,6 +28,8 @@ INK, GREY, PALE, PALER, PAPER = "#222222", "#767676", "#d5d9de", "#eceef1", "#ff
 PLATEAU, CALM = "#f4f5f7", "#f6f7f9"
 # What the page puts in their place on a dark screen. Colours of data become lighter, so that they
 # stand out from the ground by 4.5 to 1 and more (WCAG 2.2, contrast).
+# Ratios of what a damaged file holds may leave the range of doubles, ticks beyond them do.
+LOG_RANGE = (1e-100, 1e100)
 DARK = {
     INK: "#e6e8eb",
     GREY: "#9aa3ac",
@@ -60,7 +62,8 @@ class Arrays:
 
     def add(self, values: ArrayLike) -> dict[str, int]:
         """Keep an array (any numbers, one dimension); NaN becomes a gap in the line."""
-        packed = np.asarray(values, dtype="<f4").tobytes()
+        with np.errstate(over="ignore"):
+            packed = np.asarray(values, dtype="<f4").tobytes()
         return {"array": self._index.setdefault(packed, len(self._index))}
 
     def packed(self) -> list[str]:
@@ -106,7 +109,7 @@ def log_axis(title: str, values: ArrayLike, *, dense: float = 200, **extra: Any)
 
     The labels are set here because plotly's own are "2" and "5" whatever the decade.
     """
-    seen = positive(values)
+    seen = np.clip(positive(values), *LOG_RANGE)
     low, high = (seen.min(), seen.max()) if len(seen) else (0.1, 10.0)
     steps = (1, 2, 5) if high / low < dense else (1,)
     decades = range(math.floor(math.log10(low)) - 2, math.ceil(math.log10(high)) + 3)

@@ -19,8 +19,10 @@ from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, PlainValidat
 
 from mtpipe.setup.presets import COLUMNS, DEKKER_TEXT, with_preset
 
-Format = Literal["canonical", "text", "parquet", "matlab", "hdf5", "tdms", "npz", "npy", "gr"]
-Delimiter = Literal["comma", "tab", "semicolon", "whitespace"]
+Format = Literal[
+    "canonical", "text", "parquet", "matlab", "hdf5", "netcdf", "tdms", "npz", "npy", "gr"
+]
+Delimiter = Literal["comma", "tab", "semicolon", "pipe", "whitespace"]
 NM_PER_UNIT = {"nm": 1.0, "um": 1e3, "mm": 1e6, "m": 1e9}
 SECONDS_PER_UNIT = {
     "s": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9, "min": 60.0, "h": 3600.0, "day": 86_400.0

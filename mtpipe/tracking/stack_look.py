@@ -34,6 +34,10 @@ if TYPE_CHECKING:
 # What may stand for time: axes named by ImageJ, OME and tifffile.
 AXES_OF_FRAMES = "TIQZ"
 AXIS_NAMES = {"C": "channels", "S": "colours", "Z": "focal planes"}
+# Zeros at the end of a frame are those of a file that was not written to its end if they are this
+# many more than in other frames; a darkened corner, or values below a threshold, are in all.
+FEWEST_ZEROS = 16
+COMPARED_FRAMES = 16
 SAVE_ONE = "Save the one in which the beads are to be tracked by itself."
 
 
@@ -139,7 +143,7 @@ def _seen(
         raise fault
     whole = _written(tif, frames, offset, kind, path, reading)
     if whole < frames:
-        fault = cut_off(path, whole, f"the {frames - whole} frames after it are all zero")
+        fault = cut_off(path, whole, _zeros_in_words(frames - whole))
     if fault is not None:
         if not reading.take_incomplete or whole == 0:
             raise fault
@@ -171,24 +175,43 @@ def _kind_of(tif: TiffFile, k: int, path: Path, size: int, stamps: StampsOfPages
 def _written(
     tif: TiffFile, frames: int, offset: int | None, kind: Kind, path: Path, reading: Reading
 ) -> int:
-    """Frames before those at the end that are all zero, as of a copy that broke off.
+    """Frames before those that are zero to the end of the film, as of a copy that broke off.
 
-    A film that is zero throughout has none that are worth less than others.
+    The first of these may be zero in part. A film that is zero throughout has none that are worth
+    less than others.
 
     Raises
     ------
     RecordingError : one cannot be decoded, and what is there before it is not asked for.
     """
-    last = frames
-    while last > 0:
+    pixels = kind.height * kind.width
+
+    def zeros_at_end(k: int) -> int:
         try:
-            if image_at(tif, last - 1, offset, kind, f"{path}, page {last}").any():
-                break
+            image = image_at(tif, k, offset, kind, f"{path}, page {k + 1}")
         except RecordingError:
             if not reading.take_incomplete:
                 raise
+            return pixels
+        written = np.flatnonzero(image)
+        return pixels - (int(written[-1]) + 1 if written.size else 0)
+
+    last = frames
+    while last > 0 and (zeros := zeros_at_end(last - 1)) == pixels:
         last -= 1
-    return last or frames
+    if last == 0:
+        return frames
+    others = np.unique(np.linspace(0, last - 2, COMPARED_FRAMES).astype(int)) if last > 1 else ()
+    usual = max((zeros_at_end(int(k)) for k in others), default=pixels)
+    return last - (zeros > 2 * usual + FEWEST_ZEROS)
+
+
+def _zeros_in_words(frames: int) -> str:
+    return (
+        "the frame after it is all zero, or ends in zeros as no other does"
+        if frames == 1
+        else f"the {frames} frames after it are all zero"
+    )
 
 
 def _significant_bits(tif: TiffFile, kind: Kind) -> int:

@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mtpipe.ground.errors import RecordingError
-from mtpipe.ingest.announced import check_announced
+from mtpipe.ingest.announced import check_announced, check_room, no_room
 
 if TYPE_CHECKING:
     from tifffile import TiffFile, TiffPage
@@ -24,6 +24,8 @@ if TYPE_CHECKING:
 TIFF_MAGICS = (b"II*\x00", b"MM\x00*", b"II+\x00", b"MM\x00+")
 WHITE_IS_ZERO = 0
 GREY = (WHITE_IS_ZERO, 1, 32803)  # the others: black is zero, raw sensor
+# A frame is held as it was decoded, and once more among those that are tracked.
+HELD_IMAGES = 2
 TAKE = 'To take what is there, write incomplete = "take" into [tracking].'
 COPY_AGAIN = f"Copy the file again, or wait until the film has been written. {TAKE}"
 
@@ -169,8 +171,9 @@ def check_data(page: TiffPage, where: str, size: int) -> None:
             where=where,
             mend=COPY_AGAIN,
         )
-    pixels = page.imagelength * page.imagewidth
-    check_announced(pixels * page.bitspersample // 8, sum(counts), page.compression != 1, where)
+    image = page.imagelength * page.imagewidth * page.bitspersample // 8
+    check_announced(image, sum(counts), page.compression != 1, where)
+    check_room(HELD_IMAGES * image, where)
 
 
 def image_at(tif: TiffFile, k: int, offset: int | None, kind: Kind, where: str) -> NDArray[Any]:
@@ -194,6 +197,8 @@ def image_at(tif: TiffFile, k: int, offset: int | None, kind: Kind, where: str) 
         return image.reshape(kind.height, kind.width)
     except RecordingError:
         raise
+    except MemoryError:
+        raise no_room(where) from None
     except Exception as error:  # a damaged page raises anything
         raise RecordingError(f"cannot be decoded ({reason_of(error)})", where=where) from None
 

@@ -244,8 +244,55 @@ def _odd_properties(random: Random) -> dict[str, Any]:
     return {pick(random, names): pick(random, values) for _ in range(int(random.integers(4)))}
 
 
+# ------------------------------------------------------------------ netCDF 3
+
+
+def netcdf(columns: dict[str, Any], *, record: bool = False, version: int = 1) -> bytes:
+    """A netCDF file of variables, whose rows are records or not, with attributes."""
+    stream = io.BytesIO()
+    stream.close, close = lambda: None, stream.close  # type: ignore[method-assign]
+    with scipy.io.netcdf_file(stream, "w", version=version) as file:
+        file.frame_rate = 100.0
+        for k, (name, values) in enumerate(columns.items()):
+            sides = [f"d{k}{j}" for j in range(np.ndim(values))]
+            for side, size in zip(sides, np.shape(values), strict=True):
+                if record and side.endswith("0"):
+                    sides[0] = "row"
+                    if "row" not in file.dimensions:
+                        file.createDimension("row", None)
+                else:
+                    file.createDimension(side, size)
+            one = file.createVariable(name, values.dtype, sides)
+            one[:] = values
+            one.units = {"Time": "s", "Magnet": "mm"}.get(name, "nm")
+    content = stream.getvalue()
+    close()
+    return content
+
+
+@cache
+def netcdf_seeds() -> list[Case]:
+    """Variables with and without records, of both versions."""
+    return [
+        one_file("r.nc", netcdf(five_columns(), record=record, version=version))
+        for record in (False, True)
+        for version in (1, 2)
+    ]
+
+
+def odd_netcdf(random: Random) -> Case:
+    """Other types and shapes."""
+    columns = {k.replace("\0", "0"): v for k, v in odd_columns(random).items()}
+    try:
+        content = netcdf(columns, record=bool(random.integers(2)))
+    except Exception:  # what the format has not
+        content = damaged(netcdf_seeds()[0].files["r.nc"], random)
+    return one_file("r.nc", content)
+
+
 READERS = (
     Reader("numpy", numpy_seeds, odd_numpy, steps),
     Reader("matlab", matlab_seeds, odd_matlab, steps),
+    Reader("netcdf", netcdf_seeds, odd_netcdf, steps),
     Reader("tdms", tdms_seeds, odd_tdms, steps),
 )

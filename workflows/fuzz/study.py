@@ -26,8 +26,8 @@ from tempfile import mkdtemp
 
 from worker import BAD, OUTCOMES, serve
 
-NAMES = ("setup", "csv", "text", "parquet", "tdms", "matlab", "hdf5", "numpy", "magscope", "film",
-         "lut", "run")  # fmt: skip
+NAMES = ("setup", "csv", "text", "parquet", "tdms", "matlab", "hdf5", "netcdf", "numpy", "magscope",
+         "film", "lut", "run")  # fmt: skip
 # Time that an input may take, of the processor: other programs may keep a computer busy. One that
 # waits for ever uses none, and has as long as the start of a process.
 SECONDS = 20.0
