@@ -17,6 +17,13 @@ from mtpipe.ground.notice import Notice
 from mtpipe.recording.recording import Recording
 from mtpipe.verdicts.verdict import BeadVerdict
 
+TO_COME = Notice(
+    "crosscheck_to_come",
+    "caution",
+    "The beads are not cross-checked yet. If the command that does it was stopped, give it again: "
+    "it goes on from there.",
+)
+
 
 @dataclass(frozen=True)
 class Run:
@@ -25,7 +32,8 @@ class Run:
     `forces` are the forces to quote, of each tethered bead. `others` are forces by other methods,
     where asked for. `flags` are per bead, about its traces; `curves` exist for beads with enough
     forces; `checked` is the cross-check, unless left out; `mismatch`, `before_after` and
-    `unexplained` are the content of the diagnosis's files.
+    `unexplained` are the content of the diagnosis's files. `content` is the identity of what went
+    in (`pipeline.identity`); `complete` unless the cross-check is still to come.
     """
 
     recording: Recording
@@ -42,6 +50,8 @@ class Run:
     seed: int
     started: str
     seconds: dict[str, float]
+    content: str
+    complete: bool
 
     @property
     def notices(self) -> tuple[Notice, ...]:
@@ -53,6 +63,18 @@ class Run:
             Notice("not_crosschecked", "info", f"It was not cross-checked: {reason}", bead)
             for bead, reason in refused.items()
         ]
+        failed = {} if self.checked is None else self.checked.failed
+        unchecked += [
+            Notice(
+                "crosscheck_failed",
+                "warning",
+                f"Its cross-check met a defect of mtpipe: {fault}. Please report it.",
+                bead,
+            )
+            for bead, fault in failed.items()
+        ]
+        if not self.complete:
+            unchecked.append(TO_COME)
         setup, positions = self.recording.setup, [p.magnet_mm for p in self.recording.plateaus]
         beyond = []
         if self.checked is not None:
