@@ -13,6 +13,7 @@ from typing import Annotated
 import typer
 
 from mtpipe.cli import arguments as given
+from mtpipe.cli.batch import batch
 from mtpipe.cli.terminal import progress_bar, summary
 from mtpipe.ground.errors import writing
 from mtpipe.ground.streams import say
@@ -117,6 +118,9 @@ def run(
             progress=progress,
         )
     summary(out)
+
+
+app.command()(batch)
 
 
 @app.command()

@@ -49,6 +49,11 @@ class Kept(Executor):
         self._pool.submit(_packed, work, *args, **named).add_done_callback(keep)
         return future
 
+    def there(self, works: int) -> int:
+        """How many of the next so many works are kept."""
+        numbers = range(self._submitted, self._submitted + works)
+        return sum(any(self._folder.glob(f"{number:06d}-*.pickle")) for number in numbers)
+
 
 def _packed(work: Callable[..., Any], *args: Any, **named: Any) -> bytes:
     """What a work gives, packed where it is done."""

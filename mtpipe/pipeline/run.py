@@ -49,6 +49,8 @@ from mtpipe.states import with_states
 from mtpipe.verdicts.diagnosed import with_diagnosis
 from mtpipe.verdicts.verdict import BeadVerdict, bead_verdicts
 
+# Steps that whoever counts beads has to know.
+KEPT_BEADS, CHECKED_BEADS = "beads kept from before", "cross-checking beads"
 LEFT_OUT_CODES = ("no_positions", "constant_bead")
 # Of a reference bead: it moves by itself, as reading or subtraction saw it.
 REFERENCE_CODES = ("moving_reference", "reference_moves")
@@ -148,6 +150,7 @@ def running(
             write(found(None, complete=False))
         if only_forces:
             return found(None, complete=False)
+        progress(KEPT_BEADS, kept.there(beads), beads)
         examined = yield from examining(
             recording, kept, seed=asked.seed, parts=workers // max(beads, 1), progress=progress
         )

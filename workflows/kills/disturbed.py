@@ -61,7 +61,7 @@ class Ended:
     said: str
 
 
-_environment = pages._environment
+_templates = pages.templates
 
 
 def _remembered(work: Callable[..., Any]) -> Callable[..., Any]:
@@ -86,7 +86,7 @@ def prepare(recording: Path, out: Path) -> None:
     for name in ("calibrate_bead", "measured_friction"):
         if not hasattr(getattr(calibration, name), "__wrapped__"):
             setattr(calibration, name, _remembered(getattr(calibration, name)))
-    pages._environment = functools.cache(_environment)
+    pages.templates = functools.cache(_templates)
     pipeline.run(recording, out, cross_check=False)
 
 
