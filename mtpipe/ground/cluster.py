@@ -22,8 +22,8 @@ TOPIC = "mtpipe"
 
 
 @contextmanager
-def scheduler(address: str, hear: Hear) -> Iterator[Executor]:
-    """The workers of a scheduler that is running.
+def scheduler(address: str, hear: Hear, *, patience_s: float = 10.0) -> Iterator[Executor]:
+    """The workers of a scheduler that is running, and answers within some seconds.
 
     Raises
     ------
@@ -31,8 +31,8 @@ def scheduler(address: str, hear: Hear) -> Iterator[Executor]:
     """
     distributed = _imported("distributed")
     try:
-        client = distributed.Client(address)
-    except (OSError, ValueError) as error:
+        client = distributed.Client(address, timeout=patience_s)
+    except (OSError, ValueError) as error:  # TimeoutError is an OSError
         raise MtpipeError(
             f"no Dask scheduler answers at {address!r} ({error})",
             mend='Give its address as "dask scheduler" prints it: tcp://HOST:8786.',
