@@ -106,7 +106,7 @@ def run(
     from mtpipe.pipeline import run as pipeline
 
     with progress_bar() as progress, writing(out):
-        pipeline.run(
+        done = pipeline.run(
             recording,
             out,
             setup=setup,
@@ -118,6 +118,7 @@ def run(
             progress=progress,
         )
     summary(out)
+    raise typer.Exit(int(done.checked is not None and bool(done.checked.failed)))
 
 
 app.command()(batch)
