@@ -8,6 +8,7 @@ their journals.
 
 from __future__ import annotations
 
+import errno
 import os
 import time
 from collections.abc import Iterator
@@ -30,6 +31,8 @@ from mtpipe.report.run_folder import clear_journals, make_ready, told
 
 # Works that wait for each process, so that none of them waits for the next recording to be read.
 AHEAD = 2
+# What a disc says that takes no more of any recording.
+NO_ROOM = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG, errno.EROFS)
 
 
 class Watch(Protocol):
@@ -204,5 +207,8 @@ class _Day:
             self.watch.counted("beads cross-checked", done, total, left_s)
 
     def _cannot_write(self, error: object) -> TypeGuard[OSError]:
-        name = error.filename if isinstance(error, OSError) else None
-        return name is not None and Path(os.fsdecode(name)).is_relative_to(self.out)
+        if not isinstance(error, OSError):
+            return False
+        inside = error.filename is not None
+        inside = inside and Path(os.fsdecode(error.filename)).is_relative_to(self.out)
+        return inside or error.errno in NO_ROOM
