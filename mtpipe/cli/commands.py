@@ -118,7 +118,7 @@ def run(
             progress=progress,
         )
     summary(out)
-    raise typer.Exit(int(done.checked is not None and bool(done.checked.failed)))
+    raise typer.Exit(int(bool(done.failed)))
 
 
 app.command()(batch)

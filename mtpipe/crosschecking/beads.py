@@ -7,11 +7,11 @@ from __future__ import annotations
 
 import hashlib
 import itertools
+import os
 import traceback
 from collections.abc import Callable
 from concurrent.futures import BrokenExecutor, Executor
 from dataclasses import dataclass, replace
-from pathlib import Path
 from typing import Generic, TypeVar
 
 import numpy as np
@@ -75,13 +75,19 @@ def per_bead(
     yield list(futures.values())
     outcomes = Outcomes[T]({}, {}, {})
     for bead, future in futures.items():
-        result, refused, failed = future.result()
-        if result is not None:
-            outcomes.results[bead] = result
-        elif refused:
-            outcomes.refused[bead] = refused
+        try:
+            result, reason = future.result()
+        except (MtpipeError, MemoryError, BrokenExecutor):
+            raise  # of the machine, and no matter of this bead
+        except Exception as error:
+            if os.environ.get("MTPIPE_DEBUG"):
+                traceback.print_exception(error)
+            outcomes.failed[bead] = f"{type(error).__name__}: {error}"
+            continue
+        if result is None:
+            outcomes.refused[bead] = reason
         else:
-            outcomes.failed[bead] = failed
+            outcomes.results[bead] = result
     return outcomes
 
 
@@ -90,18 +96,11 @@ def _attempted(
     recording: Recording,
     bead: str,
     random: np.random.Generator,
-) -> tuple[T | None, str, str]:
-    """The result; or why there is none, by the data or by the program."""
+) -> tuple[T | None, str]:
     try:
-        return work(recording, bead, random), "", ""
+        return work(recording, bead, random), ""
     except DATA_ERRORS as error:
-        return None, str(error), ""
-    except (MemoryError, BrokenExecutor):
-        raise
-    except Exception as error:
-        where = traceback.extract_tb(error.__traceback__)[-1]
-        name = type(error).__name__
-        return None, "", f"{name}: {error} ({Path(where.filename).name}, line {where.lineno})"
+        return None, str(error)
 
 
 def check_of(

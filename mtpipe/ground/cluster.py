@@ -12,7 +12,7 @@ from contextlib import contextmanager
 from typing import Any, ParamSpec, TypeVar
 
 from mtpipe.ground.errors import MtpipeError
-from mtpipe.ground.processes import Hear, heard_by, in_one_thread
+from mtpipe.ground.processes import Hear, heard_by, in_one_thread, undivided
 from mtpipe.ground.version import VERSION
 
 T = TypeVar("T")
@@ -95,5 +95,6 @@ def _on_worker(version: str, work: Callable[..., T], /, *args: Any, **named: Any
             mend="Install the same version on all machines.",
         )
     worker = _imported("distributed").get_worker()
-    with heard_by(lambda what: worker.log_event(TOPIC, what)):
+    # the cluster's workers are as many as there is room for
+    with undivided(), heard_by(lambda what: worker.log_event(TOPIC, what)):
         return in_one_thread(work, *args, **named)

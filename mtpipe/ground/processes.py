@@ -39,8 +39,10 @@ P = ParamSpec("P")
 Workers = int | Executor
 Hear = Callable[[str], None]
 
-# Of the work that this process is doing: where its parts are done, and who hears what it tells.
+# Of the work that this process is doing: where its parts are done, whether they may be elsewhere,
+# and who hears what it tells.
 _parts: Executor | None = None
+_divided = True
 _hear: Hear | None = None
 
 
@@ -84,10 +86,21 @@ def heard_by(hear: Hear | None) -> Iterator[None]:
         _hear = before
 
 
+@contextmanager
+def undivided() -> Iterator[None]:
+    """Let works in this process do their parts here, however many processes they are allowed."""
+    global _divided
+    before, _divided = _divided, False
+    try:
+        yield
+    finally:
+        _divided = before
+
+
 def with_parts(workers: int, work: Callable[P, T], /, *args: P.args, **named: P.kwargs) -> T:
     """Do a work whose parts may be spread over this process and others, so many in all."""
     global _parts
-    if workers <= 1:
+    if workers <= 1 or not _divided:
         return work(*args, **named)
     with _Processes(workers - 1, None) as _parts:
         try:
@@ -228,6 +241,9 @@ class _InThisProcess(Executor):
 
     def submit(self, work: Callable[..., T], /, *args: Any, **named: Any) -> Future[T]:
         future: Future[T] = Future()
-        with heard_by(self._hear):
-            future.set_result(in_one_thread(work, *args, **named))
+        try:
+            with heard_by(self._hear):
+                future.set_result(in_one_thread(work, *args, **named))
+        except Exception as error:
+            future.set_exception(error)
         return future

@@ -26,7 +26,7 @@ from mtpipe.pipeline.identity import Asked, identity
 from mtpipe.pipeline.recordings_below import Aside, There, recordings_below
 from mtpipe.pipeline.results import Run
 from mtpipe.pipeline.run import CHECKED_BEADS, KEPT_BEADS, running
-from mtpipe.pipeline.summary import Summary, rows_of, write_summary
+from mtpipe.pipeline.summary import Summary, is_done, rows_of, write_summary
 from mtpipe.report.run_folder import clear_journals, make_ready, told
 
 # Works that wait for each process, so that none of them waits for the next recording to be read.
@@ -132,7 +132,7 @@ class _Day:
 
     def checks(self, pool: Executor, workers: int) -> Iterator[tuple[There, Steps[Run]]]:
         """Works of the recordings that are calibrated, and not cross-checked."""
-        waiting = [one for one in self.there if self._told(one) and not self._told(one)["complete"]]
+        waiting = [one for one in self.there if (run := self._told(one)) and not is_done(run)]
         for one in waiting:
             table = pd.read_parquet(self.out / one.name / "beads.parquet", columns=["plateaus"])
             self.beads[one.name] = int((table["plateaus"] > 0).sum())
@@ -156,7 +156,7 @@ class _Day:
             self.failures[one.name] = str(result) if known else unforeseen(result)
             self.watch.failed(one.name, self.failures[one.name])
             self._count(one.name, self.beads.get(one.name, 0))
-        elif self._told(one).get("complete"):
+        elif is_done(self._told(one)):
             clear_journals(self.out / one.name)
         if not self.began:
             so_far = len(self.failures) + sum(bool(self._told(each)) for each in self.there)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -17,6 +17,7 @@ from mtpipe.ground.notice import Notice
 from mtpipe.recording.recording import Recording
 from mtpipe.verdicts.verdict import BeadVerdict
 
+CHECK_FAILED = "crosscheck_failed"
 TO_COME = Notice(
     "crosscheck_to_come",
     "caution",
@@ -54,6 +55,11 @@ class Run:
     complete: bool
 
     @property
+    def failed(self) -> Mapping[str, str]:
+        """Beads whose cross-check met a fault of the program."""
+        return {} if self.checked is None else self.checked.failed
+
+    @property
     def notices(self) -> tuple[Notice, ...]:
         """All notices, in the order in which they arose."""
         flags = [notice for bead in self.flags.values() for notice in bead]
@@ -63,15 +69,14 @@ class Run:
             Notice("not_crosschecked", "info", f"It was not cross-checked: {reason}", bead)
             for bead, reason in refused.items()
         ]
-        failed = {} if self.checked is None else self.checked.failed
         unchecked += [
             Notice(
-                "crosscheck_failed",
+                CHECK_FAILED,
                 "warning",
                 f"Its cross-check met a defect of mtpipe: {fault}. Please report it.",
                 bead,
             )
-            for bead, fault in failed.items()
+            for bead, fault in self.failed.items()
         ]
         if not self.complete:
             unchecked.append(TO_COME)

@@ -161,9 +161,9 @@ def running(
 def _room_for_forces(out: Path, content: str, *, overwrite: bool) -> bool:
     """Whether forces are written before they are cross-checked: they take no whole run's place."""
     earlier = told(out)
-    if earlier.get("complete", True) and earlier:
-        return overwrite
-    return earlier.get("content") != content
+    if not earlier or earlier.get("content") == content:
+        return not earlier
+    return overwrite or not earlier.get("complete", True)
 
 
 def _read(
@@ -252,7 +252,7 @@ def _found(
 def _write(
     asked: Asked, raw: Recording, result: Run, *, film: Path, progress: NamedProgress
 ) -> Run:
-    """Write a run into its folder; once it is complete, what was kept of it is not needed."""
+    """Write a run into its folder; what was kept of it goes once nothing is left to do."""
     from mtpipe.report import write_report
 
     progress("writing", 0, 1)
@@ -263,7 +263,7 @@ def _write(
         write_report(
             fresh, progress=lambda done, total: progress("drawing the report", done, total)
         )
-    if result.complete:
+    if result.complete and not result.failed:
         clear_journals(asked.out)
     return result
 

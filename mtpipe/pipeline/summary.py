@@ -11,6 +11,7 @@ import pandas as pd
 
 from mtpipe.ground.files import write_atomically
 from mtpipe.ground.spreadsheets import as_csv
+from mtpipe.pipeline.results import CHECK_FAILED
 from mtpipe.report.batch_page import batch_page
 from mtpipe.report.pages import page_names
 
@@ -24,7 +25,7 @@ OF_BEADS = (
     *("persistence_length_nm", "persistence_length_stderr_nm"),
     *("contour_length_nm", "contour_length_stderr_nm"),
 )
-STATUS_OF = {"not_crosschecked": NOT_SIMULATED, "crosscheck_failed": FAILED}
+STATUS_OF = {"not_crosschecked": NOT_SIMULATED, CHECK_FAILED: FAILED}
 
 
 @dataclass(frozen=True)
@@ -102,6 +103,12 @@ def rows_of(name: str, folder: Path, run: Mapping[str, Any], failure: str) -> li
             )
         )
     return rows
+
+
+def is_done(run: Mapping[str, Any]) -> bool:
+    """Whether nothing is left to do of a run, given its `run.json`."""
+    failed = any(notice["code"] == CHECK_FAILED for notice in run.get("notices", ()))
+    return bool(run.get("complete")) and not failed
 
 
 def write_summary(summary: Summary) -> None:
