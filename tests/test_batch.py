@@ -20,7 +20,7 @@ from mtpipe.pipeline.identity import Asked, identity
 from mtpipe.pipeline.recordings_below import recordings_below
 from mtpipe.report.run_folder import told
 from tests.simulated import bead_nm, recording
-from tests.test_pipeline import write
+from tests.test_pipeline import command, write
 
 SERIES = '[source]\nfiles = ["trace*.csv"]\n'
 
@@ -289,3 +289,22 @@ def test_a_batch_without_recordings_is_told(tmp_path):
         batch(tmp_path, tmp_path / "out", watch=Silent())
     with pytest.raises(MtpipeError, match="folder of the recordings"):
         batch(tmp_path, tmp_path, watch=Silent())
+
+
+def test_the_command_says_what_failed_and_how_it_went_on(tmp_path, day):
+    for name in ("setup.toml", "bad.csv"):
+        write_atomically(tmp_path / "day" / name, (day / name).read_bytes())
+    write_atomically(tmp_path / "day/film.csv", b"\xff\xd8\xff and so on")
+    done = command("batch", tmp_path / "day", "--out", tmp_path / "out", "--workers", "1")
+    assert done.returncode == 1
+    assert "left aside: film.csv (is an image" in done.stderr
+    assert "bad.csv: bad.csv: has one row of numbers" in done.stderr
+    assert "1 of 1 recordings calibrated" in done.stderr
+    said = done.stdout.splitlines()
+    assert said[-2].startswith("bad.csv failed: bad.csv: has one row")
+    assert said[-1] == f"Summary: {tmp_path / 'out' / 'index.html'}"
+    assert (tmp_path / "out" / "index.html").exists()
+    both = ("--scheduler", "tcp://127.0.0.1:1", "--slurm")
+    wrong = command("batch", tmp_path / "day", "--out", tmp_path / "out", *both)
+    assert wrong.returncode == 2
+    assert "not both" in wrong.stderr

@@ -98,8 +98,14 @@ def run(
         cross_check,
         overwrite,
     )
-    say = progress or (lambda step, done, total: None)
-    with executor(workers, hear=lambda step: say(step, 0, 1)) as pool:
+    counted = [0, 1]
+
+    def say(step: str, *done_of: int) -> None:
+        counted[:] = done_of or counted
+        if progress is not None:
+            progress(step, *counted)
+
+    with executor(workers, hear=say) as pool:
         return finished(running(asked, pool, workers=workers, progress=say))
 
 
