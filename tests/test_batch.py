@@ -211,7 +211,7 @@ def test_forces_come_first_and_what_fails_stops_nothing(day, tmp_path, monkeypat
     }
     assert "one row" in table.reasons["bad.csv", ""]
     assert "of the data" in table.reasons[one, "b1"]
-    assert "a defect of mtpipe: ZeroDivisionError: of the program" in table.reasons[one, "b2"]
+    assert "a defect of mtpipe, ZeroDivisionError: of the program" in table.reasons[one, "b2"]
     assert len(summary.failed) == 2
     assert ("beads cross-checked", 3, 3) in watch.said
     assert (tmp_path / table.report[two, "b1"]).exists()

@@ -20,7 +20,7 @@ from mtpipe.crosschecking.check import BeadCheck, check_bead
 from mtpipe.crosschecking.lines import with_lines_apart
 from mtpipe.crosschecking.prepared_bead import prepare
 from mtpipe.crosschecking.setup_effects import with_listed
-from mtpipe.ground.errors import MtpipeError
+from mtpipe.ground.errors import MtpipeError, WorkerEndedError
 from mtpipe.ground.processes import with_parts
 from mtpipe.ground.steps import Steps
 from mtpipe.recording.recording import Recording
@@ -37,7 +37,7 @@ class Outcomes(Generic[T]):
     Attributes
     ----------
     results : of those that were worked on.
-    refused : what is wrong with the data of others. failed : a fault of the program, in words.
+    refused : what is wrong with the data of others. failed : a fault of the program or the machine.
     """
 
     results: dict[str, T]
@@ -77,12 +77,16 @@ def per_bead(
     for bead, future in futures.items():
         try:
             result, reason = future.result()
+        except WorkerEndedError as error:
+            outcomes.failed[bead] = str(error)
+            continue
         except (MtpipeError, MemoryError, BrokenExecutor):
             raise  # of the machine, and no matter of this bead
         except Exception as error:
             if os.environ.get("MTPIPE_DEBUG"):
                 traceback.print_exception(error)
-            outcomes.failed[bead] = f"{type(error).__name__}: {error}"
+            fault = f"a defect of mtpipe, {type(error).__name__}: {error}"
+            outcomes.failed[bead] = f"{fault}. Please report it."
             continue
         if result is None:
             outcomes.refused[bead] = reason

@@ -78,6 +78,10 @@ def unforeseen(error: Exception) -> str:
     )
 
 
+class WorkerEndedError(MtpipeError):
+    """A process that did the work was ended from outside."""
+
+
 @contextmanager
 def writing(place: Path, option: str = "--out") -> Iterator[None]:
     """Turn what the system says against writing a file or folder into a sentence.

@@ -30,7 +30,7 @@ from typing import Any, Generic, ParamSpec, TypeVar
 
 from threadpoolctl import threadpool_limits
 
-from mtpipe.ground.errors import MtpipeError
+from mtpipe.ground.errors import WorkerEndedError
 from mtpipe.ground.script_guard import check_guard
 
 T = TypeVar("T")
@@ -66,7 +66,7 @@ def executor(
     if min(workers, workers if most is None else most) <= 1:
         return _InThisProcess(hear)
     check_guard(workers)
-    return _Processes(workers if most is None else min(workers, most), hear)
+    return Processes(workers if most is None else min(workers, most), hear)
 
 
 def tell(what: str) -> None:
@@ -102,11 +102,12 @@ def with_parts(workers: int, work: Callable[P, T], /, *args: P.args, **named: P.
     global _parts
     if workers <= 1 or not _divided:
         return work(*args, **named)
-    with _Processes(workers - 1, None) as _parts:
-        try:
-            return work(*args, **named)
-        finally:
-            _parts = None
+    _parts = Processes(workers - 1, None)
+    try:
+        return work(*args, **named)
+    finally:
+        _parts.shutdown()
+        _parts = None
 
 
 def in_order(part: Callable[..., T], arguments: Iterable[tuple[Any, ...]]) -> Iterator[T]:
@@ -192,7 +193,17 @@ def _end_with_the_first() -> None:
         os._exit(1)
 
 
-class _Processes(ProcessPoolExecutor):
+def ended_from_outside() -> WorkerEndedError:
+    """What is to be told of a work whose process was ended."""
+    return WorkerEndedError(
+        "a worker process was ended from outside, most likely by a system that has no memory left",
+        mend="Use fewer workers (--workers 1 needs least), or more memory.",
+    )
+
+
+class Processes(ProcessPoolExecutor):
+    """So many processes of this program."""
+
     def __init__(self, workers: int, hear: Hear | None) -> None:
         # spawned, not forked: threads of the numerical libraries do not survive a fork
         context = multiprocessing.get_context("spawn")
@@ -215,13 +226,10 @@ class _Processes(ProcessPoolExecutor):
         super().__exit__(kind, error, trace)
         self._telling.close()
         if isinstance(error, BrokenProcessPool):
-            raise MtpipeError(
-                "a worker process was ended from outside, most likely by a system that has no "
-                "memory left",
-                mend="Use fewer workers (--workers 1 needs least), or more memory.",
-            ) from None
+            raise ended_from_outside() from None
 
     def submit(self, work: Callable[P, T], /, *args: P.args, **named: P.kwargs) -> Future[T]:
+        """Have a work done by one of them, its linear algebra in one thread."""
         return super().submit(in_one_thread, work, *args, **named)
 
 

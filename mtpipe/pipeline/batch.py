@@ -19,8 +19,9 @@ from typing import Any, Protocol, TypeGuard
 
 import pandas as pd
 
+from mtpipe.ground.enduring import enduring_executor
 from mtpipe.ground.errors import MtpipeError, unforeseen
-from mtpipe.ground.processes import Workers, executor
+from mtpipe.ground.processes import Workers
 from mtpipe.ground.steps import Steps, side_by_side
 from mtpipe.pipeline.identity import Asked, identity
 from mtpipe.pipeline.recordings_below import Aside, There, recordings_below
@@ -88,7 +89,7 @@ def batch(
         )
     make_ready(out)
     day = _Day(out, there, aside, seed, watch)
-    with executor(workers if pool is None else pool, hear=watch.at) as spread:
+    with enduring_executor(workers if pool is None else pool, hear=watch.at) as spread:
         for works in (day.calibrations, day.checks):
             for one, result in side_by_side(works(spread, workers), AHEAD * workers):
                 day.ended(one, result)

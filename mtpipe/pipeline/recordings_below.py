@@ -76,7 +76,7 @@ def recordings_below(folder: Path, leave: Path) -> tuple[list[There], list[Aside
             setups[place] = setups[place.parent]
         files = [file for file in _files(place) if file.resolve() not in used]
         if place not in setups:
-            why = f"no {SETUP_NAME} beside it or in a folder above, up to {as_text(str(folder))}"
+            why = f"no {SETUP_NAME} beside it or in a folder above"
             aside += [Aside(name_of(file), why) for file in files]
             continue
         here_found = _In(place, setups[place], files)

@@ -73,7 +73,7 @@ class Run:
             Notice(
                 CHECK_FAILED,
                 "warning",
-                f"Its cross-check met a defect of mtpipe: {fault}. Please report it.",
+                f"Its cross-check did not come to its end: {fault}",
                 bead,
             )
             for bead, fault in self.failed.items()

@@ -26,8 +26,8 @@ from mtpipe.diagnosis.forces_to_quote import recommended_forces
 from mtpipe.diagnosis.mismatch import Examined, examining
 from mtpipe.diagnosis.mismatch import content as content_of_mismatch
 from mtpipe.drift import subtract_drift
+from mtpipe.ground.enduring import enduring_executor
 from mtpipe.ground.journal import Kept
-from mtpipe.ground.processes import executor
 from mtpipe.ground.steps import Steps, finished
 from mtpipe.ground.types import NamedProgress
 from mtpipe.ingest import load
@@ -105,7 +105,7 @@ def run(
         if progress is not None:
             progress(step, *counted)
 
-    with executor(workers, hear=say) as pool:
+    with enduring_executor(workers, hear=say) as pool:
         return finished(running(asked, pool, workers=workers, progress=say))
 
 
