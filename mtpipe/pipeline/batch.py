@@ -27,7 +27,7 @@ from mtpipe.pipeline.identity import Asked, identity
 from mtpipe.pipeline.recordings_below import Aside, There, recordings_below
 from mtpipe.pipeline.results import Run
 from mtpipe.pipeline.run import CHECKED_BEADS, KEPT_BEADS, running
-from mtpipe.pipeline.summary import Summary, is_done, rows_of, write_summary
+from mtpipe.pipeline.summary import Row, Summary, is_done, rows_of, write_summary
 from mtpipe.report.run_folder import clear_journals, make_ready, told
 
 # Works that wait for each process, so that none of them waits for the next recording to be read.
@@ -102,7 +102,7 @@ class _Day:
 
     Attributes
     ----------
-    content : what each has to be a run of. failures : why there is none.
+    content : what each has to be a run of. failures : why there is none. rows : of the summary.
     beads : how many there are. checked : how many of them are. kept : how many were before.
     """
 
@@ -113,6 +113,7 @@ class _Day:
     watch: Watch
     content: dict[str, str] = field(default_factory=dict)
     failures: dict[str, str] = field(default_factory=dict)
+    rows: dict[str, list[Row]] = field(default_factory=dict)
     beads: dict[str, int] = field(default_factory=dict)
     checked: dict[str, int] = field(default_factory=dict)
     kept: dict[str, int] = field(default_factory=dict)
@@ -159,21 +160,19 @@ class _Day:
             self._count(one.name, self.beads.get(one.name, 0))
         elif is_done(self._told(one)):
             clear_journals(self.out / one.name)
+        failure, name = self.failures.get(one.name, ""), one.name
+        self.rows[name] = rows_of(name, self.out / name, self._told(one), failure)
         if not self.began:
-            so_far = len(self.failures) + sum(bool(self._told(each)) for each in self.there)
-            self.watch.counted("recordings calibrated", so_far, len(self.there), None)
+            self.watch.counted("recordings calibrated", len(self.rows), len(self.there), None)
         self.write()
 
     def write(self) -> Summary:
         """Write the summary as it is now."""
         rows = [
-            row
-            for one in self.there
-            for row in rows_of(
-                one.name, self.out / one.name, self._told(one), self.failures.get(one.name, "")
-            )
+            self.rows.get(one.name) or rows_of(one.name, self.out, {}, "") for one in self.there
         ]
-        summary = Summary(self.out, tuple(rows), tuple((a.name, a.why) for a in self.aside))
+        aside = tuple((one.name, one.why) for one in self.aside)
+        summary = Summary(self.out, tuple(row for some in rows for row in some), aside)
         write_summary(summary)
         return summary
 

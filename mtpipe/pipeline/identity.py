@@ -9,12 +9,13 @@ from __future__ import annotations
 import hashlib
 import json
 from dataclasses import asdict, dataclass
+from importlib.metadata import EntryPoint, entry_points
 from pathlib import Path
 
 from mtpipe.ground.version import VERSION
 from mtpipe.ingest.data_files import SETUP_NAME, describe, find_recording
 from mtpipe.ingest.read import settled
-from mtpipe.setup.setup import Setup, read_setup
+from mtpipe.setup.setup import EFFECTS_GROUP, Setup, read_setup
 from mtpipe.tracking.stack import find_files, is_stack
 
 
@@ -48,7 +49,7 @@ class Asked:
 
 
 def identity(asked: Asked) -> str:
-    """SHA-256 of version, setup as read, content of all files, and what is asked for.
+    """SHA-256 of versions, setup as read, content of all files, and what is asked for.
 
     Raises
     ------
@@ -58,6 +59,7 @@ def identity(asked: Asked) -> str:
     there = [file for file in dict.fromkeys(files) if file.is_file()]
     content = {
         "version": VERSION,
+        "effects": sorted(_with_version(entry) for entry in entry_points(group=EFFECTS_GROUP)),
         "setup": setup.model_dump(mode="json", by_alias=True),
         "files": [asdict(describe(file, folder)) for file in there],
         "seed": asked.seed,
@@ -65,6 +67,11 @@ def identity(asked: Asked) -> str:
         "cross_check": asked.cross_check,
     }
     return hashlib.sha256(json.dumps(content, sort_keys=True).encode()).hexdigest()
+
+
+def _with_version(entry: EntryPoint) -> str:
+    """An effect of another package, and which it is of."""
+    return f"{entry.value} {entry.dist.version if entry.dist is not None else ''}"
 
 
 def _of_recording(asked: Asked) -> tuple[Setup, list[Path], Path]:
