@@ -34,6 +34,8 @@ from mtpipe.diagnosis.pooled import (
 from mtpipe.diagnosis.sentence import sentence
 from mtpipe.effects.catalogue import OWN
 from mtpipe.experiment.from_setup import experiment_of
+from mtpipe.ground.processes import executor
+from mtpipe.ground.steps import finished
 from mtpipe.setup.setup import parse_setup
 from mtpipe.simulation.simulate import simulate_experiment
 from tests.simulated import RADIUS_NM, VISCOSITY_MPA_S, setup_content
@@ -193,9 +195,14 @@ def alone(kind, bead):
     return explain(check_of(recording(kind), bead, random), random)
 
 
+def together(found):
+    with executor(1) as pool:
+        return finished(beads_together(found, pool, seed=0))
+
+
 @functools.cache
 def thick_buffer():
-    return beads_together({bead: alone("buffer", bead) for bead in BUFFER}, seed=0)
+    return together({bead: alone("buffer", bead) for bead in BUFFER})
 
 
 def names(found):
@@ -267,7 +274,7 @@ def test_a_bead_that_is_larger_alone_is_not_in_a_thicker_buffer():
     both = {bead: alone("bead", bead) for bead in ("b1", "b2")}
     assert names(both["b1"]) == ["bead_radius"]
     assert both["b1"].named[0].equivalent == ("viscosity",)
-    found = beads_together(both, seed=0)
+    found = together(both)
     assert names(found["b1"]) == ["bead_radius"]
     (named,) = found["b1"].named
     assert named.equivalent == ()
@@ -289,7 +296,7 @@ def as_named(kind, bead, *, with_alternative):
 
 def test_what_the_other_beads_exclude_gives_way_to_the_alternative():
     swapped = as_named("bead", "b1", with_alternative=True)
-    found = beads_together({"b1": swapped, "b2": alone("bead", "b2")}, seed=0)["b1"]
+    found = together({"b1": swapped, "b2": alone("bead", "b2")})["b1"]
     assert (found.verdict, names(found)) == ("explained", ["bead_radius"])
     assert found.named[0].heldout_gain > 0
     assert found.after.p_value > 0.004
@@ -299,7 +306,7 @@ def test_what_the_other_beads_exclude_gives_way_to_the_alternative():
 
 def test_what_the_other_beads_exclude_is_unexplained_without_an_alternative():
     swapped = as_named("bead", "b1", with_alternative=False)
-    found = beads_together({"b1": swapped, "b2": alone("bead", "b2")}, seed=0)["b1"]
+    found = together({"b1": swapped, "b2": alone("bead", "b2")})["b1"]
     assert (found.verdict, found.named) == ("unexplained", ())
     assert found.after is found.before
     assert found.nearest.tried.effect.name == "viscosity"
@@ -310,12 +317,12 @@ def test_what_the_other_beads_exclude_is_unexplained_without_an_alternative():
 def test_a_bead_that_is_unexplained_has_no_say_and_stays():
     odd = replace(alone("bead", "b2"), verdict="unexplained")
     both = {"b1": alone("bead", "b1"), "b2": odd}
-    assert beads_together(both, seed=0) == both
+    assert together(both) == both
 
 
 def test_one_bead_alone_stays_as_it_is():
     both = {"b1": alone("buffer", "b1")}
-    assert beads_together(both, seed=0) == both
+    assert together(both) == both
 
 
 def test_explanations_can_be_sent_to_other_processes():

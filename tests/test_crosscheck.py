@@ -15,6 +15,7 @@ from mtpipe.crosschecking.beads import bead_generator
 from mtpipe.crosschecking.check import (
     ENOUGH,
     FAR_OFF,
+    _Draws,
     check_bead,
     comparable_p_values,
     foreseen_p_value,
@@ -29,6 +30,7 @@ from mtpipe.drift import subtract_drift
 from mtpipe.experiment.changes import with_magnets
 from mtpipe.experiment.description import ForceCourse
 from mtpipe.ground.errors import RecordingError
+from mtpipe.ground.processes import with_parts
 from mtpipe.pipeline.tables_crosscheck import crosscheck_curves, crosscheck_table
 from mtpipe.recording.plateaus import find_plateaus
 from mtpipe.setup.setup import Setup
@@ -346,3 +348,31 @@ def test_what_a_change_of_traces_will_do_is_foreseen_beside_the_simulations_ther
     lost.positions_nm["b1"][300:420] = np.nan
     # lost frames are looked at where there are enough: what only one of them has is left out
     assert foreseen_p_value(odd, case(lost)) > 0.01
+
+
+def test_simulations_spread_over_processes_are_the_same_to_the_bit(clean):
+    prepared, checks, left = case(clean), [], []
+    for parts in (1, 2):
+        random = generator(6)
+        checks.append(
+            with_parts(parts, check_bead, prepared, random, rounds=(8, 12), with_curves=True)
+        )
+        left.append(random.normal())
+    alone, spread = checks
+    assert (alone.simulated == spread.simulated).all()
+    assert alone.p_value == spread.p_value
+    for one, other in zip(alone.curves, spread.curves, strict=True):
+        assert (one.median == other.median).all()
+    assert left[0] == left[1]
+
+
+def test_simulations_drawn_ahead_leave_the_generator_as_if_they_were_not(clean):
+    maker = TwinMaker(case(clean))
+    ahead, alone = generator(7), generator(7)
+    draws = _Draws(maker, ahead)
+    for _ in range(3):
+        draws.next()
+    draws.back_to(1)  # the second could not be looked at
+    for _ in range(2):
+        maker.draw(alone)
+    assert ahead.normal() == alone.normal()

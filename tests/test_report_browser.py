@@ -12,6 +12,7 @@ from urllib.parse import unquote, urlparse
 import pytest
 
 from mtpipe.report import write_report
+from mtpipe.report.batch_page import batch_page
 from tests.report_folder import write_run_folder
 
 playwright = pytest.importorskip("playwright.sync_api", reason="playwright is not installed")
@@ -357,3 +358,52 @@ def test_every_page_draws_and_fits_a_narrow_window(opened: Open, name: str) -> N
     assert page.locator("[data-figure] .main-svg .trace path").count() > 0
     page.set_viewport_size({"width": 700, "height": 800})
     page.wait_for_function("document.documentElement.scrollWidth <= 700", timeout=5000)
+
+
+def test_a_thousand_beads_of_a_batch_are_sorted_and_filtered(
+    browser: Any, tmp_path: Path, complaints: list[str]
+) -> None:
+    (tmp_path / "index.html").write_text(batch_page(thousand_beads(), [("notes.txt", "is empty")]))
+    page = new_page(browser, complaints, width=1280)
+    page.goto((tmp_path / "index.html").as_uri())
+    shown = page.locator("tbody tr:visible")
+    assert shown.count() == 1000
+    page.get_by_role("button", name="largest force").click()
+    assert "day 1/r7.csv" in shown.first.text_content()
+    page.get_by_role("button", name="largest force").click()
+    assert "day 1/r999.csv" in shown.first.text_content()
+    assert shown.last.text_content().strip().endswith("no force")  # no number is no small one
+    page.get_by_role("searchbox").fill("r99 reason")
+    assert shown.count() == 11
+    assert page.locator("#count").text_content() == "11 of 1000 rows shown"
+    page.get_by_role("searchbox").fill("")
+    page.get_by_label("caution").uncheck()
+    assert shown.count() == 500
+    page.get_by_label("failed").uncheck()
+    assert shown.count() == 499
+    link = shown.first.get_by_role("link").get_attribute("href")
+    assert unquote(link).endswith(".csv/report/bead-b1.html")
+    assert page.get_by_text("notes.txt: is empty").is_visible()
+
+
+def thousand_beads() -> list[dict[str, Any]]:
+    """Rows of a summary."""
+    return [
+        {
+            "recording": f"day 1/r{k}.csv",
+            "bead": "b1",
+            "status": "failed" if k == 4 else "done",
+            "verdict": ("good", "caution")[k % 2],
+            "mismatch": "consistent",
+            "force_min_pN": 0.5,
+            # the least is the eighth's
+            "force_max_pN": None if k == 0 else 0.1 if k == 7 else float(k),
+            "persistence_length_nm": 50.0 + k / 100,
+            "persistence_length_stderr_nm": 1.0,
+            "contour_length_nm": 2700.0,
+            "contour_length_stderr_nm": 3.0,
+            "reasons": "no force" if k == 0 else f"reason {k}",
+            "report": f"day 1/r{k}.csv/report/bead-b1.html",
+        }
+        for k in range(1000)
+    ]

@@ -9,7 +9,15 @@ import pytest
 
 from mtpipe.ground.errors import MtpipeError
 from mtpipe.ground.files import clear_leftovers, scratch_name
-from mtpipe.report.run_folder import RECORDING, RESULTS, RUN, finish, new_run, refuse_to_erase
+from mtpipe.report.run_folder import (
+    RECORDING,
+    RESULTS,
+    RUN,
+    finish,
+    journal,
+    new_run,
+    refuse_to_erase,
+)
 
 FILES = (*RESULTS[:6], "details/a.parquet", "details/b.json", "report/index.html", RUN)
 AT = ("open", "os.rename", "os.remove", "os.mkdir", "os.rmdir")
@@ -102,13 +110,18 @@ def test_a_film_that_was_tracked_is_not_lost_by_an_error_after_it(tmp_path, earl
         write(tmp_path, "old")
 
     def fail():
-        with new_run(tmp_path) as fresh:
-            (fresh / RECORDING).write_text("new")
+        with journal(tmp_path, "content") as done:
+            done.mkdir()
+            (done / RECORDING).write_text("new")
             raise RuntimeError
 
     with pytest.raises(RuntimeError):
         fail()
     assert (tmp_path / RECORDING).exists() != earlier
+    with journal(tmp_path, "content") as done:
+        assert (done / RECORDING).exists()
+    with journal(tmp_path, "other content"):
+        assert not done.exists()
 
 
 @forks

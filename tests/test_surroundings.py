@@ -11,8 +11,7 @@ from pathlib import Path
 import pandas as pd
 import pytest
 
-from mtpipe.cli.entry import unforeseen
-from mtpipe.ground.errors import MtpipeError
+from mtpipe.ground.errors import MtpipeError, unforeseen
 from mtpipe.ground.processes import executor
 from mtpipe.ground.script_guard import check_guard
 from mtpipe.ground.spreadsheets import as_csv

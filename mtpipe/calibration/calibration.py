@@ -21,7 +21,8 @@ from mtpipe.calibration.recommended_force import BeadForces
 from mtpipe.calibration.spectral_force import forces_of_spectra
 from mtpipe.drift.uncorrected import extension_covariance_nm2
 from mtpipe.ground.notice import Notice
-from mtpipe.ground.processes import executor
+from mtpipe.ground.processes import Workers, executor
+from mtpipe.ground.steps import Steps, finished
 from mtpipe.ground.types import FloatArray, Progress
 from mtpipe.recording.recording import Recording
 from mtpipe.recording.traces import Trace, traces_of
@@ -58,7 +59,7 @@ def calibrate(
     recording: Recording,
     *,
     seed: int = 0,
-    workers: int = 1,
+    workers: Workers = 1,
     progress: Progress | None = None,
 ) -> Calibration:
     """Calibrate every tethered bead of a recording (after drift subtraction).
@@ -69,13 +70,21 @@ def calibrate(
     ----------
     recording : drift already subtracted, if it is to be.
     seed : of the posteriors; each bead's own seed derives from it and the bead's name.
-    workers : processes; beads are spread over them.
+    workers : processes, or an executor; beads are spread over them.
     progress : called with (beads done, beads).
 
     Raises
     ------
     SetupError : the frame rate is not known.
     """
+    with executor(workers, most=len(recording.tethered)) as pool:
+        return finished(calibrating(recording, pool, seed=seed, progress=progress))
+
+
+def calibrating(
+    recording: Recording, pool: Executor, *, seed: int, progress: Progress | None
+) -> Steps[Calibration]:
+    """`calibrate` in steps; beads are spread over a pool."""
     recording = with_states(recording)
     conditions, notices = conditions_of(recording.setup)
     notices = (*notices, *usual_errors(recording.setup))
@@ -105,17 +114,17 @@ def calibrate(
         for bead, traces in beads.items()
     ]
     say = progress or (lambda done, total: None)
-    with executor(min(workers, len(jobs))) as pool:
-        conditions_by_bead = _conditions_by_bead(jobs, shared, pool)
-        done = itertools.count(1)
-        futures = []
-        for job, own in zip(jobs, conditions_by_bead, strict=True):
-            expected = expected_noise_nm(recording, job[0], noise)
-            known = replace(shared, conditions=own, noise_nm=expected)
-            future = pool.submit(calibrate_bead, *job, known)
-            future.add_done_callback(lambda _: say(next(done), len(jobs)))
-            futures.append(future)
-        results = tuple(future.result() for future in futures)
+    conditions_by_bead = yield from _conditions_by_bead(jobs, shared, pool)
+    done = itertools.count(1)
+    futures = []
+    for job, own in zip(jobs, conditions_by_bead, strict=True):
+        expected = expected_noise_nm(recording, job[0], noise)
+        known = replace(shared, conditions=own, noise_nm=expected)
+        future = pool.submit(calibrate_bead, *job, known)
+        future.add_done_callback(lambda _: say(next(done), len(jobs)))
+        futures.append(future)
+    yield futures
+    results = tuple(future.result() for future in futures)
     notices = (
         *notices,
         *_estimated_radii(conditions, results),
@@ -160,12 +169,15 @@ def _estimated_radii(conditions: Conditions, beads: Sequence[BeadResult]) -> lis
     ]
 
 
-def _conditions_by_bead(jobs: Sequence[_Job], shared: Shared, pool: Executor) -> list[Conditions]:
+def _conditions_by_bead(
+    jobs: Sequence[_Job], shared: Shared, pool: Executor
+) -> Steps[list[Conditions]]:
     """The conditions of each bead: the buffer as the other beads show it, where it is uncertain."""
     conditions = shared.conditions
     if len(jobs) < 2 or not conditions.viscosity_mPa_s[1] > 0 or conditions.radius_nm is None:
         return [conditions] * len(jobs)
     asked = [pool.submit(measured_friction, *job[1:3], shared) for job in jobs]
+    yield asked
     ratios = [future.result() for future in asked]
     return [
         replace(

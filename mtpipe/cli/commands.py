@@ -13,6 +13,7 @@ from typing import Annotated
 import typer
 
 from mtpipe.cli import arguments as given
+from mtpipe.cli.batch import batch
 from mtpipe.cli.terminal import progress_bar, summary
 from mtpipe.ground.errors import writing
 from mtpipe.ground.streams import say
@@ -105,7 +106,7 @@ def run(
     from mtpipe.pipeline import run as pipeline
 
     with progress_bar() as progress, writing(out):
-        pipeline.run(
+        done = pipeline.run(
             recording,
             out,
             setup=setup,
@@ -117,6 +118,10 @@ def run(
             progress=progress,
         )
     summary(out)
+    raise typer.Exit(int(bool(done.failed)))
+
+
+app.command()(batch)
 
 
 @app.command()

@@ -8,7 +8,7 @@ import traceback
 
 from mtpipe.cli.commands import app
 from mtpipe.cli.terminal import stopped_in_one_line
-from mtpipe.ground.errors import MtpipeError
+from mtpipe.ground.errors import MtpipeError, unforeseen
 from mtpipe.ground.streams import open_streams, say
 
 
@@ -26,18 +26,3 @@ def main() -> None:
                 traceback.print_exc()
             say(f"mtpipe: {unforeseen(error)}", err=True)
             sys.exit(1)
-
-
-def unforeseen(error: Exception) -> str:
-    """The sentence for an error that no other sentence foresaw."""
-    if isinstance(error, MemoryError):
-        asked = f" ({error})" if str(error) else ""
-        return f"the memory is not enough{asked}. Use fewer --workers, or more memory."
-    if isinstance(error, OSError) and error.errno is not None:
-        name = f"{error.filename}: " if error.filename else ""
-        what = "no access" if isinstance(error, PermissionError) else "cannot be read or written"
-        return f"{name}{what} ({error.strerror})"
-    return (
-        f"a defect of mtpipe itself: {type(error).__name__}: {error}\n"
-        "Set MTPIPE_DEBUG=1 to see where, and please report it."
-    )

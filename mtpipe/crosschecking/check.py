@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 
@@ -23,6 +24,8 @@ from mtpipe.crosschecking.nulls import (
 )
 from mtpipe.crosschecking.prepared_bead import PreparedBead, described
 from mtpipe.crosschecking.twin import Twin, TwinMaker
+from mtpipe.ground.errors import FitError
+from mtpipe.ground.processes import Sent, in_order
 from mtpipe.ground.types import FloatArray
 from mtpipe.joint_fit.data import PlateauData, plateau_data
 from mtpipe.joint_fit.expectation import Expectation, changed_spectra
@@ -93,14 +96,21 @@ def check_bead(
     # for curves alone, so that what is found does not depend on whether they are drawn
     (beside,) = random.spawn(1)
     open_as_yet: Together | None = None
+    shared = Sent((battery, curves))
     for goal in rounds:
-        while len(simulated) < goal:
-            twin = battery.simulated(maker.draw(random))
-            simulated.append(battery.looks(twin)[1])
-            if curves is not None and len(simulated) <= ENOUGH:
-                curves.add(twin)
-            if progress is not None:
-                progress(len(simulated), goal)
+        numbers = range(len(simulated), goal)
+        draws = _Draws(maker, random)
+        arguments = ((shared, draws.next(), k < ENOUGH) for k in numbers)
+        try:
+            for values, drawn in in_order(_looked_at, arguments):
+                simulated.append(values)
+                if curves is not None and drawn is not None:
+                    curves.add(drawn)
+                if progress is not None:
+                    progress(len(simulated), goal)
+        except (FitError, ValueError):
+            draws.back_to(len(simulated) - numbers.start)
+            raise
         p_values, overall = _judged(looks, observed, np.array(simulated))
         if open_as_yet is not None:
             alike = alikeness(open_as_yet.own, overall.own[: len(open_as_yet.own)])
@@ -115,7 +125,7 @@ def check_bead(
         open_as_yet = overall
     if curves is not None:
         for _ in range(ENOUGH - len(simulated)):
-            curves.add(battery.simulated(maker.draw(beside)))
+            curves.add(curves.values(battery.simulated(maker.draw(beside))))
     return BeadCheck(
         case,
         looks,
@@ -125,6 +135,37 @@ def check_bead(
         overall,
         () if curves is None else curves.curves(),
     )
+
+
+class _Draws:
+    """Simulations drawn one after the other, each where the one before has left the generator.
+
+    Some may be drawn ahead of those that are looked at. If one cannot be, the generator goes back
+    to where that one has left it.
+    """
+
+    def __init__(self, maker: TwinMaker, random: np.random.Generator) -> None:
+        self._maker, self._random = maker, random
+        self._left: list[dict[str, Any]] = []
+
+    def next(self) -> Twin:
+        twin = self._maker.draw(self._random)
+        self._left.append(dict(self._random.bit_generator.state))
+        return twin
+
+    def back_to(self, number: int) -> None:
+        if number < len(self._left):
+            self._random.bit_generator.state = self._left[number]
+
+
+def _looked_at(
+    shared: Sent[tuple[_Battery, CurveSet | None]], twin: Twin, drawn: bool
+) -> tuple[FloatArray, list[FloatArray] | None]:
+    """Values of all statistics of a simulation, and of its curves where they are wanted."""
+    battery, curves = shared.value()
+    seen = battery.simulated(twin)
+    values = battery.looks(seen)[1]
+    return values, curves.values(seen) if drawn and curves is not None else None
 
 
 def comparable_p_values(one: BeadCheck, other: BeadCheck) -> tuple[float, float]:

@@ -3,13 +3,15 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 import pandas as pd
 
 from mtpipe.crosschecking.beads import check_of, per_bead
 from mtpipe.crosschecking.check import BeadCheck
+from mtpipe.ground.processes import Workers, executor
+from mtpipe.ground.steps import finished
 from mtpipe.ground.types import Progress
 from mtpipe.recording.recording import Recording
 from mtpipe.states import with_states
@@ -30,12 +32,14 @@ class CrossCheck:
     ----------
     recording : its name.
     beads : the check of each tethered bead that could be simulated.
-    refused : why the others could not.
+    refused : what is wrong with the data of others.
+    failed : faults of the program at others, in words.
     """
 
     recording: str
     beads: Mapping[str, BeadCheck]
     refused: Mapping[str, str]
+    failed: Mapping[str, str] = field(default_factory=dict)
 
     @property
     def table(self) -> pd.DataFrame:
@@ -54,7 +58,7 @@ def crosscheck(
     recording: Recording,
     *,
     seed: int = 0,
-    workers: int = 1,
+    workers: Workers = 1,
     progress: Progress | None = None,
 ) -> CrossCheck:
     """Compare every tethered bead of a recording with simulations of the configured experiment.
@@ -63,17 +67,18 @@ def crosscheck(
     ----------
     recording : with the drift subtracted (`mtpipe.subtract_drift`).
     seed : of the simulations; each bead's own derives from it.
-    workers : processes, over which beads are spread. More than one needs the usual guard
-        `if __name__ == "__main__":` in a script that calls this.
+    workers : processes, or an executor, over which beads are spread. More than one process needs
+        the usual guard `if __name__ == "__main__":` in a script that calls this.
     progress : called with (beads done, of how many).
 
     Raises
     ------
-    Nothing for what is wrong with one bead's data: why it could not be simulated is in `refused`.
+    Nothing for what goes wrong at one bead: that is in `refused` or `failed`.
     """
     recording = with_states(recording)
-    checks, refused = per_bead(recording, _check, seed=seed, workers=workers, progress=progress)
-    return CrossCheck(recording.name, checks, refused)
+    with executor(workers, most=len(recording.tethered)) as pool:
+        found = finished(per_bead(recording, _check, pool, seed=seed, progress=progress))
+    return CrossCheck(recording.name, found.results, found.refused, found.failed)
 
 
 def _check(recording: Recording, bead: str, random: np.random.Generator) -> BeadCheck:

@@ -49,7 +49,7 @@ class CurveSet:
 
     def __init__(self, recorded: Sequence[Observed]) -> None:
         self._edges_nm = [_histogram_edges_nm(one) for one in recorded]
-        self._recorded = self._values(recorded)
+        self._recorded = self.values(recorded)
         self._at = [
             at
             for one, edges in zip(recorded, self._edges_nm, strict=True)
@@ -62,9 +62,9 @@ class CurveSet:
         ]
         self._simulated: list[list[FloatArray]] = []
 
-    def add(self, simulated: Sequence[Observed]) -> None:
-        """Take in one simulation."""
-        self._simulated.append(self._values(simulated))
+    def add(self, values: list[FloatArray]) -> None:
+        """Take in the values of one simulation."""
+        self._simulated.append(values)
 
     def curves(self) -> tuple[Curve, ...]:
         """All curves, with what the simulations span."""
@@ -77,8 +77,8 @@ class CurveSet:
             found.append(Curve(KINDS[kind], plateau, axis, at, recorded, low, median, high))
         return tuple(found)
 
-    def _values(self, seen: Sequence[Observed]) -> list[FloatArray]:
-        """Per plateau, axis and kind."""
+    def values(self, seen: Sequence[Observed]) -> list[FloatArray]:
+        """Values of the curves of a simulation, per plateau, axis and kind."""
         values: list[FloatArray] = []
         for one, edges in zip(seen, self._edges_nm, strict=True):
             allan = _allan_nm2(one)

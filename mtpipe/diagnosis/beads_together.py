@@ -13,7 +13,7 @@ from __future__ import annotations
 import itertools
 import math
 from collections.abc import Mapping
-from concurrent.futures import Future
+from concurrent.futures import Executor, Future
 from typing import TypeVar
 
 from mtpipe.crosschecking.beads import DATA_ERRORS, bead_generator
@@ -31,7 +31,7 @@ from mtpipe.diagnosis.pooled import (
 )
 from mtpipe.diagnosis.revision import Change, accounts, coordinate, revised
 from mtpipe.effects.effect import Effect, Evidence
-from mtpipe.ground.processes import executor
+from mtpipe.ground.steps import Steps
 from mtpipe.ground.types import Progress
 from mtpipe.joint_fit.fit import ConfiguredFit
 from mtpipe.joint_fit.hypotheses import FittedEffect, best_of
@@ -47,17 +47,16 @@ WORDS = {
 
 def beads_together(
     found: Mapping[str, Explanation],
+    pool: Executor,
     *,
     seed: int,
-    workers: int = 1,
     progress: Progress | None = None,
-) -> dict[str, Explanation]:
-    """Explanations that heed what the beads share.
+) -> Steps[dict[str, Explanation]]:
+    """Explanations that heed what the beads share, in steps.
 
     Parameters
     ----------
     found : by bead, each by itself. seed : of the simulations.
-    workers : processes over which beads are spread.
     progress : called with (steps done, of how many) where there is anything to do.
     """
     voters = {bead: one for bead, one in found.items() if one.verdict != "unexplained"}
@@ -77,26 +76,27 @@ def beads_together(
         future.add_done_callback(lambda _: say(next(done), total))
         return future
 
-    with executor(min(workers, len(voters))) as pool:
-        done = itertools.count(1)
-        asked = {
-            bead: counted(pool.submit(_beside, one.fit, _not_yet(one, wanted)), done, len(voters))
-            for bead, one in voters.items()
-        }
-        ballots = {
-            bead: _ballot(one, _result(asked[bead], otherwise={})) for bead, one in voters.items()
-        }
-        changes = _changes(voters, wanted, ballots)
-        changed = [bead for bead in voters if changes[bead]]
-        again = {}
-        for bead in changed:
-            random = bead_generator(seed, f"{bead} together")
-            future = pool.submit(revised, voters[bead], changes[bead], random)
-            again[bead] = counted(future, done, len(voters) + len(changed))
-        return {
-            bead: _result(again[bead], otherwise=one) if bead in again else one
-            for bead, one in found.items()
-        }
+    done = itertools.count(1)
+    asked = {
+        bead: counted(pool.submit(_beside, one.fit, _not_yet(one, wanted)), done, len(voters))
+        for bead, one in voters.items()
+    }
+    yield list(asked.values())
+    ballots = {
+        bead: _ballot(one, _result(asked[bead], otherwise={})) for bead, one in voters.items()
+    }
+    changes = _changes(voters, wanted, ballots)
+    changed = [bead for bead in voters if changes[bead]]
+    again = {}
+    for bead in changed:
+        random = bead_generator(seed, f"{bead} together")
+        future = pool.submit(revised, voters[bead], changes[bead], random)
+        again[bead] = counted(future, done, len(voters) + len(changed))
+    yield list(again.values())
+    return {
+        bead: _result(again[bead], otherwise=one) if bead in again else one
+        for bead, one in found.items()
+    }
 
 
 def _result(future: Future[T], *, otherwise: T) -> T:

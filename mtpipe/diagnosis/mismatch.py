@@ -3,15 +3,17 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Mapping
-from dataclasses import dataclass
+from collections.abc import Mapping
+from concurrent.futures import Executor
+from dataclasses import dataclass, field, replace
+from functools import partial
 from typing import Any
 
 import numpy as np
 
 from mtpipe.calibration.recommended_force import BeadForces
 from mtpipe.corrections.correction import Strength
-from mtpipe.crosschecking.beads import DATA_ERRORS, bead_generator, check_of, per_bead
+from mtpipe.crosschecking.beads import Outcomes, check_of, per_bead
 from mtpipe.crosschecking.crosscheck import CrossCheck
 from mtpipe.diagnosis import before_after, unexplained_content
 from mtpipe.diagnosis.beads_together import beads_together
@@ -21,7 +23,8 @@ from mtpipe.diagnosis.forces_to_quote import diagnosed_forces
 from mtpipe.diagnosis.location import MOST_PLACES, bent_heights, located
 from mtpipe.diagnosis.sentence import sentence
 from mtpipe.diagnosis.unexplained import Unexplained
-from mtpipe.ground.processes import in_one_thread
+from mtpipe.ground.processes import Workers, executor, tell
+from mtpipe.ground.steps import Steps, finished
 from mtpipe.ground.types import NamedProgress
 from mtpipe.joint_fit.hypotheses import FittedEffect
 from mtpipe.recording.recording import Recording
@@ -40,7 +43,8 @@ class Mismatch:
     beads : what was found about each tethered bead that could be simulated.
     forces : to quote, of these beads.
     tolerance : share of a force that matters, of the setup's `[report]`.
-    refused : why the others could not.
+    refused : what is wrong with the data of others.
+    failed : faults of the program at others, in words.
     """
 
     recording: str
@@ -48,6 +52,7 @@ class Mismatch:
     forces: Mapping[str, BeadForces]
     tolerance: float
     refused: Mapping[str, str]
+    failed: Mapping[str, str] = field(default_factory=dict)
 
     def as_dict(self) -> dict[str, Any]:
         """The content of `mismatch.json`."""
@@ -78,65 +83,56 @@ class Examined:
 
 
 def diagnose(
-    recording: Recording, *, seed: int = 0, progress: NamedProgress | None = None
+    recording: Recording,
+    *,
+    seed: int = 0,
+    workers: Workers = 1,
+    progress: NamedProgress | None = None,
 ) -> Mismatch:
-    """Cross-check every tethered bead, one after the other, and explain what differs.
+    """Cross-check every tethered bead and explain what differs.
 
     Parameters
     ----------
     recording : with the drift subtracted (`mtpipe.subtract_drift`).
     seed : of the simulations.
+    workers : processes, or an executor, over which beads are spread.
     progress : called with (step, beads done, of how many).
 
     Raises
     ------
-    Nothing for what is wrong with one bead's data: why it could not be simulated is in `refused`.
+    Nothing for what goes wrong at one bead: that is in `refused` or `failed`.
     """
     recording = with_states(recording)
-    found: dict[str, Explanation] = {}
-    refused: dict[str, str] = {}
+    say = progress or (lambda step, done, total: None)
     total = len(recording.tethered)
-    for i, bead in enumerate(recording.tethered):
-
-        def say(step: str, i: int = i, bead: str = bead) -> None:
-            if progress is not None:
-                progress(f"{bead}: {step}", i, total)
-
-        try:
-            random = bead_generator(seed, bead)
-            say("comparing with simulations")
-            check = in_one_thread(check_of, recording, bead, random)
-            found[bead] = in_one_thread(explain, check, random, progress=say)
-        except DATA_ERRORS as error:
-            refused[bead] = str(error)
-
-    def say_together(done: int, of: int) -> None:
-        if progress is not None:
-            progress(f"what beads share: {done} of {of}", total, total)
-
-    again = beads_together(found, seed=seed, progress=say_together)
-    forces = diagnosed_forces(recording, again, seed=seed)
-    return Mismatch(recording.name, again, forces, recording.setup.report.tolerance, refused)
+    with executor(workers, most=total, hear=lambda step: say(step, 0, total)) as pool:
+        found = finished(explaining(recording, pool, seed=seed, progress=say))
+    forces = diagnosed_forces(recording, found.results, seed=seed)
+    tolerance = recording.setup.report.tolerance
+    return Mismatch(recording.name, found.results, forces, tolerance, found.refused, found.failed)
 
 
-def examine(
+def examining(
     recording: Recording,
+    pool: Executor,
     *,
-    seed: int = 0,
-    workers: int = 1,
-    progress: Callable[[int, int], None] | None = None,
-) -> Examined:
-    """Cross-check and diagnosis of all beads, spread over processes.
+    seed: int,
+    parts: int = 1,
+    progress: NamedProgress,
+) -> Steps[Examined]:
+    """Cross-check and diagnosis of all beads as they are written, in steps.
 
-    Parameters, raises: as `mtpipe.crosscheck`.
+    Parameters : as `explaining`.
     """
-    recording = with_states(recording)
-    found, refused = per_bead(recording, _explained, seed=seed, workers=workers, progress=progress)
-    found = beads_together(found, seed=seed, workers=workers, progress=progress)
+    beads = yield from explaining(
+        recording, pool, seed=seed, parts=parts, with_curves=True, progress=progress
+    )
+    found = beads.results
+    checks = {bead: one.before for bead, one in found.items()}
     named = {bead: before_after.content_of(one) for bead, one in found.items()}
     left = {bead: one.unexplained for bead, one in found.items()}
     return Examined(
-        CrossCheck(recording.name, {bead: one.before for bead, one in found.items()}, refused),
+        CrossCheck(recording.name, checks, beads.refused, beads.failed),
         found,
         {bead: drawn for bead, drawn in named.items() if drawn is not None},
         {
@@ -147,8 +143,50 @@ def examine(
     )
 
 
-def _explained(recording: Recording, bead: str, random: np.random.Generator) -> Explanation:
-    found = explain(check_of(recording, bead, random, with_curves=True), random)
+def explaining(
+    recording: Recording,
+    pool: Executor,
+    *,
+    seed: int,
+    parts: int = 1,
+    with_curves: bool = False,
+    progress: NamedProgress,
+) -> Steps[Outcomes[Explanation]]:
+    """What is found about each bead, and about them together, in steps.
+
+    Parameters
+    ----------
+    recording : whose plateaus are tested for being one state. seed : of the simulations.
+    parts : processes over which the simulations of one bead are spread.
+    with_curves : keep the curves that are drawn.
+    progress : called with (step, done, of how many).
+    """
+    beads = yield from per_bead(
+        recording,
+        partial(_explained, with_curves=with_curves),
+        pool,
+        seed=seed,
+        parts=parts,
+        progress=lambda done, total: progress("cross-checking beads", done, total),
+    )
+    together = yield from beads_together(
+        beads.results,
+        pool,
+        seed=seed,
+        progress=lambda done, total: progress("what beads share", done, total),
+    )
+    return replace(beads, results=together)
+
+
+def _explained(
+    recording: Recording, bead: str, random: np.random.Generator, *, with_curves: bool
+) -> Explanation:
+    def say(step: str) -> None:
+        tell(f"{recording.name} {bead}: {step}")
+
+    say("comparing with simulations")
+    check = check_of(recording, bead, random, with_curves=with_curves)
+    found = explain(check, random, progress=say)
     # these take their time, so they are found here, where beads are worked on side by side
     _ = found.unexplained, found.force_stderr_pN
     return found

@@ -63,6 +63,25 @@ class FitError(MtpipeError):
     """A trace or a curve cannot be fitted; the message says why."""
 
 
+def unforeseen(error: Exception) -> str:
+    """The sentence for an error that no other sentence foresaw."""
+    if isinstance(error, MemoryError):
+        asked = f" ({error})" if str(error) else ""
+        return f"the memory is not enough{asked}. Use fewer --workers, or more memory."
+    if isinstance(error, OSError) and error.errno is not None:
+        name = f"{error.filename}: " if error.filename else ""
+        what = "no access" if isinstance(error, PermissionError) else "cannot be read or written"
+        return f"{name}{what} ({error.strerror})"
+    return (
+        f"a defect of mtpipe itself: {type(error).__name__}: {error}\n"
+        "Set MTPIPE_DEBUG=1 to see where, and please report it."
+    )
+
+
+class WorkerEndedError(MtpipeError):
+    """A process that did the work was ended from outside."""
+
+
 @contextmanager
 def writing(place: Path, option: str = "--out") -> Iterator[None]:
     """Turn what the system says against writing a file or folder into a sentence.

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -17,6 +17,14 @@ from mtpipe.ground.notice import Notice
 from mtpipe.recording.recording import Recording
 from mtpipe.verdicts.verdict import BeadVerdict
 
+CHECK_FAILED = "crosscheck_failed"
+TO_COME = Notice(
+    "crosscheck_to_come",
+    "caution",
+    "The beads are not cross-checked yet. If the command that does it was stopped, give it again: "
+    "it goes on from there.",
+)
+
 
 @dataclass(frozen=True)
 class Run:
@@ -25,7 +33,8 @@ class Run:
     `forces` are the forces to quote, of each tethered bead. `others` are forces by other methods,
     where asked for. `flags` are per bead, about its traces; `curves` exist for beads with enough
     forces; `checked` is the cross-check, unless left out; `mismatch`, `before_after` and
-    `unexplained` are the content of the diagnosis's files.
+    `unexplained` are the content of the diagnosis's files. `content` is the identity of what went
+    in (`pipeline.identity`); `complete` unless the cross-check is still to come.
     """
 
     recording: Recording
@@ -42,6 +51,13 @@ class Run:
     seed: int
     started: str
     seconds: dict[str, float]
+    content: str
+    complete: bool
+
+    @property
+    def failed(self) -> Mapping[str, str]:
+        """Beads whose cross-check met a fault of the program."""
+        return {} if self.checked is None else self.checked.failed
 
     @property
     def notices(self) -> tuple[Notice, ...]:
@@ -53,6 +69,17 @@ class Run:
             Notice("not_crosschecked", "info", f"It was not cross-checked: {reason}", bead)
             for bead, reason in refused.items()
         ]
+        unchecked += [
+            Notice(
+                CHECK_FAILED,
+                "warning",
+                f"Its cross-check did not come to its end: {fault}",
+                bead,
+            )
+            for bead, fault in self.failed.items()
+        ]
+        if not self.complete:
+            unchecked.append(TO_COME)
         setup, positions = self.recording.setup, [p.magnet_mm for p in self.recording.plateaus]
         beyond = []
         if self.checked is not None:

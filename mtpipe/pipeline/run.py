@@ -1,39 +1,56 @@
 """The main job: a recording in, a folder of forces, curves and a report out.
 
 Each step is a function that can be called alone; this module only calls them in order, keeps the
-clock, and writes the files that `docs/run-folder.md` describes.
+clock, and writes the files that `docs/run-folder.md` describes. A batch (`pipeline.batch`) is many
+of these.
 """
 
 from __future__ import annotations
 
+import shutil
 import time
 from collections.abc import Sequence
+from concurrent.futures import Executor
 from dataclasses import replace
 from datetime import UTC, datetime
+from functools import partial
 from pathlib import Path
 
-from mtpipe.calibration.calibration import calibrate
-from mtpipe.calibration.comparison import by_methods
+from mtpipe.calibration.calibration import Calibration, calibrating
+from mtpipe.calibration.comparison import MethodResult, by_methods
 from mtpipe.calibration.noise_floor import noise_notices
 from mtpipe.calibration.quality import trace_flags
 from mtpipe.calibration.recommended_force import named_forces
 from mtpipe.curves.tether_curves import tether_curves
 from mtpipe.diagnosis.forces_to_quote import recommended_forces
-from mtpipe.diagnosis.mismatch import Examined, content, examine
+from mtpipe.diagnosis.mismatch import Examined, examining
+from mtpipe.diagnosis.mismatch import content as content_of_mismatch
 from mtpipe.drift import subtract_drift
+from mtpipe.ground.enduring import enduring_executor
+from mtpipe.ground.journal import Kept
+from mtpipe.ground.steps import Steps, finished
 from mtpipe.ground.types import NamedProgress
 from mtpipe.ingest import load
-from mtpipe.ingest.data_files import SETUP_NAME
 from mtpipe.ingest.surface import put_surface_at_zero
+from mtpipe.pipeline.identity import Asked, identity
 from mtpipe.pipeline.results import Run
 from mtpipe.pipeline.written import write_tables
 from mtpipe.recording.recording import Recording
-from mtpipe.report.run_folder import RECORDING, new_run, refuse_to_erase
+from mtpipe.report.run_folder import (
+    RECORDING,
+    clear_journals,
+    journal,
+    make_ready,
+    new_run,
+    refuse_to_erase,
+    told,
+)
 from mtpipe.states import with_states
-from mtpipe.tracking.stack import is_stack
 from mtpipe.verdicts.diagnosed import with_diagnosis
 from mtpipe.verdicts.verdict import BeadVerdict, bead_verdicts
 
+# Steps that whoever counts beads has to know.
+KEPT_BEADS, CHECKED_BEADS = "beads kept from before", "cross-checking beads"
 LEFT_OUT_CODES = ("no_positions", "constant_bead")
 # Of a reference bead: it moves by itself, as reading or subtraction saw it.
 REFERENCE_CODES = ("moving_reference", "reference_moves")
@@ -72,44 +89,106 @@ def run(
     ------
     MtpipeError : what a user can mend, in one sentence.
     """
-    if not cross_check and not overwrite:
-        refuse_to_erase(Path(out))
-    with new_run(Path(out)) as fresh:
-        return _run(
-            Path(path),
-            fresh,
-            setup=setup,
-            seed=seed,
-            workers=workers,
-            methods=methods,
-            cross_check=cross_check,
-            say=progress or (lambda step, done, total: None),
-        )
+    asked = Asked(
+        Path(path),
+        Path(out),
+        None if setup is None else Path(setup),
+        seed,
+        tuple(methods),
+        cross_check,
+        overwrite,
+    )
+    counted = [0, 1]
+
+    def say(step: str, *done_of: int) -> None:
+        counted[:] = done_of or counted
+        if progress is not None:
+            progress(step, *counted)
+
+    with enduring_executor(workers, hear=say) as pool:
+        return finished(running(asked, pool, workers=workers, progress=say))
 
 
-def _run(
-    path: Path,
-    out: Path,
+def running(
+    asked: Asked,
+    pool: Executor,
     *,
-    setup: Path | str | None,
-    seed: int,
-    workers: int,
-    methods: Sequence[str],
-    cross_check: bool,
-    say: NamedProgress,
-) -> Run:
-    from mtpipe.report import write_report
+    workers: int = 1,
+    only_forces: bool = False,
+    progress: NamedProgress,
+) -> Steps[Run]:
+    """`run` in steps: forces first, then the cross-check of each bead, all of it in the pool.
 
-    started = datetime.now(UTC).isoformat(timespec="seconds")
-    clock = _Clock()
-    if is_stack(path, None if setup is None else Path(setup)):
-        setup = (path if path.is_dir() else path.parent) / SETUP_NAME if setup is None else setup
-        recording_file = _tracked(path, out, Path(setup), workers, say)
+    What is done is kept in the folder until the run is complete: the same run goes on from there.
+
+    Parameters
+    ----------
+    workers : processes that this recording's beads may take.
+    only_forces : end once the forces are written, the cross-check to come.
+
+    Raises
+    ------
+    MtpipeError : what a user can mend, in one sentence.
+    """
+    out = asked.out
+    if not asked.cross_check and not asked.overwrite:
+        refuse_to_erase(out)
+    make_ready(out)
+    content = identity(asked)
+    with journal(out, content) as done:
+        kept, clock = Kept(pool, done), _Clock()
+        raw, recording = _read(asked, done, pool, workers, clock, progress)
+        beads = len(recording.tethered)
+        progress("calibrating beads", 0, beads)
+        calibration = yield from calibrating(
+            recording,
+            kept,
+            seed=asked.seed,
+            progress=lambda done, total: progress("calibrating beads", done, total),
+        )
+        clock.lap("calibrate")
+        others = by_methods(calibration, asked.methods)
+        found = partial(_found, asked, content, recording, calibration, others, clock)
+        write = partial(_write, asked, raw, film=done / RECORDING, progress=progress)
+        if not asked.cross_check:
+            return write(found(None, complete=True))
+        if _room_for_forces(out, content, overwrite=asked.overwrite):
+            write(found(None, complete=False))
+        if only_forces:
+            return found(None, complete=False)
+        progress(KEPT_BEADS, kept.there(beads), beads)
+        examined = yield from examining(
+            recording, kept, seed=asked.seed, parts=workers // max(beads, 1), progress=progress
+        )
+        clock.lap("crosscheck")
+        return write(found(examined, complete=True))
+
+
+def _room_for_forces(out: Path, content: str, *, overwrite: bool) -> bool:
+    """Whether forces are written before they are cross-checked: they take no whole run's place."""
+    earlier = told(out)
+    if not earlier or earlier.get("content") == content:
+        return not earlier
+    return overwrite or not earlier.get("complete", True)
+
+
+def _read(
+    asked: Asked, done: Path, pool: Executor, workers: int, clock: _Clock, say: NamedProgress
+) -> tuple[Recording, Recording]:
+    """The recording as it came, and ready for calibration; a film is tracked first, once."""
+    if asked.film:
+        from mtpipe.tracking.track import track
+
+        film = done / RECORDING
+        if not film.exists():
+            track(
+                asked.path, film, setup=asked.setup_file, workers=workers, pool=pool, progress=say
+            )
         clock.lap("track")
-        raw = replace(load(recording_file, setup), name=path.name)
+        raw = replace(load(film, asked.setup_file), name=asked.path.name)
     else:
         say("reading", 0, 1)
-        raw = load(path, setup)
+        raw = load(asked.path, asked.setup)
     clock.lap("read")
     say("subtracting drift", 0, 1)
     # the stretch in which beads touch the surface tells z = 0 better once the stage stands still
@@ -118,28 +197,23 @@ def _run(
     say("testing plateaus", 0, 1)
     recording = with_states(recording)
     clock.lap("states")
-    beads = len(recording.tethered)
-    say("calibrating beads", 0, beads)
-    calibration = calibrate(
-        recording,
-        seed=seed,
-        workers=workers,
-        progress=lambda done, total: say("calibrating beads", done, total),
-    )
-    clock.lap("calibrate")
-    others = by_methods(calibration, methods)
-    examined: Examined | None = None
-    if cross_check:
-        examined = examine(
-            recording,
-            seed=seed,
-            workers=workers,
-            progress=lambda done, total: say("cross-checking beads", done, total),
-        )
-        clock.lap("crosscheck")
+    return raw, recording
+
+
+def _found(
+    asked: Asked,
+    content: str,
+    recording: Recording,
+    calibration: Calibration,
+    others: tuple[MethodResult, ...],
+    clock: _Clock,
+    examined: Examined | None,
+    *,
+    complete: bool,
+) -> Run:
+    """All that was found, with the forces to quote, the curves and the verdicts that follow."""
     found = {} if examined is None else examined.found
     forces = recommended_forces(calibration, found)
-    say("fitting tethers", 0, beads)
     curves = tether_curves(calibration, named_forces(forces))
     clock.lap("force-extension")
     flags = {
@@ -161,7 +235,7 @@ def _run(
         with_diagnosis(one, forces.get(one.bead), found.get(one.bead), tolerance)
         for one in verdicts
     )
-    result = Run(
+    return Run(
         recording,
         calibration,
         forces,
@@ -170,26 +244,34 @@ def _run(
         verdicts,
         curves,
         None if examined is None else examined.checked,
-        content(recording.name, found, forces, tolerance),
+        content_of_mismatch(recording.name, found, forces, tolerance),
         {} if examined is None else examined.before_after,
         {} if examined is None else examined.unexplained,
-        seed,
-        started,
+        asked.seed,
+        clock.started,
         dict(clock.seconds),
+        content,
+        complete,
     )
-    say("writing", 0, 1)
-    write_tables(result, raw, out, _title(path, raw.name))
-    write_report(out, progress=lambda done, total: say("drawing the report", done, total))
+
+
+def _write(
+    asked: Asked, raw: Recording, result: Run, *, film: Path, progress: NamedProgress
+) -> Run:
+    """Write a run into its folder; what was kept of it goes once nothing is left to do."""
+    from mtpipe.report import write_report
+
+    progress("writing", 0, 1)
+    with new_run(asked.out) as fresh:
+        if film.exists():
+            shutil.copyfile(film, fresh / RECORDING)
+        write_tables(result, raw, fresh, _title(asked.path, raw.name))
+        write_report(
+            fresh, progress=lambda done, total: progress("drawing the report", done, total)
+        )
+    if result.complete and not result.failed:
+        clear_journals(asked.out)
     return result
-
-
-def _tracked(path: Path, out: Path, setup: Path, workers: int, say: NamedProgress) -> Path:
-    """Track an image stack; the recording is in the run's folder."""
-    from mtpipe.tracking.track import track
-
-    recording = out / RECORDING
-    track(path, recording, setup=setup, workers=workers, progress=say)
-    return recording
 
 
 def _left_out(recording: Recording) -> tuple[BeadVerdict, ...]:
@@ -233,9 +315,10 @@ def _title(path: Path, name: str) -> str:
 
 
 class _Clock:
-    """Seconds per step."""
+    """When a run started, and seconds per step."""
 
     def __init__(self) -> None:
+        self.started = datetime.now(UTC).isoformat(timespec="seconds")
         self.seconds: dict[str, float] = {}
         self._last = time.perf_counter()
 

@@ -75,6 +75,8 @@ def _run_json(result: Run, title: str, identity: str) -> str:
     content = {
         "run": identity,
         "version": VERSION,
+        "content": result.content,
+        "complete": result.complete,
         "recording": title,
         "setup": recording.setup.model_dump(mode="json", by_alias=True),
         "inputs": [asdict(file) for file in recording.files],

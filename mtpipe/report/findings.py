@@ -35,7 +35,7 @@ SMALLEST_FACTOR = 0.01
 SMALLEST_CHANGE = 0.005
 UNCHECKED = (
     "Whether the experiment was as the setup states it is not known: the fit may be good and the "
-    "force wrong. Run mtpipe run without --no-crosscheck to find out."
+    "force wrong."
 )
 MIXED = "The plateau mixes several states and gives no force."
 VERDICT_BEADS = {
@@ -140,7 +140,7 @@ def mixed_plateaus(run: RunFolder) -> list[str]:
 
 def _details(run: RunFolder, bead: str, found: Mapping[str, Any]) -> tuple[str, ...]:
     if not found:
-        return (_unsimulated(run, bead) or UNCHECKED,)
+        return (_unsimulated(run, bead) or f"{UNCHECKED} {_finds_out(run)}",)
     sentences = [one["sentence"] for one in (*found["effects"], *found["terms"])]
     if found["verdict"] == "unexplained":
         sentences += _left(run, bead, found["located"])
@@ -149,7 +149,15 @@ def _details(run: RunFolder, bead: str, found: Mapping[str, Any]) -> tuple[str, 
 
 def _unsimulated(run: RunFolder, bead: str) -> str:
     """Why a bead could not be simulated; empty where nobody tried."""
-    return next((n.message for n in run.notices_of(bead) if n.code == "not_crosschecked"), "")
+    codes = ("not_crosschecked", "crosscheck_failed")
+    return next((n.message for n in run.notices_of(bead) if n.code in codes), "")
+
+
+def _finds_out(run: RunFolder) -> str:
+    """What to do about beads that nobody has cross-checked yet."""
+    if any(n.code == "crosscheck_to_come" for n in run.notices):
+        return "The cross-check is still to come."
+    return "Run mtpipe run without --no-crosscheck to find out."
 
 
 def _left(run: RunFolder, bead: str, located: Sequence[Mapping[str, Any]]) -> list[str]:
@@ -255,7 +263,7 @@ def _actions(
     if kind == "unchecked":
         if _unsimulated(run, bead):
             return ("Supply what the simulation lacks, and run mtpipe again.",)
-        return ("Run mtpipe again without --no-crosscheck.",)
+        return (_finds_out(run),)
     named = tuple(
         f"{words.label(one['effect']).capitalize()}: {remedy(one['effect'])}"
         for one in found["effects"]

@@ -75,7 +75,7 @@ def write_report(folder: Path, *, progress: Progress | None = None) -> Path:
     means = plateau_means(run)
     pages = page_names([row.bead for row in beads])
     shared = {"run": run.run, "pages": pages, "beads": beads, "words": words}
-    environment = _environment()
+    environment = templates()
     with folder_written_whole(folder / "report") as target:
         (target / "plotly.min.js").write_text(get_plotlyjs(), encoding="utf-8")
         for name in STATIC:
@@ -115,7 +115,8 @@ def page_names(beads: list[str]) -> dict[str, str]:
     return names
 
 
-def _environment() -> Environment:
+def templates() -> Environment:
+    """The templates of pages."""
     environment = Environment(
         loader=PackageLoader("mtpipe.report"),
         autoescape=True,

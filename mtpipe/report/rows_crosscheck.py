@@ -48,7 +48,8 @@ def crosscheck_rows(run: RunFolder, bead: str) -> CrossCheckRows:
     """The cross-check of a bead."""
     table = run.crosscheck[run.crosscheck["bead"] == bead]
     if table.empty:
-        reasons = [n.message for n in run.notices_of(bead) if n.code == "not_crosschecked"]
+        codes = ("not_crosschecked", "crosscheck_failed")
+        reasons = [n.message for n in run.notices_of(bead) if n.code in codes]
         return CrossCheckRows("", (reasons or ["This run was not cross-checked."])[0], (), (), ())
     compared = [_plain(row) for row in records(table.sort_values("p_value", kind="stable"))]
     first = compared[0]

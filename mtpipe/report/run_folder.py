@@ -5,6 +5,8 @@ all of it is there, the folder is renamed: from then on the new run counts, and 
 finishes what was interrupted. First the old run's files go, `run.json` before all others; then the
 new ones come, `run.json` last. So files of two runs never stand side by side, whenever a process is
 killed, and a folder with `run.json` is whole.
+
+Another hidden folder is the run's journal: what is done of it, for the same run to go on from.
 """
 
 from __future__ import annotations
@@ -15,6 +17,7 @@ import tempfile
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
+from typing import Any
 
 from mtpipe.ground.errors import MtpipeError
 from mtpipe.ground.files import clear_leftovers, scratch_name
@@ -28,14 +31,32 @@ RESULTS = (
 # The new run: whole, while the old one goes; and while its files take their places.
 WHOLE, COMING = ".mtpipe-whole", ".mtpipe-coming"
 SCRATCH = "mtpipe-run"
+JOURNAL = ".mtpipe-journal-"
 
 
 @contextmanager
 def new_run(out: Path) -> Iterator[Path]:
     """Give an empty folder to fill, which becomes the run in `out` on leaving without an error.
 
-    With an error, `out` stays as it was, but for the recording of a film, which may have taken
-    hours: where there is no earlier run it is kept. What killed runs left is cleared.
+    With an error, `out` stays as it was. What killed runs left is cleared.
+
+    Raises
+    ------
+    MtpipeError : the folder cannot be written.
+    """
+    make_ready(out)
+    fresh = out / scratch_name(SCRATCH)
+    fresh.mkdir()
+    try:
+        yield fresh
+        fresh.rename(out / WHOLE)
+    finally:
+        shutil.rmtree(fresh, ignore_errors=True)
+    finish(out)
+
+
+def make_ready(out: Path) -> None:
+    """Make a folder that runs can be written into, and clear what killed ones left in it.
 
     Raises
     ------
@@ -44,18 +65,39 @@ def new_run(out: Path) -> Iterator[Path]:
     _check_writable(out)
     finish(out)
     clear_leftovers(out, SCRATCH)
-    fresh = out / scratch_name(SCRATCH)
-    fresh.mkdir()
+
+
+@contextmanager
+def journal(out: Path, content: str) -> Iterator[Path]:
+    """The folder in which a run of this content keeps what is done; journals of others are removed.
+
+    With an error, the recording of a film, which may have taken hours, is put into `out` where
+    there is no earlier run.
+    """
+    mine = out / f"{JOURNAL}{content[:16]}"
+    clear_journals(out, but=mine)
     try:
-        yield fresh
-        fresh.rename(out / WHOLE)
+        yield mine
     except BaseException:
-        if (fresh / RECORDING).exists() and not (out / RUN).exists():
-            (fresh / RECORDING).replace(out / RECORDING)
+        if (mine / RECORDING).exists() and not (out / RUN).exists():
+            shutil.copyfile(mine / RECORDING, out / RECORDING)
         raise
-    finally:
-        shutil.rmtree(fresh, ignore_errors=True)
-    finish(out)
+
+
+def clear_journals(out: Path, *, but: Path | None = None) -> None:
+    """Remove what runs in a folder have kept of what was done."""
+    for one in out.glob(f"{JOURNAL}*"):
+        if one != but:
+            shutil.rmtree(one, ignore_errors=True)
+
+
+def told(out: Path) -> dict[str, Any]:
+    """`run.json` of the run in a folder; empty where there is none that can be read."""
+    try:
+        content = json.loads((out / RUN).read_bytes())
+    except (OSError, ValueError):
+        return {}
+    return content if isinstance(content, dict) else {}
 
 
 def finish(out: Path) -> None:

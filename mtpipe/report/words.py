@@ -69,6 +69,8 @@ LABELS = {
     "zero_force": "force may be zero",
     "not_one_state": "mixed states",
     "not_crosschecked": "not cross-checked",
+    "crosscheck_failed": "not cross-checked",
+    "crosscheck_to_come": "cross-check to come",
     "tether_formula": "choice of the chain's formula",
     "tether_relation": "choice of the chain's relation",
 }

@@ -7,6 +7,7 @@ stack is.
 
 from __future__ import annotations
 
+from concurrent.futures import Executor
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -51,6 +52,7 @@ def track(
     *,
     setup: Path | str | None = None,
     workers: int = 1,
+    pool: Executor | None = None,
     progress: NamedProgress | None = None,
 ) -> TrackedStack:
     """Track the beads of an image stack and write a recording.
@@ -62,6 +64,7 @@ def track(
     setup : setup.toml; default: beside the stack.
     workers : processes. More than one needs the usual guard `if __name__ == "__main__":` in a
         script that calls this.
+    pool : that does it in their place.
     progress : called with (step, done, of how many).
 
     Raises
@@ -92,7 +95,10 @@ def track(
     regions, found = regions_of(opened, stated, tables)
     now = {region.name: region for region in regions}
     work = Work(opened, method, tables, _saturated_above(stated, opened), pixel_nm, now)
-    with executor(workers) as pool, recording_written_whole(out) as writer:
+    with (
+        executor(workers if pool is None else pool) as pool,
+        recording_written_whole(out) as writer,
+    ):
         for start, done in tracked_chunks(work, pool, workers):
             rows = slice(start, start + len(done[regions[0].name].x_nm))
             writer.write(

@@ -24,7 +24,7 @@ from tests.report_folder import write_run_folder
 
 # What is the same for all runs is made once: plotly's script of 4 MB, and the templates.
 plotly.offline.get_plotlyjs = lambda: ""
-pages._environment = cache(pages._environment)
+pages.templates = cache(pages.templates)
 # Every table is cut to so many rows of a trace, which is enough for each to be drawn.
 MOST_ROWS = 400
 

@@ -11,6 +11,7 @@ from __future__ import annotations
 import errno
 import functools
 import os
+import pickle
 import resource
 import signal
 import sys
@@ -23,10 +24,9 @@ from typing import Any, Literal
 # imported before a process is forked, which then need not
 import plotly.offline  # noqa: F401
 
-from mtpipe.calibration.calibration import Calibration
+from mtpipe.calibration import calibration
 from mtpipe.cli.entry import main
 from mtpipe.pipeline import run as pipeline
-from mtpipe.recording.recording import Recording
 from mtpipe.report import pages
 
 # kill: before the change. within: as the file is written. full: no room from there on, neither for
@@ -61,23 +61,32 @@ class Ended:
     said: str
 
 
-_calibrated: dict[tuple[object, ...], Calibration] = {}
-_calibrate, _environment = pipeline.calibrate, pages._environment
+_templates = pages.templates
 
 
-def _remembered(recording: Recording, **named: Any) -> Calibration:
-    if recording.files not in _calibrated:
-        _calibrated[recording.files] = _calibrate(recording, **named)
-    return _calibrated[recording.files]
+def _remembered(work: Callable[..., Any]) -> Callable[..., Any]:
+    """A work that gives at once what it gave for the same arguments."""
+    known: dict[bytes, Any] = {}
+
+    @functools.wraps(work)
+    def again(*args: Any) -> Any:
+        key = pickle.dumps(args)
+        if key not in known:
+            known[key] = work(*args)
+        return known[key]
+
+    return again
 
 
 def prepare(recording: Path, out: Path) -> None:
     """Make a run here, undisturbed; forked processes need not do again what changes no file.
 
-    That is to calculate its calibration and to compile the templates of the report.
+    That is to calibrate beads and to compile the templates of the report.
     """
-    pipeline.calibrate = _remembered
-    pages._environment = functools.cache(_environment)
+    for name in ("calibrate_bead", "measured_friction"):
+        if not hasattr(getattr(calibration, name), "__wrapped__"):
+            setattr(calibration, name, _remembered(getattr(calibration, name)))
+    pages.templates = functools.cache(_templates)
     pipeline.run(recording, out, cross_check=False)
 
 
