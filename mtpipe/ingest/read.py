@@ -46,7 +46,7 @@ from mtpipe.setup.source_table import Format, Layout, Lost, Source
 
 def read_recording(path: Path, setup: Path | str | Setup | None) -> Recording:
     """Read a recording; parameters and errors as in `mtpipe.ingest.load`."""
-    found, said = settled(find_recording(path, setup))
+    found, said = with_preset(find_recording(path, setup))
     source = found.setup.source
     lost = source.lost if source is not None else Lost()
     tables = _open(found.files, source)
@@ -71,7 +71,7 @@ def read_recording(path: Path, setup: Path | str | Setup | None) -> Recording:
     return dataclasses.replace(recording, notices=notices)
 
 
-def settled(found: Found) -> tuple[Found, tuple[Notice, ...]]:
+def with_preset(found: Found) -> tuple[Found, tuple[Notice, ...]]:
     """A recording with its preset completed from what its files say, and what is to be told."""
     if found.setup.source is None or found.setup.source.preset is None:
         return found, ()

@@ -14,7 +14,7 @@ from pathlib import Path
 
 from mtpipe.ground.version import VERSION
 from mtpipe.ingest.data_files import SETUP_NAME, describe, find_recording
-from mtpipe.ingest.read import settled
+from mtpipe.ingest.read import with_preset
 from mtpipe.setup.setup import EFFECTS_GROUP, Setup, read_setup
 from mtpipe.tracking.stack import find_files, is_stack
 
@@ -75,7 +75,7 @@ def _with_version(entry: EntryPoint) -> str:
 
 
 def _of_recording(asked: Asked) -> tuple[Setup, list[Path], Path]:
-    found, _ = settled(find_recording(asked.path, asked.setup))
+    found, _ = with_preset(find_recording(asked.path, asked.setup))
     magnet = None if found.setup.source is None else found.setup.source.magnet
     logs = [] if magnet is None else magnet.logs(found.files, found.folder)
     return found.setup, [*found.files, *logs], found.folder

@@ -16,7 +16,7 @@ from mtpipe.ground.errors import MtpipeError, RecordingError
 from mtpipe.ground.files import as_text
 from mtpipe.ingest.data_files import SETUP_NAME, Found, data_files, find_recording, natural_order
 from mtpipe.ingest.kinds import kind_of
-from mtpipe.ingest.read import settled
+from mtpipe.ingest.read import with_preset
 from mtpipe.report.run_folder import RUN
 from mtpipe.setup.setup import Setup, read_setup
 from mtpipe.tracking.stack import SUFFIXES
@@ -159,7 +159,7 @@ class _In:
         if stated.source is not None and stated.source.knows_its_files:
             try:
                 found = find_recording(self.place, stated)
-                there, _ = settled(replace(found, files=found.files))
+                there, _ = with_preset(replace(found, files=found.files))
             except MtpipeError:
                 pass  # whoever reads a file says what is wrong
             why = f"no file of positions of the preset {stated.source.preset}"
