@@ -86,6 +86,16 @@ def test_a_reader_that_goes_away_is_no_error():
     assert process.returncode == 0
 
 
+@pytest.mark.skipif(not Path("/dev/full").exists(), reason="there is no /dev/full")
+def test_a_full_disk_below_what_is_said_is_told_and_no_error():
+    with open("/dev/full", "w") as full:
+        done = subprocess.run(
+            [sys.executable, "-c", PRINTS], stdout=full, stderr=subprocess.PIPE, check=False
+        )
+    assert done.returncode == 0
+    assert done.stderr.splitlines()[0].startswith(b"mtpipe: what it says cannot be written")
+
+
 def test_names_are_never_codes_of_a_terminal():
     assert visible("tether[/] \x1b[31m\x07 \u202eabc µ\n") == (
         "tether[/] \\x1b[31m\\x07 \\u202eabc µ\n"

@@ -53,12 +53,17 @@ def _robust(stream: TextIO | None, number: int) -> TextIO:
 
 
 class _Pipe(io.FileIO):
-    """A stream that goes nowhere once its reader has gone, as after `| head`."""
+    """A stream that goes nowhere once its reader has gone, as after `| head`, or its disk is full.
+
+    What a run has written is there all the same; of a full disk the other stream tells.
+    """
 
     def write(self, data: Any, /) -> int:
         try:
             return super().write(data)
-        except BrokenPipeError:
+        except OSError as error:
+            if not isinstance(error, BrokenPipeError) and self.fileno() == 1:
+                say(f"mtpipe: what it says cannot be written ({error.strerror})", err=True)
             nowhere = os.open(os.devnull, os.O_WRONLY)
             os.dup2(nowhere, self.fileno())
             os.close(nowhere)

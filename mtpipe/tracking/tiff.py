@@ -138,7 +138,7 @@ def kind_of_page(page: TiffPage, where: str) -> Kind:
             mend="Save the camera's raw images, or convert the stack to 8 or 16 bit grey.",
         )
     if page.imagelength * page.imagewidth == 0:
-        raise RecordingError("is empty", where=where)
+        raise RecordingError("is empty", where=where, mend=COPY_AGAIN)
     if page.imagedepth > 1 or page.dtype is None or page.dtype.kind not in "uif":
         raise RecordingError(
             f"holds {page.dtype} in {page.imagedepth} layers, no grey image", where=where
@@ -160,7 +160,8 @@ def check_data(page: TiffPage, where: str, size: int) -> None:
     """Raise RecordingError if a page's pixels are not all in the file, which has `size` bytes."""
     offsets, counts = page.dataoffsets, page.databytecounts
     if not counts or sum(counts) == 0:
-        raise RecordingError("is empty: it has a header but no pixels", where=where)
+        said = "is empty: it has a header but no pixels"
+        raise RecordingError(said, where=where, mend=COPY_AGAIN)
     if len(offsets) != len(counts) or min(offsets) < 0 or min(counts) < 0:
         said = f"is damaged ({len(offsets)} pieces of pixels, and sizes of {len(counts)})"
         raise RecordingError(said, where=where, mend=COPY_AGAIN)
@@ -200,7 +201,8 @@ def image_at(tif: TiffFile, k: int, offset: int | None, kind: Kind, where: str) 
     except MemoryError:
         raise no_room(where) from None
     except Exception as error:  # a damaged page raises anything
-        raise RecordingError(f"cannot be decoded ({reason_of(error)})", where=where) from None
+        said = f"cannot be decoded ({reason_of(error)})"
+        raise RecordingError(said, where=where, mend=COPY_AGAIN) from None
 
 
 def reason_of(error: Exception) -> str:
