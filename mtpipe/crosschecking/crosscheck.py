@@ -10,7 +10,9 @@ import pandas as pd
 
 from mtpipe.crosschecking.beads import check_of, per_bead
 from mtpipe.crosschecking.check import BeadCheck
+from mtpipe.ground.shown import Shown
 from mtpipe.ground.types import Progress
+from mtpipe.ground.written_numbers import number
 from mtpipe.recording.recording import Recording
 from mtpipe.states import with_states
 
@@ -23,7 +25,7 @@ COLUMNS = (
 
 
 @dataclass(frozen=True)
-class CrossCheck:
+class CrossCheck(Shown):
     """A recording beside simulations of its configured experiment.
 
     Attributes
@@ -36,6 +38,11 @@ class CrossCheck:
     recording: str
     beads: Mapping[str, BeadCheck]
     refused: Mapping[str, str]
+
+    def __repr__(self) -> str:
+        found = [f"{bead} p = {number(one.p_value, 2)}" for bead, one in self.beads.items()]
+        refused = [f"{bead} not simulated" for bead in self.refused]
+        return f"CrossCheck of {self.recording}: {', '.join([*found, *refused]) or 'no beads'}"
 
     @property
     def table(self) -> pd.DataFrame:

@@ -28,6 +28,7 @@ from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, replace
 
 import numpy as np
+import pandas as pd
 from numpy.typing import NDArray
 from scipy.special import expit
 
@@ -40,6 +41,7 @@ from mtpipe.fit.tether import (
     parameters_of,
 )
 from mtpipe.ground.notice import Notice
+from mtpipe.ground.shown import Shown
 from mtpipe.physics.buffer import thermal_energy_pN_nm
 from mtpipe.physics.tether import VALIDITY, Formula
 
@@ -54,8 +56,8 @@ _OUTLIER_SIGMAS = 5.0
 FITTED: tuple[Formula, ...] = ("marko-siggia", "bouchiat", "extensible")
 
 
-@dataclass(frozen=True)
-class ForceExtension:
+@dataclass(frozen=True, repr=False)
+class ForceExtension(Shown):
     """Points and fits of one bead.
 
     Attributes
@@ -70,6 +72,7 @@ class ForceExtension:
     surface_force_pN : points below were left out; 0 when the surface was not considered, for
         want of a fit.
     notices : what a user has to know, in words.
+    assay : how extensions and forces came about.
     """
 
     bead: str
@@ -80,6 +83,27 @@ class ForceExtension:
     interpolation_gain: float
     surface_force_pN: float
     notices: tuple[Notice, ...]
+    assay: Assay
+
+    def __repr__(self) -> str:
+        head = f"ForceExtension of {self.bead}: {len(self.points)} points"
+        if self.recommended is None:
+            return f"{head}, which do not determine the tether"
+        return f"{head}; {self.recommended}"
+
+    @property
+    def table(self) -> pd.DataFrame:
+        """A row for each point: plateau, force (pN) and mean extension (nm) with their errors."""
+        points = self.points
+        return pd.DataFrame(
+            {
+                "plateau": points.plateau,
+                "force_pN": points.force_pN,
+                "force_stderr_pN": points.force_stderr_pN,
+                "extension_nm": points.extension_nm,
+                "extension_stderr_nm": points.extension_stderr_nm,
+            }
+        )
 
 
 def fit_curves(beads: Mapping[str, tuple[ExtensionPoints, Assay]]) -> dict[str, ForceExtension]:
@@ -150,6 +174,7 @@ def fit_curve(
         gain,
         surface_pN,
         tuple(replace(notice, bead=bead) for notice in notices),
+        assay,
     )
 
 

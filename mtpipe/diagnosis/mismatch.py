@@ -8,6 +8,7 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
+import pandas as pd
 
 from mtpipe.calibration.recommended_force import BeadForces
 from mtpipe.corrections.correction import Strength
@@ -22,6 +23,7 @@ from mtpipe.diagnosis.location import MOST_PLACES, bent_heights, located
 from mtpipe.diagnosis.sentence import sentence
 from mtpipe.diagnosis.unexplained import Unexplained
 from mtpipe.ground.processes import in_one_thread
+from mtpipe.ground.shown import Shown
 from mtpipe.ground.types import NamedProgress
 from mtpipe.joint_fit.hypotheses import FittedEffect
 from mtpipe.recording.recording import Recording
@@ -30,8 +32,8 @@ from mtpipe.states import with_states
 SCHEMA = "mtpipe.mismatch/1"
 
 
-@dataclass(frozen=True)
-class Mismatch:
+@dataclass(frozen=True, repr=False)
+class Mismatch(Shown):
     """The diagnosis of a recording, FORMATS section 4 as an object.
 
     Attributes
@@ -48,6 +50,30 @@ class Mismatch:
     forces: Mapping[str, BeadForces]
     tolerance: float
     refused: Mapping[str, str]
+
+    def __repr__(self) -> str:
+        found = []
+        for bead, one in self.beads.items():
+            causes = " and ".join(named.name for named in one.named)
+            found.append(f"{bead} {one.verdict}{f' by {causes}' if causes else ''}")
+        refused = [f"{bead} not simulated" for bead in self.refused]
+        return f"Mismatch of {self.recording}: {', '.join([*found, *refused]) or 'no beads'}"
+
+    @property
+    def table(self) -> pd.DataFrame:
+        """A row per bead and plateau: verdict, causes, and forces (pN) as in `mismatch.json`."""
+        rows: list[dict[str, Any]] = []
+        for bead, one in self.beads.items():
+            causes = ";".join(named.name for named in one.named)
+            said = {"bead": bead, "verdict": one.verdict, "effects": causes}
+            rows += [said | force for force in _forces(one, self.forces[bead])]
+        return pd.DataFrame(rows)
+
+    @property
+    def crosscheck(self) -> CrossCheck:
+        """The cross-check that it began with, as `mtpipe.crosscheck` makes it."""
+        checks = {bead: one.before for bead, one in self.beads.items()}
+        return CrossCheck(self.recording, checks, self.refused)
 
     def as_dict(self) -> dict[str, Any]:
         """The content of `mismatch.json`."""

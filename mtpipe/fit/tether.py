@@ -38,6 +38,7 @@ from mtpipe.fit.errors_in_both import signed_distances
 from mtpipe.ground.errors import FitError
 from mtpipe.ground.estimate import Estimate, Status
 from mtpipe.ground.types import FloatArray
+from mtpipe.ground.written_numbers import number
 from mtpipe.physics import tether
 from mtpipe.physics.buffer import thermal_energy_pN_nm
 from mtpipe.physics.tether import Chain, Formula
@@ -129,7 +130,7 @@ class Assay:
     zero_stderr_nm: float = 0.0
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, repr=False)
 class TetherFit:
     """A chain fitted to the points of one bead.
 
@@ -159,6 +160,13 @@ class TetherFit:
     p_value: float
     correlation: tuple[str, str, float] | None
     chain: Chain
+
+    def __repr__(self) -> str:
+        told = [f"contour length {self.contour_length_nm}"]
+        told.append(f"persistence length {self.persistence_length_nm}")
+        if self.stretch_modulus_pN is not None:
+            told.append(f"stretch modulus {self.stretch_modulus_pN}")
+        return f"{self.model} chain: {', '.join(told)}; p = {number(self.p_value, 2)}"
 
     @property
     def identified(self) -> bool:

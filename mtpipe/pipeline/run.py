@@ -24,7 +24,6 @@ from mtpipe.drift import subtract_drift
 from mtpipe.ground.types import NamedProgress
 from mtpipe.ingest import load
 from mtpipe.ingest.data_files import SETUP_NAME
-from mtpipe.ingest.surface import put_surface_at_zero
 from mtpipe.pipeline.results import Run
 from mtpipe.pipeline.written import write_tables
 from mtpipe.recording.recording import Recording
@@ -112,8 +111,7 @@ def _run(
         raw = load(path, setup)
     clock.lap("read")
     say("subtracting drift", 0, 1)
-    # the stretch in which beads touch the surface tells z = 0 better once the stage stands still
-    recording = put_surface_at_zero(subtract_drift(raw))
+    recording = subtract_drift(raw)
     clock.lap("drift")
     say("testing plateaus", 0, 1)
     recording = with_states(recording)

@@ -17,6 +17,7 @@ import pyarrow as pa
 from pyarrow.fs import LocalFileSystem
 from pydantic import ValidationError
 
+from mtpipe.fit.tether import Assay
 from mtpipe.ground.errors import MtpipeError, SetupError
 from mtpipe.ground.notice import Notice
 from mtpipe.methods import METHODS
@@ -151,6 +152,12 @@ class RunFolder:
     crosscheck_spectrum: pd.DataFrame
     crosscheck_histogram: pd.DataFrame
     crosscheck_allan: pd.DataFrame
+
+    @property
+    def assay(self) -> Assay:
+        """How extensions and forces of its curves came about."""
+        turns = "rotation_coupling" in self.setup.model.effects
+        return Assay(self.run["conditions"]["temperature_K"], bead_turns=turns)
 
     def notices_of(self, bead: str) -> tuple[Notice, ...]:
         """The notices that concern one bead."""

@@ -133,7 +133,7 @@ def _index_page(run: RunFolder, beads: list[rows.BeadRow], means: PlateauMeans) 
     names = [row.bead for row in beads]
     usable = [row.bead for row in beads if row.verdict != "refused"]
     figures = {
-        "forces": forces_figure(arrays, run, names),
+        "forces": forces_figure(arrays, quoted(run.forces), names),
         "geometry": geometry_figure(arrays, means, usable),
         "drift": drift_figure(arrays, run),
     }
@@ -173,7 +173,9 @@ def _bead_page(run: RunFolder, row: rows.BeadRow, means: PlateauMeans) -> dict[s
     forces = run.forces[run.forces["bead"] == bead]
     traces = {f"{int(one['plateau'])}/{one['axis']}": one for one in records(forces)}
     compared = comparisons(forces)
-    checked = rows_crosscheck.crosscheck_rows(run, bead)
+    checked = rows_crosscheck.crosscheck_rows(
+        run.crosscheck[run.crosscheck["bead"] == bead], run.notices_of(bead)
+    )
     shown = picture(arrays, run, bead)
     figures = _bead_figures(arrays, run, bead, means)
     if shown is not None:
@@ -224,11 +226,15 @@ def _bead_page(run: RunFolder, row: rows.BeadRow, means: PlateauMeans) -> dict[s
 
 def _bead_figures(arrays: Arrays, run: RunFolder, bead: str, means: PlateauMeans) -> dict[str, Any]:
     """The bead's charts that show all of it at once; those without anything to draw left out."""
+    forces = run.forces[run.forces["bead"] == bead]
+    fits = run.force_extension[run.force_extension["bead"] == bead]
     figures = {
-        "force_extension": force_extension_figure(arrays, run, bead),
-        "agreement": agreement_figure(arrays, comparisons(run.forces[run.forces["bead"] == bead])),
+        "force_extension": force_extension_figure(arrays, quoted(forces), fits, run.assay),
+        "agreement": agreement_figure(arrays, comparisons(forces)),
         "geometry": geometry_figure(arrays, means, [bead]),
-        "traces": traces_figure(arrays, run, bead),
+        "traces": traces_figure(
+            arrays, run.traces[run.traces["bead"] == bead], forces.drop_duplicates("plateau")
+        ),
     }
     if named := run.before_after.get(bead):
         figures["before_after"] = spectra_figure(arrays, named)
