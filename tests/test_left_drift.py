@@ -24,7 +24,8 @@ from mtpipe.ingest.surface import z_zero_time_s
 from mtpipe.physics.tether import Chain
 from mtpipe.pipeline.run import _reference_warnings
 from mtpipe.recording.recording import Plateau, StageCourse
-from mtpipe.setup.setup import DriftChoice, parse_setup
+from mtpipe.setup.setup import parse_setup
+from mtpipe.setup.tables import DriftChoice
 from mtpipe.simulation.simulate import simulate
 from tests.simulated import recording, setup_content
 from tests.small_case import setup

@@ -24,6 +24,7 @@ from mtpipe.calibration.spectral_force import forces_of_spectra
 from mtpipe.drift.uncorrected import extension_covariance_nm2
 from mtpipe.ground.notice import Notice
 from mtpipe.ground.processes import executor
+from mtpipe.ground.progress import of_step
 from mtpipe.ground.shown import Shown
 from mtpipe.ground.types import FloatArray, Progress
 from mtpipe.recording.recording import Recording
@@ -104,7 +105,7 @@ def calibrate(
     recording : drift already subtracted, if it is to be.
     seed : of the posteriors; each bead's own seed derives from it and the bead's name.
     workers : processes; beads are spread over them.
-    progress : called with (beads done, beads).
+    progress : called with (beads done, beads); default: a bar in a notebook.
 
     Raises
     ------
@@ -138,7 +139,8 @@ def calibrate(
         )
         for bead, traces in beads.items()
     ]
-    say = progress or (lambda done, total: None)
+    say = of_step(progress, "calibrating beads")
+    say(0, len(jobs))
     with executor(min(workers, len(jobs))) as pool:
         conditions_by_bead = _conditions_by_bead(jobs, shared, pool)
         done = itertools.count(1)

@@ -10,6 +10,7 @@ import pandas as pd
 
 from mtpipe.crosschecking.beads import check_of, per_bead
 from mtpipe.crosschecking.check import BeadCheck
+from mtpipe.ground.progress import of_step
 from mtpipe.ground.shown import Shown
 from mtpipe.ground.types import Progress
 from mtpipe.ground.written_numbers import number
@@ -72,14 +73,15 @@ def crosscheck(
     seed : of the simulations; each bead's own derives from it.
     workers : processes, over which beads are spread. More than one needs the usual guard
         `if __name__ == "__main__":` in a script that calls this.
-    progress : called with (beads done, of how many).
+    progress : called with (beads done, of how many); default: a bar in a notebook.
 
     Raises
     ------
     Nothing for what is wrong with one bead's data: why it could not be simulated is in `refused`.
     """
     recording = with_states(recording)
-    checks, refused = per_bead(recording, _check, seed=seed, workers=workers, progress=progress)
+    say = of_step(progress, "comparing beads with simulations")
+    checks, refused = per_bead(recording, _check, seed=seed, workers=workers, progress=say)
     return CrossCheck(recording.name, checks, refused)
 
 

@@ -23,6 +23,7 @@ from mtpipe.diagnosis.location import MOST_PLACES, bent_heights, located
 from mtpipe.diagnosis.sentence import sentence
 from mtpipe.diagnosis.unexplained import Unexplained
 from mtpipe.ground.processes import in_one_thread
+from mtpipe.ground.progress import by_name
 from mtpipe.ground.shown import Shown
 from mtpipe.ground.types import NamedProgress
 from mtpipe.joint_fit.hypotheses import FittedEffect
@@ -112,21 +113,21 @@ def diagnose(
     ----------
     recording : with the drift subtracted (`mtpipe.subtract_drift`).
     seed : of the simulations.
-    progress : called with (step, beads done, of how many).
+    progress : called with (step, beads done, of how many); default: a bar in a notebook.
 
     Raises
     ------
     Nothing for what is wrong with one bead's data: why it could not be simulated is in `refused`.
     """
     recording = with_states(recording)
+    tell = by_name(progress)
     found: dict[str, Explanation] = {}
     refused: dict[str, str] = {}
     total = len(recording.tethered)
     for i, bead in enumerate(recording.tethered):
 
         def say(step: str, i: int = i, bead: str = bead) -> None:
-            if progress is not None:
-                progress(f"{bead}: {step}", i, total)
+            tell(f"{bead}: {step}", i, total)
 
         try:
             random = bead_generator(seed, bead)
@@ -137,8 +138,7 @@ def diagnose(
             refused[bead] = str(error)
 
     def say_together(done: int, of: int) -> None:
-        if progress is not None:
-            progress(f"what beads share: {done} of {of}", total, total)
+        tell(f"what beads share: {done} of {of}", total, total)
 
     again = beads_together(found, seed=seed, progress=say_together)
     forces = diagnosed_forces(recording, again, seed=seed)

@@ -28,7 +28,7 @@ from mtpipe.ground.notice import Notice, Severity
 from mtpipe.ground.types import FloatArray
 from mtpipe.ingest.surface import put_surface_at_zero
 from mtpipe.recording.recording import AXES, Drift, Recording
-from mtpipe.setup.setup import DriftChoice
+from mtpipe.setup.tables import DriftChoice
 
 LOST_CAUTION = 0.01
 # Frame by frame a single frame is no place to start from: its noise would shift the trace.

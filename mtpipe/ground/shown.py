@@ -40,14 +40,19 @@ class Shown:
         return importlib.import_module(DRAWING_ROOM).figure_of(self, **choice)
 
     def _repr_html_(self) -> str:
-        shown = self.table.to_html(
-            index=False,
-            max_rows=MOST_ROWS,
-            na_rep=EMPTY,
-            border=0,
-            float_format=lambda value: number(value, 4) if is_number(value) else str(value),
-        )
-        return f"<p>{html.escape(repr(self))}</p>{shown}"
+        return html_of(self)
+
+
+def html_of(result: Any) -> str:
+    """The line and the table of a result, for a notebook."""
+    shown = result.table.to_html(
+        index=False,
+        max_rows=MOST_ROWS,
+        na_rep=EMPTY,
+        border=0,
+        float_format=lambda value: number(value, 4) if is_number(value) else str(value),
+    )
+    return f"<p>{html.escape(repr(result))}</p>{shown}"
 
 
 def estimates_table(estimates: dict[str, Estimate]) -> pd.DataFrame:

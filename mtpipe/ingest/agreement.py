@@ -17,7 +17,8 @@ from mtpipe.ingest.column_attributes import Stated
 from mtpipe.ingest.columns import Assignment
 from mtpipe.ingest.units import unit_of
 from mtpipe.recording.recording import AXES
-from mtpipe.setup.source_table import UNKNOWN_UNIT, Source
+from mtpipe.setup.source_parts import UNKNOWN_UNIT
+from mtpipe.setup.source_table import Source
 
 ASIDE = 'If the file is wrong, write attributes = "setup" into [source].'
 # What programs write that do not know the time between frames.

@@ -24,7 +24,7 @@ from mtpipe.ground.errors import RecordingError
 from mtpipe.ingest.announced import check_fits
 from mtpipe.ingest.column_attributes import NOTHING, Stated, stated_by
 from mtpipe.ingest.instants import are_instants, instants_of
-from mtpipe.setup.source_table import Layout
+from mtpipe.setup.source_parts import Layout
 
 BLOCK_ROWS = 1 << 17
 END_MARKS = (b"PAR1", b"PARE")

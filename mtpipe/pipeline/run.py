@@ -21,6 +21,7 @@ from mtpipe.curves.tether_curves import tether_curves
 from mtpipe.diagnosis.forces_to_quote import recommended_forces
 from mtpipe.diagnosis.mismatch import Examined, content, examine
 from mtpipe.drift import subtract_drift
+from mtpipe.ground.progress import by_name
 from mtpipe.ground.types import NamedProgress
 from mtpipe.ingest import load
 from mtpipe.ingest.data_files import SETUP_NAME
@@ -65,7 +66,7 @@ def run(
     cross_check : compare every bead with simulations of the configured experiment, and diagnose
         what differs.
     overwrite : even the cross-check of an earlier run by a run without one.
-    progress : called with (step, done, of how many).
+    progress : called with (step, done, of how many); default: a bar in a notebook.
 
     Raises
     ------
@@ -82,7 +83,7 @@ def run(
             workers=workers,
             methods=methods,
             cross_check=cross_check,
-            say=progress or (lambda step, done, total: None),
+            say=by_name(progress),
         )
 
 

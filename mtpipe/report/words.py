@@ -16,7 +16,8 @@ from mtpipe.ground.written_numbers import number as number
 from mtpipe.ground.written_numbers import with_arms as with_arms
 from mtpipe.ground.written_numbers import with_error as with_error
 from mtpipe.ground.written_numbers import with_minus
-from mtpipe.setup.setup import Measured, Setup
+from mtpipe.setup.measured import Measured
+from mtpipe.setup.setup import Setup
 
 STATUS = {
     "ok": "ok",

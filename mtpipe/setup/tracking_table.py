@@ -13,7 +13,7 @@ from typing import Literal
 from pydantic import Field, field_validator, model_validator
 
 from mtpipe.ground.spreadsheets import FORMULA_MARKS
-from mtpipe.setup.source_table import Magnet, Table
+from mtpipe.setup.source_parts import Magnet, Table
 
 
 class RegionOfBead(Table):

@@ -22,7 +22,7 @@ from mtpipe.ground.estimate import Estimate
 from mtpipe.pipeline.results import Run
 from mtpipe.recording.recording import Plateau, Recording
 from mtpipe.setup.conditions import Conditions
-from mtpipe.setup.setup import Measured
+from mtpipe.setup.measured import Measured
 
 GOOD_BEADS = ("b1", "b2", "b4")
 # Plateaus at 21.7 mm whose z lies on the look-up tables' focus of the staircase, and the long one
