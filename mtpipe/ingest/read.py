@@ -41,7 +41,8 @@ from mtpipe.recording.recording import Recording
 from mtpipe.setup.measured import Measured
 from mtpipe.setup.presets import MAGSCOPE_HDF5
 from mtpipe.setup.setup import Setup
-from mtpipe.setup.source_parts import Format, Layout, Lost
+from mtpipe.setup.source_parts import Format, Layout
+from mtpipe.setup.source_signals import Lost
 from mtpipe.setup.source_table import Source
 from mtpipe.setup.tables import Camera
 

@@ -18,7 +18,7 @@ from mtpipe.ground.types import FloatArray
 from mtpipe.ingest.collect import RowChoice
 from mtpipe.ingest.edge import lower_edge_nm
 from mtpipe.recording.recording import Recording
-from mtpipe.setup.source_parts import ZZero
+from mtpipe.setup.source_signals import ZZero
 from mtpipe.setup.source_table import Source
 
 START_S = 1.0

@@ -39,19 +39,40 @@ class Setup(BaseModel):
     """A whole setup."""
 
     model_config = ConfigDict(frozen=True, extra="forbid", populate_by_name=True)
-    version: Literal[1] = Field(alias="schema")
-    camera: Camera
-    beads: Beads
-    tether: Tether
-    buffer: Buffer
-    field: FieldAxis
-    model: Model = Model()
-    magnet: tuple[Magnet, ...] = ()
-    plateaus: Plateaus = Plateaus()
-    drift: DriftChoice = DriftChoice()
-    source: Source | None = None
-    tracking: Tracking = Tracking()
-    report: ReportChoice = ReportChoice()
+    version: Literal[1] = Field(
+        alias="schema",
+        description="Version of the format: 1. It stands before all tables.",
+        examples=[1],
+    )
+    camera: Camera = Field(description="Frame rate, shutter time and pixels of the camera.")
+    beads: Beads = Field(
+        description="Radius of the beads, and which of them are fixed to the surface."
+    )
+    tether: Tether = Field(description="The molecule: contour and persistence length.")
+    buffer: Buffer = Field(description="Temperature and viscosity of the buffer.")
+    field: FieldAxis = Field(description="Direction of the magnetic field.")
+    model: Model = Field(
+        default=Model(), description="What the simulation has beyond the baseline."
+    )
+    magnet: tuple[Magnet, ...] = Field(
+        default=(),
+        description="Forces known beforehand: a table [[magnet]] for each magnet position.",
+    )
+    plateaus: Plateaus = Field(
+        default=Plateaus(), description="What counts as a plateau of constant force."
+    )
+    drift: DriftChoice = Field(default=DriftChoice(), description="How drift is removed.")
+    source: Source | None = Field(
+        default=None,
+        description="How files are laid out that are not canonical (docs/source-table.md).",
+    )
+    tracking: Tracking = Field(
+        default=Tracking(),
+        description="How beads are found and tracked in images (docs/tracking.md).",
+    )
+    report: ReportChoice = Field(
+        default=ReportChoice(), description="What matters to whoever reads the report."
+    )
 
     def __repr__(self) -> str:
         camera, tether = self.camera, self.tether

@@ -1,11 +1,9 @@
-"""The tables within the setup's `[source]` table: text, columns, units, clock, magnets, z = 0."""
+"""Tables within the setup's `[source]` table: how text is written, columns of beads, units."""
 
 from __future__ import annotations
 
 import math
 import re
-from collections.abc import Sequence
-from pathlib import Path
 from typing import Annotated, Any, Literal
 
 from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, PlainValidator, model_validator
@@ -56,23 +54,55 @@ class Table(BaseModel):
 
 
 class Layout(Table):
-    """What kind of file it is and, for text, how it is written.
+    """What kind of file it is and, for text, how it is written."""
 
-    `header` is whether a line of column names precedes the numbers; `skip_lines` lines before
-    that are passed over, and so are lines that start with `comment` and empty ones. `incomplete`
-    takes what is whole of a file that is cut off; `attributes = "setup"` puts aside what the file
-    says of its numbers itself (unit, scale, rate).
-    """
-
-    format: Format | None = None
-    delimiter: Delimiter | None = None
-    decimal: Literal[".", ","] = "."
-    encoding: str | None = None
-    header: bool | None = None
-    skip_lines: int = Field(default=0, ge=0)
-    comment: str = "#"
-    incomplete: Literal["take"] | None = None
-    attributes: Literal["setup"] | None = None
+    format: Format | None = Field(
+        default=None,
+        description="Kind of file: matlab is v4 to v7, hdf5 also MATLAB v7.3 and netCDF 4, gr "
+        "PicoTwist plots. Default: told by how the file begins, not by its suffix.",
+        examples=["text"],
+    )
+    delimiter: Delimiter | None = Field(
+        default=None,
+        description='What separates columns of text. "whitespace" is any run of blanks. '
+        "Default: found by content.",
+        examples=["tab"],
+    )
+    decimal: Literal[".", ","] = Field(
+        default=".", description="Decimal mark of text.", examples=[","]
+    )
+    encoding: str | None = Field(
+        default=None,
+        description="Encoding of text. Default: the file's byte-order mark, UTF-8, or tried "
+        "and named in the report.",
+        examples=["latin-1"],
+    )
+    header: bool | None = Field(
+        default=None,
+        description="Whether a line of column names precedes the numbers. Default: found by "
+        "content.",
+        examples=[False],
+    )
+    skip_lines: int = Field(
+        default=0, ge=0, description="Lines to pass over before that.", examples=[3]
+    )
+    comment: str = Field(
+        default="#",
+        description="Lines of text that begin with this are passed over, between rows too.",
+        examples=["%"],
+    )
+    incomplete: Literal["take"] | None = Field(
+        default=None,
+        description='"take" takes what is whole of a file that is cut off. Default: such a '
+        "file is refused.",
+        examples=["take"],
+    )
+    attributes: Literal["setup"] | None = Field(
+        default=None,
+        description='"setup" puts aside what the file says of its numbers itself: unit, '
+        "scale, rate.",
+        examples=["setup"],
+    )
 
     @model_validator(mode="after")
     def _is_possible(self) -> Layout:
@@ -93,13 +123,33 @@ class BeadColumns(Table):
     (`order` such as "xyz", "_" for a column to pass over).
     """
 
-    name: str | None = None
-    x: Column | None = None
-    y: Column | None = None
-    z: Column | None = None
-    names: tuple[str, ...] = ()
-    first_column: Column | None = None
-    order: str = "xyz"
+    name: str | None = Field(
+        default=None,
+        description="Name of the bead; with {n} for every number n that is found.",
+        examples=["bead{n}"],
+    )
+    x: Column | None = Field(
+        default=None,
+        description="Column of x. An axis that is left out was not recorded.",
+        examples=["X{n} (um)"],
+    )
+    y: Column | None = Field(default=None, description="Column of y.", examples=["Y{n} (um)"])
+    z: Column | None = Field(default=None, description="Column of z.", examples=["Z{n} (um)"])
+    names: tuple[str, ...] = Field(
+        default=(),
+        description="Names of the beads whose columns repeat; goes with first_column.",
+        examples=[["ref1", "b1"]],
+    )
+    first_column: Column | None = Field(
+        default=None,
+        description="First column of beads whose columns repeat bead by bead.",
+        examples=[3],
+    )
+    order: str = Field(
+        default="xyz",
+        description='Order of the repeating columns. "_" passes over one.',
+        examples=["xyz_"],
+    )
 
     @property
     def axes(self) -> dict[str, int | str]:
@@ -135,18 +185,31 @@ class BeadColumns(Table):
 
 
 class Units(Table):
-    """Units of the positions; `position` holds for every axis that has none of its own.
+    """Units of the positions."""
 
-    "unknown" is the unit that the file states. A pixel is `pixel_size_x_nm`, `pixel_size_y_nm` or
-    else the camera's `pixel_size_nm`.
-    """
-
-    position: PositionUnit | None = None
-    x: PositionUnit | None = None
-    y: PositionUnit | None = None
-    z: PositionUnit | None = None
-    pixel_size_x_nm: float | None = Field(default=None, gt=0)
-    pixel_size_y_nm: float | None = Field(default=None, gt=0)
+    position: PositionUnit | None = Field(
+        default=None,
+        description='Unit of every axis that has none of its own. "unknown": the one that the '
+        "file states.",
+        examples=["um"],
+    )
+    x: PositionUnit | None = Field(default=None, description="Unit of x.", examples=["pixel"])
+    y: PositionUnit | None = Field(default=None, description="Unit of y.", examples=["pixel"])
+    z: PositionUnit | None = Field(
+        default=None, description="Unit of z; not pixels.", examples=["um"]
+    )
+    pixel_size_x_nm: float | None = Field(
+        default=None,
+        gt=0,
+        description="Size of a pixel along x. Default: camera.pixel_size_nm.",
+        examples=[64.6],
+    )
+    pixel_size_y_nm: float | None = Field(
+        default=None,
+        gt=0,
+        description="Size of a pixel along y. Default: camera.pixel_size_nm.",
+        examples=[64.7],
+    )
 
     def of(self, axis: str) -> str | None:
         """Unit of an axis, None where the table gives none."""
@@ -161,11 +224,18 @@ class Units(Table):
 
 
 class Scale(Table):
-    """Factors on the positions: z for the refraction at the surface, a minus sign to flip."""
+    """Factors on the positions."""
 
-    x: float = 1.0
-    y: float = 1.0
-    z: float = 1.0
+    x: float = Field(
+        default=1.0, description="Factor on x. A minus sign flips the axis.", examples=[-1.0]
+    )
+    y: float = Field(default=1.0, description="Factor on y.", examples=[-1.0])
+    z: float = Field(
+        default=1.0,
+        description="Factor on z, for the refraction at the surface; a minus sign where z "
+        "falls as beads rise.",
+        examples=[0.878],
+    )
 
     @model_validator(mode="after")
     def _is_no_zero(self) -> Scale:
@@ -173,115 +243,4 @@ class Scale(Table):
             factor = getattr(self, axis)
             if factor == 0 or not math.isfinite(factor):
                 raise ValueError(f"{axis}: a factor of {factor} leaves no position")
-        return self
-
-
-class Time(Table):
-    """The column of time stamps.
-
-    `rounded`: stamps so coarse that neighbours may be equal; every row is then the next frame,
-    and the stamps serve only for the frame rate. `restarts`: every file of a series begins at 0.
-    """
-
-    column: Column
-    unit: TimeUnit
-    rounded: bool = False
-    restarts: bool = False
-
-
-class Frame(Table):
-    """The column of frame numbers; `restarts`: every file of a series begins anew."""
-
-    column: Column
-    restarts: bool = False
-
-
-class Magnet(Layout):
-    """Magnet position: a column of the recording, or with `time_column` a log with its own clock.
-
-    The log is in `file` (beside the recording), else in the recording's own file; `{name}` in
-    `file` is the name of the recording's file without its suffix. A log's time plus
-    `clock_offset_s` is the recording's time. A `file` may have no clock but a row for every row of
-    the recording (`row_by_row`). Positions become `scale` times the value plus `offset_mm`.
-    """
-
-    column: Column
-    unit: LengthUnit = "mm"
-    scale: float = 1.0
-    offset_mm: float = 0.0
-    file: str | None = None
-    time_column: Column | None = None
-    time_unit: TimeUnit = "s"
-    clock_offset_s: float = 0.0
-    row_by_row: bool = False
-
-    @property
-    def is_log(self) -> bool:
-        """Whether the positions stand apart from those of the beads."""
-        return self.time_column is not None or self.row_by_row
-
-    def logs(self, files: Sequence[Path], folder: Path) -> list[Path]:
-        """Files that the log is in, given the recording's own."""
-        if self.file is None:
-            return list(files)
-        if NAME not in self.file:
-            return [folder / self.file]
-        stems = [Path(f.name.removesuffix(".gz")).stem for f in files]
-        named = zip(files, stems, strict=True)
-        return [file.parent / self.file.replace(NAME, stem) for file, stem in named]
-
-    @model_validator(mode="after")
-    def _log_has_a_clock(self) -> Magnet:
-        if self.row_by_row and (self.file is None or self.time_column is not None):
-            raise ValueError("row_by_row goes with file, and without time_column")
-        if self.file is not None and not self.is_log:
-            raise ValueError(
-                "time_column is missing: a log in its own file needs its own clock, or "
-                "row_by_row = true if it has a row for every row of the recording"
-            )
-        return self
-
-
-class Rotation(Table):
-    """Rotation of the magnets; while it changes by more than `tolerance_turns` in `window_s`
-    there is no plateau. `in_log`: the column is in the magnets' log."""
-
-    column: Column
-    unit: Literal["turn", "degree", "radian"]
-    tolerance_turns: float = Field(default=0.01, gt=0)
-    window_s: float = Field(default=0.5, gt=0)
-    in_log: bool = False
-
-
-class Lost(Table):
-    """What means that the tracker lost a bead, beyond empty cells, NaN and infinite values.
-
-    `tokens`: words in a text file; `values`: numbers in a position column;
-    `all_zero_rows`: rows in which every position is 0, such as a start-up block.
-    """
-
-    tokens: tuple[str, ...] = ()
-    values: tuple[float, ...] = ()
-    all_zero_rows: bool = False
-
-
-class ZZero(Table):
-    """Where a bead's z is 0, in one of four ways.
-
-    `value_nm`: the z that the file gives at the surface (after unit and scale); `touch_rows`
-    or `touch_time_s`: a stretch in which the bead touches the surface; `unknown = true`.
-    """
-
-    value_nm: float | None = None
-    touch_rows: Rows | None = None
-    touch_time_s: tuple[float, float] | None = None
-    unknown: Literal[True] | None = None
-
-    @model_validator(mode="after")
-    def _is_one_way(self) -> ZZero:
-        if len(self.model_fields_set) != 1:
-            raise ValueError("give one of value_nm, touch_rows, touch_time_s, unknown = true")
-        for stretch in (self.touch_rows, self.touch_time_s):
-            if stretch is not None and not stretch[0] < stretch[1]:
-                raise ValueError(f"the stretch {list(stretch)} ends before it begins")
         return self

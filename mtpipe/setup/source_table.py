@@ -15,21 +15,8 @@ from typing import Annotated, Any
 from pydantic import BeforeValidator, Field, model_validator
 
 from mtpipe.setup.presets import COLUMNS, DEKKER_TEXT, with_preset
-from mtpipe.setup.source_parts import (
-    UNKNOWN_UNIT,
-    BeadColumns,
-    Frame,
-    Layout,
-    Lost,
-    Magnet,
-    Rotation,
-    Rows,
-    Scale,
-    Time,
-    Units,
-    ZZero,
-    listed,
-)
+from mtpipe.setup.source_parts import UNKNOWN_UNIT, BeadColumns, Layout, Rows, Scale, Units, listed
+from mtpipe.setup.source_signals import Frame, Lost, Magnet, Rotation, Time, ZZero
 
 
 class Source(Layout):
@@ -41,21 +28,55 @@ class Source(Layout):
     before any is left out.
     """
 
-    preset: str | None = None
-    files: Annotated[tuple[str, ...], BeforeValidator(listed)] = ()
-    beads: Annotated[tuple[BeadColumns, ...], BeforeValidator(listed)] = ()
-    leave_out: tuple[str, ...] = ()
-    units: Units = Units()
-    scale: Scale = Scale()
-    time: Time | None = None
-    frame: Frame | None = None
-    magnet: Magnet | None = None
-    rotation: Rotation | None = None
-    lost: Lost = Lost()
-    keep_rows: tuple[Rows, ...] = ()
-    skip_rows: tuple[Rows, ...] = ()
-    z_zero: ZZero | None = None
-    z_zero_of: dict[str, ZZero] = Field(default_factory=dict)
+    preset: str | None = Field(
+        default=None,
+        description="A layout known by name. Keys that stand beside it override it.",
+        examples=["magscope-hdf5"],
+    )
+    files: Annotated[tuple[str, ...], BeforeValidator(listed)] = Field(
+        default=(),
+        description="The recording's files: a name, a pattern or a list of them, beside the "
+        "setup. Numbers in names sort by value.",
+        examples=["*.txt.gz"],
+    )
+    beads: Annotated[tuple[BeadColumns, ...], BeforeValidator(listed)] = Field(
+        default=(),
+        description="Which columns are the beads': a table or a list of them. Without it the "
+        "files are canonical.",
+    )
+    leave_out: tuple[str, ...] = Field(
+        default=(), description="Beads to leave out.", examples=[["b7"]]
+    )
+    units: Units = Field(
+        default=Units(), description="Units of the positions. Required where beads is given."
+    )
+    scale: Scale = Field(default=Scale(), description="Factors on the positions.")
+    time: Time | None = Field(
+        default=None,
+        description="The column of time stamps. Without it and without frame every row is the "
+        "next frame.",
+    )
+    frame: Frame | None = Field(default=None, description="The column of frame numbers.")
+    magnet: Magnet | None = Field(
+        default=None,
+        description="The magnet position: a column, or a log with its own clock. A log takes "
+        "the keys of text as well.",
+    )
+    rotation: Rotation | None = Field(default=None, description="The rotation of the magnets.")
+    lost: Lost = Field(default=Lost(), description="What means that the tracker lost a bead.")
+    keep_rows: tuple[Rows, ...] = Field(
+        default=(),
+        description="Ranges of rows to take, both ends included. Rows count from 1 through "
+        "all files, before any is left out.",
+        examples=[[[401, 103875]]],
+    )
+    skip_rows: tuple[Rows, ...] = Field(
+        default=(), description="Ranges of rows to leave out.", examples=[[[1, 400]]]
+    )
+    z_zero: ZZero | None = Field(default=None, description="Where z = 0 is, in one of four ways.")
+    z_zero_of: dict[str, ZZero] = Field(
+        default_factory=dict, description="The same for one bead by its name."
+    )
 
     @property
     def canonical_text(self) -> Layout:

@@ -33,9 +33,21 @@ EFFECTS_GROUP = "mtpipe.effects"
 class Camera(Section):
     """Frame rate, shutter time of a frame and, for files in pixels, the size of a pixel."""
 
-    frame_rate_hz: Positive
-    exposure_s: Positive
-    pixel_size_nm: Positive | None = None
+    frame_rate_hz: Positive = Field(
+        description='Frames per second. "unknown": taken from time stamps or from the file.',
+        examples=[120.0],
+    )
+    exposure_s: Positive = Field(
+        description="Shutter time of one frame, at most 1/frame_rate_hz. It decides how far "
+        "the camera blurs the motion, and so the force.",
+        examples=[0.0083333],
+    )
+    pixel_size_nm: Positive | None = Field(
+        default=None,
+        description="Size of a pixel in the plane of the beads: for image stacks and for "
+        "files in pixels.",
+        examples=[100.0],
+    )
 
     @model_validator(mode="after")
     def _is_a_camera(self) -> Camera:
@@ -56,8 +68,12 @@ class Camera(Section):
 class Beads(Section):
     """Bead radius and the names of the beads fixed to the surface."""
 
-    radius_nm: Positive
-    reference: tuple[str, ...] = ()
+    radius_nm: Positive = Field(description="Radius of the tethered beads.", examples=[1400.0])
+    reference: tuple[str, ...] = Field(
+        default=(),
+        description="Names of the beads that are fixed to the surface. All others are tethered.",
+        examples=[["ref1"]],
+    )
 
     @model_validator(mode="after")
     def _radius_is_in_nm(self) -> Beads:
@@ -68,8 +84,14 @@ class Beads(Section):
 class Tether(Section):
     """Contour and persistence length of the tether."""
 
-    contour_length_nm: Positive
-    persistence_length_nm: Positive
+    contour_length_nm: Positive = Field(
+        description="Contour length of the tether: 0.338 nm per base pair of DNA.",
+        examples=[2700.0],
+    )
+    persistence_length_nm: Positive = Field(
+        description="Persistence length of the tether: about 50 nm for DNA in 10 mM salt or more.",
+        examples=[50.0],
+    )
 
     @model_validator(mode="after")
     def _lengths_are_in_nm(self) -> Tether:
@@ -81,8 +103,12 @@ class Tether(Section):
 class Buffer(Section):
     """Temperature and viscosity of the buffer."""
 
-    temperature_K: Positive
-    viscosity_mPa_s: Positive
+    temperature_K: Positive = Field(
+        description="Temperature of the buffer at the beads.", examples=[298.15]
+    )
+    viscosity_mPa_s: Positive = Field(
+        description="Viscosity of the buffer: 0.89 for water at 25 °C.", examples=[0.89]
+    )
 
     @model_validator(mode="after")
     def _is_kelvin(self) -> Buffer:
@@ -96,7 +122,11 @@ class Buffer(Section):
 class FieldAxis(Section):
     """Axis of the camera along the magnetic field lines."""
 
-    direction: Literal["x", "y"]
+    direction: Literal["x", "y"] = Field(
+        description="Axis of the camera along the magnetic field lines. The stiffness is F/L "
+        "along the field and F/(L + R) across.",
+        examples=["x"],
+    )
 
 
 def _nearest(name: str) -> str:
@@ -113,7 +143,12 @@ class Model(BaseModel):
     """Effects that the simulation includes beyond the baseline; their pinned parameters."""
 
     model_config = ConfigDict(frozen=True, extra="allow")
-    effects: tuple[str, ...] = ()
+    effects: tuple[str, ...] = Field(
+        default=(),
+        description="Names of the effects that the simulation has beyond the baseline "
+        "(docs/effects.md). A table [model.<effect>] pins parameters of one.",
+        examples=[["wall_drag", "tracking_noise"]],
+    )
 
     @model_validator(mode="after")
     def _effects_exist(self) -> Model:
@@ -132,35 +167,51 @@ class Model(BaseModel):
 class Magnet(Section):
     """A force known beforehand at a magnet position."""
 
-    position_mm: Finite
-    force_pN: Positive
+    position_mm: Finite = Field(
+        description="Magnet position at which the force is known beforehand.", examples=[3.0]
+    )
+    force_pN: Positive = Field(description="The force there.", examples=[4.1])
 
 
 class Plateaus(BaseModel):
-    """What counts as a plateau.
-
-    A stretch of resting magnets shorter than `minimum_s` is a magnet move. Magnet positions that
-    differ by at most `tolerance_mm` are one value (0: exactly one value, as canonical recordings
-    have it); `settle_s` is left out after each move.
-    """
+    """What counts as a plateau of constant force."""
 
     model_config = ConfigDict(frozen=True, extra="forbid")
-    minimum_s: float = Field(default=5.0, gt=0)
-    tolerance_mm: float = Field(default=0.0, ge=0)
-    settle_s: float = Field(default=0.0, ge=0)
+    minimum_s: float = Field(
+        default=5.0,
+        gt=0,
+        description="Shortest plateau. A shorter stretch of resting magnets counts as a move.",
+        examples=[5.0],
+    )
+    tolerance_mm: float = Field(
+        default=0.0,
+        ge=0,
+        description="Magnet positions that differ by at most this are one value. 0: exactly "
+        "one value, as canonical recordings have it.",
+        examples=[0.01],
+    )
+    settle_s: float = Field(
+        default=0.0, ge=0, description="Left out after each move of the magnets.", examples=[2.0]
+    )
 
 
 class DriftChoice(BaseModel):
-    """How drift is removed (`[drift]`); the default is what the data ask for.
-
-    `method`: "reference" subtracts the reference beads, low-passed at `cutoff_hz` ("auto": the
-    frequency that minimises the noise added; "none": frame by frame). "highpass" removes all
-    motion slower than `cutoff_hz`. "none" leaves the traces as they are.
-    """
+    """How drift is removed."""
 
     model_config = ConfigDict(frozen=True, extra="forbid")
-    method: Literal["reference", "highpass", "none"] = "reference"
-    cutoff_hz: float | Literal["auto", "none"] = "auto"
+    method: Literal["reference", "highpass", "none"] = Field(
+        default="reference",
+        description='"reference" subtracts the motion of the reference beads. "highpass" '
+        'removes all motion slower than cutoff_hz. "none" leaves the traces as '
+        "they are.",
+        examples=["reference"],
+    )
+    cutoff_hz: float | Literal["auto", "none"] = Field(
+        default="auto",
+        description='Low-pass of the reference beads\' motion, or the high-pass. "auto": the '
+        'frequency that adds the least noise. "none": frame by frame.',
+        examples=[0.1],
+    )
 
     @model_validator(mode="after")
     def _highpass_has_a_cutoff(self) -> DriftChoice:
@@ -172,10 +223,14 @@ class DriftChoice(BaseModel):
 
 
 class ReportChoice(BaseModel):
-    """What matters to whoever reads the report (`[report]`).
-
-    A mismatch that moves no force by more than the share `tolerance` leaves a bead good.
-    """
+    """What matters to whoever reads the report."""
 
     model_config = ConfigDict(frozen=True, extra="forbid")
-    tolerance: float = Field(default=0.03, gt=0, lt=1)
+    tolerance: float = Field(
+        default=0.03,
+        gt=0,
+        lt=1,
+        description="A mismatch that moves no force by more than this share leaves a bead "
+        "good, with a note.",
+        examples=[0.05],
+    )
