@@ -19,7 +19,7 @@ from tests.stack_images import draw
 
 ROOT = Path(__file__).parents[1]
 SAMPLE = ROOT / "sample_data" / "clean_short_tether"
-FRAMES = 1200
+FRAMES = 640
 # A result's line fits on a line or two of a notebook.
 MOST_LETTERS = 300
 
@@ -103,7 +103,7 @@ def test_the_steps_of_readme_give_what_run_gives(folder, readme):
 @pytest.mark.parametrize(
     ("name", "words"),
     [
-        ("recording", r"1 tethered and 1 reference beads, 3600 frames in 30 s, 3 plateaus"),
+        ("recording", r"1 tethered and 1 reference beads, 1920 frames in 16 s, 3 plateaus"),
         ("calibration", r"Calibration of 1 bead: 3 of 3 forces to use"),
         ("check", r"b1 p = 0\.\d+"),
         ("mismatch", r"b1 (consistent|explained|unexplained)"),
