@@ -16,7 +16,7 @@ from mtpipe.calibration.series_choice import CONTRADICTION_P
 from mtpipe.curves.extension_curve import ForceExtension, fit_curves
 from mtpipe.diagnosis.forces_to_quote import recommended_forces
 from mtpipe.diagnosis.mismatch import Mismatch
-from mtpipe.fit.tether import Assay, ExtensionPoints
+from mtpipe.fit.points import Assay, ExtensionPoints
 from mtpipe.ground.estimate import Estimate
 from mtpipe.recording.recording import AXES, Recording
 from mtpipe.setup.conditions import Conditions

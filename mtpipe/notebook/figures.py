@@ -16,6 +16,7 @@ import pandas as pd
 from mtpipe.calibration.calibration import Calibration
 from mtpipe.crosschecking.crosscheck import CrossCheck
 from mtpipe.curves.extension_curve import ForceExtension
+from mtpipe.curves.shared_fit import SharedFit
 from mtpipe.diagnosis.before_after import content_of
 from mtpipe.diagnosis.mismatch import Mismatch
 from mtpipe.fit.posterior import Posterior
@@ -29,7 +30,17 @@ from mtpipe.report.figures_before_after import spectra_figure
 from mtpipe.report.figures_crosscheck import map_figure
 from mtpipe.report.figures_run import forces_figure
 from mtpipe.report.figures_trace import posterior_figure, spectrum_figure
-from mtpipe.report.plotly_json import Figure, PlainArrays
+from mtpipe.report.plotly_json import (
+    PALETTE,
+    SYMBOLS,
+    Figure,
+    PlainArrays,
+    axis,
+    bars,
+    escaped,
+    layout,
+    log_axis,
+)
 from mtpipe.report.rows_crosscheck import crosscheck_rows
 
 if TYPE_CHECKING:
@@ -105,6 +116,35 @@ def _calibration(calibration: Calibration) -> Figure:
 def _force_extension(curve: ForceExtension) -> Figure:
     fits = force_extension_table({curve.bead: curve})
     return force_extension_figure(PlainArrays(), curve.table, fits, curve.assay)
+
+
+@_drawn.register
+def _shared_fit(fit: SharedFit) -> Figure:
+    """Every bead's points and the curve that the fit expects of it."""
+    arrays, data = PlainArrays(), []
+    for number, (bead, points) in enumerate(fit.points.items()):
+        colour = PALETTE[number % len(PALETTE)]
+        here = {"type": "scatter", "legendgroup": bead}
+        data.append(
+            here
+            | {
+                "mode": "markers",
+                "name": escaped(bead),
+                "x": arrays.add(points.extension_nm),
+                "y": arrays.add(points.force_pN),
+                "error_x": bars(arrays, points.extension_stderr_nm, colour),
+                "error_y": bars(arrays, points.force_stderr_pN, colour),
+                "marker": {"color": colour, "symbol": SYMBOLS[number % len(SYMBOLS)], "size": 8},
+            }
+        )
+        if len(points):
+            grid = np.geomspace(points.force_pN.min(), points.force_pN.max(), 80)
+            line = {"x": arrays.add(fit.extension_nm(bead, grid)), "y": arrays.add(grid)}
+            drawn = {"mode": "lines", "showlegend": False, "line": {"color": colour}}
+            data.append(here | line | drawn)
+    seen = np.concatenate([points.force_pN for points in fit.points.values()])
+    made = layout(380, xaxis=axis("mean extension / nm"), yaxis=log_axis("force / pN", seen))
+    return {"data": data, "layout": made}
 
 
 @_drawn.register

@@ -7,7 +7,8 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
-from mtpipe.fit.tether import Assay, expected_extension_nm
+from mtpipe.fit.points import Assay
+from mtpipe.fit.tether import expected_extension_nm
 from mtpipe.ground.types import FloatArray
 from mtpipe.physics.tether import VALIDITY, Chain
 from mtpipe.report import words

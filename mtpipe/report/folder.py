@@ -17,7 +17,7 @@ import pyarrow as pa
 from pyarrow.fs import LocalFileSystem
 from pydantic import ValidationError
 
-from mtpipe.fit.tether import Assay
+from mtpipe.fit.points import Assay
 from mtpipe.ground.errors import MtpipeError, SetupError
 from mtpipe.ground.notice import Notice
 from mtpipe.methods import METHODS

@@ -17,7 +17,7 @@ from published import RANGES, ROTATION, THERMAL_ENERGY_PN_NM
 from mtpipe.calibration.bead_results import AxisResult, BeadResult, PlateauResult
 from mtpipe.calibration.calibration import Calibration, calibrate
 from mtpipe.curves.extension_curve import fit_curve
-from mtpipe.fit.tether import Assay, ExtensionPoints
+from mtpipe.fit.points import Assay, ExtensionPoints
 from mtpipe.ground.estimate import Estimate
 from mtpipe.pipeline.results import Run
 from mtpipe.recording.recording import Plateau, Recording
