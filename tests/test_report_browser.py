@@ -142,6 +142,20 @@ def test_tables_are_there_to_be_read_by_other_programs(opened: Open, report: Pat
     assert all(Path(unquote(urlparse(link).path)).exists() for link in links)
 
 
+def test_a_table_and_a_figure_are_saved(opened: Open) -> None:
+    page = opened("index.html")
+    with page.expect_download() as table:
+        page.locator("[aria-labelledby=beads] button.save").click()
+    assert table.value.suggested_filename == "beads-in-numbers.csv"
+    lines = Path(table.value.path()).read_text(encoding="utf-8").splitlines()
+    assert lines[0].startswith('"Bead","Verdict","Force to quote pN"')
+    assert len(lines) == 1 + page.locator("table.beads tbody tr").count()
+    with page.expect_download() as figure:
+        page.locator("[data-figure=forces] .modebar-btn[data-title^='Save as SVG']").click()
+    assert figure.value.suggested_filename == "forces.svg"
+    assert Path(figure.value.path()).read_text(encoding="utf-8").startswith("<svg")
+
+
 def test_the_finding_comes_before_all_else(opened: Open) -> None:
     """At the top of index and bead page: verdict, sentence, forces and the picture."""
     for name in ("index.html", GOOD):

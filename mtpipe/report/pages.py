@@ -44,7 +44,7 @@ from mtpipe.report.plateau_forces import comparisons, quoted
 from mtpipe.report.plotly_json import DARK, Arrays
 
 PlateauMeans = Mapping[tuple[str, str], Means]
-STATIC = ("report.css", "charts.js", "lists.js")
+STATIC = ("report.css", "publication.js", "charts.js", "lists.js")
 DRIFT_METHOD = {
     "reference": "The motion of the reference beads was subtracted from every trace.",
     "highpass": "All motion slower than the cutoff was removed from every trace (high-pass).",

@@ -73,6 +73,7 @@ LABELS = {
     "zero_force": "force may be zero",
     "not_one_state": "mixed states",
     "not_crosschecked": "not cross-checked",
+    "tether_choice": "the chain that was chosen",
     "tether_formula": "choice of the chain's formula",
     "tether_relation": "choice of the chain's relation",
 }
