@@ -1,4 +1,4 @@
-"""`mtpipe report`: the report of a run again, and what it shows as files."""
+"""`mtpipe report`, `mtpipe mark`: a run's report again, as files, and without what is left out."""
 
 from __future__ import annotations
 
@@ -55,4 +55,51 @@ def report(
             say(f"Figures: {written}")
         if pdf:
             say(f"PDF: {export.write_pdf(folder, progress=progress)}")
+    say(f"Report: {index}")
+
+
+@app.command()
+def mark(
+    folder: RunFolder,
+    bead: Annotated[str, typer.Argument(metavar="BEAD", help="Name of the bead.")],
+    plateau: Annotated[
+        int | None, typer.Option(help="Leave out one plateau; its number is in forces.csv.", min=0)
+    ] = None,
+    begin: Annotated[
+        float | None,
+        typer.Option("--from", metavar="S", help="Leave out a stretch of time: its begin in s."),
+    ] = None,
+    end: Annotated[
+        float | None, typer.Option("--to", metavar="S", help="And its end in s.")
+    ] = None,
+    reason: Annotated[
+        str, typer.Option(help="Why: a sentence for whoever reads the results.")
+    ] = "",
+    remove: Annotated[bool, typer.Option("--remove", help="Take such a mark back.")] = False,
+) -> None:
+    """Leave a bead out of curves, tables and report by hand, or a plateau or a stretch of it."""
+    from mtpipe.report import write_report
+    from mtpipe.report.folder import read_run_folder
+    from mtpipe.report.marked import check_place
+    from mtpipe.report.marks import MARKS, mark_of, read_marks, write_marks
+
+    if not reason and not remove:
+        raise typer.BadParameter("a reason is needed, for whoever reads it", param_hint="--reason")
+    if (begin is None) != (end is None):
+        raise typer.BadParameter("a stretch needs both --from and --to", param_hint="--from")
+    new = mark_of(bead=bead, plateau=plateau, from_s=begin, to_s=end, reason=reason or "taken back")
+    known = read_marks(folder)
+    others = [one for one in known if not one.same_place(new)]
+    if remove and len(others) == len(known):
+        raise typer.BadParameter(f"there is no mark of {new.place}", param_hint="--remove")
+    if not remove:
+        check_place(read_run_folder(folder), new)
+        others.append(new)
+    with writing(folder, "DIR"):
+        write_marks(folder, others)
+        index = write_report(folder)
+    done = "No longer left out" if remove else "Left out"
+    say(f"{done}: {new.place} ({folder / MARKS})")
+    if new.stretch_s is not None:
+        say("Say mtpipe run again with this --out: until then the forces are those of before.")
     say(f"Report: {index}")

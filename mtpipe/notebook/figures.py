@@ -15,6 +15,7 @@ import pandas as pd
 
 from mtpipe.calibration.calibration import Calibration
 from mtpipe.crosschecking.crosscheck import CrossCheck
+from mtpipe.curves.curve_tables import force_extension_table
 from mtpipe.curves.extension_curve import ForceExtension
 from mtpipe.curves.shared_fit import SharedFit
 from mtpipe.diagnosis.before_after import content_of
@@ -22,7 +23,6 @@ from mtpipe.diagnosis.mismatch import Mismatch
 from mtpipe.fit.posterior import Posterior
 from mtpipe.fit.trace import TraceFit
 from mtpipe.ground.errors import MtpipeError
-from mtpipe.pipeline.tables import force_extension_table
 from mtpipe.pipeline.tables_traces import stage_table
 from mtpipe.recording.recording import Recording
 from mtpipe.report.figures_bead import force_extension_figure, traces_figure

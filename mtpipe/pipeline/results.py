@@ -15,6 +15,7 @@ from mtpipe.effects.catalogue import catalogue
 from mtpipe.experiment.known_force import known_force_notices
 from mtpipe.ground.notice import Notice
 from mtpipe.recording.recording import Recording
+from mtpipe.report.marks import Mark
 from mtpipe.verdicts.verdict import BeadVerdict
 
 
@@ -25,7 +26,8 @@ class Run:
     `forces` are the forces to quote, of each tethered bead. `others` are forces by other methods,
     where asked for. `flags` are per bead, about its traces; `curves` exist for beads with enough
     forces; `checked` is the cross-check, unless left out; `mismatch`, `before_after` and
-    `unexplained` are the content of the diagnosis's files.
+    `unexplained` are the content of the diagnosis's files. `marks` are the stretches of time that a
+    reader had left out before.
     """
 
     recording: Recording
@@ -39,6 +41,7 @@ class Run:
     mismatch: dict[str, Any]
     before_after: dict[str, dict[str, Any]]
     unexplained: dict[str, dict[str, Any]]
+    marks: tuple[Mark, ...]
     seed: int
     started: str
     seconds: dict[str, float]

@@ -28,6 +28,7 @@ from mtpipe.ingest.data_files import SETUP_NAME
 from mtpipe.pipeline.results import Run
 from mtpipe.pipeline.written import write_tables
 from mtpipe.recording.recording import Recording
+from mtpipe.report.marks import Mark, read_marks, without_stretches, write_marks
 from mtpipe.report.run_folder import RECORDING, new_run, refuse_to_erase
 from mtpipe.states import with_states
 from mtpipe.tracking.stack import is_stack
@@ -57,7 +58,7 @@ def run(
     ----------
     path : recording, folder of a series of files, or a setup.toml that names its files. An image
         stack is tracked first, into `recording.csv` of the folder (`mtpipe.tracking`).
-    out : folder to write; an earlier run in it is replaced.
+    out : folder to write; an earlier run in it is replaced, a reader's marks are kept.
     setup : setup.toml; default: beside the recording.
     seed : of the posteriors and of the cross-check's simulations.
     workers : processes, over which beads are spread. More than one needs the usual guard
@@ -74,7 +75,10 @@ def run(
     """
     if not cross_check and not overwrite:
         refuse_to_erase(Path(out))
+    marks = read_marks(Path(out))
     with new_run(Path(out)) as fresh:
+        if marks:
+            write_marks(fresh, marks)
         return _run(
             Path(path),
             fresh,
@@ -83,6 +87,7 @@ def run(
             workers=workers,
             methods=methods,
             cross_check=cross_check,
+            marks=tuple(mark for mark in marks if mark.stretch_s is not None),
             say=by_name(progress),
         )
 
@@ -96,6 +101,7 @@ def _run(
     workers: int,
     methods: Sequence[str],
     cross_check: bool,
+    marks: tuple[Mark, ...],
     say: NamedProgress,
 ) -> Run:
     from mtpipe.report import write_report
@@ -112,6 +118,7 @@ def _run(
         raw = load(path, setup)
     clock.lap("read")
     say("subtracting drift", 0, 1)
+    raw = without_stretches(raw, marks)
     recording = subtract_drift(raw)
     clock.lap("drift")
     say("testing plateaus", 0, 1)
@@ -172,6 +179,7 @@ def _run(
         content(recording.name, found, forces, tolerance),
         {} if examined is None else examined.before_after,
         {} if examined is None else examined.unexplained,
+        marks,
         seed,
         started,
         dict(clock.seconds),

@@ -18,7 +18,8 @@ from mtpipe.ground.progress import by_name
 from mtpipe.ground.spreadsheets import as_csv
 from mtpipe.ground.types import NamedProgress
 from mtpipe.report.browser import figures_of, find_browser, print_pdf
-from mtpipe.report.folder import COLUMNS, read_run_folder
+from mtpipe.report.folder import COLUMNS
+from mtpipe.report.marked import read_marked_run
 
 Format = Literal["svg", "pdf"]
 # A page that is as large as the figure on it, in CSS pixels as the figure says them.
@@ -69,7 +70,7 @@ def write_figures(
 
 
 def write_tables(folder: Path) -> Path:
-    """Write every table of a run into `folder/report/tables/` as CSV.
+    """Write every table of a run, as its marks leave it, into `folder/report/tables/` as CSV.
 
     Returns
     -------
@@ -79,7 +80,7 @@ def write_tables(folder: Path) -> Path:
     ------
     RunFolderError : a file of the run folder is missing or damaged.
     """
-    run = read_run_folder(folder)
+    run = read_marked_run(folder)
     with folder_written_whole(folder / "report" / "tables") as target:
         for name in COLUMNS:
             stem = Path(name).stem

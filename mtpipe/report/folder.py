@@ -47,7 +47,7 @@ COLUMNS: Mapping[str, tuple[str, ...]] = {
         *("bead", "plateau", "axis", "magnet_mm", "start_s", "duration_s", "frames"),
         *("lost_frames", "extension_nm", "extension_stderr_nm"),
         *_four("force", "pN"),
-        "force_source",
+        *("force_source", "force_status"),
         *_four("force_axis", "pN"),
         *("force_configured_pN", "force_configured_stderr_pN"),
         *("force_named_pN", "force_named_stderr_pN"),
@@ -96,6 +96,11 @@ COLUMNS: Mapping[str, tuple[str, ...]] = {
         *("offset_nm", "force_low_pN", "force_high_pN"),
         *("points", "chi2", "dof", "p_value", "recommended"),
     ),
+    "details/curve_points.parquet": (
+        *("bead", "plateau", "force_pN", "force_stderr_pN", "extension_nm", "extension_stderr_nm"),
+        *("lever_nm", "zero_stderr_nm"),
+    ),
+    "details/curve_stage.parquet": ("bead", "plateau", "other_plateau", "covariance_nm2"),
     "crosscheck.parquet": (
         *("bead", "statistic", "axis", "plateau", "magnet_mm", "band_low_hz", "band_high_hz"),
         *("time_low_s", "time_high_s", "value"),
@@ -148,6 +153,8 @@ class RunFolder:
     references: pd.DataFrame
     posteriors: pd.DataFrame
     force_extension: pd.DataFrame
+    curve_points: pd.DataFrame
+    curve_stage: pd.DataFrame
     crosscheck: pd.DataFrame
     crosscheck_spectrum: pd.DataFrame
     crosscheck_histogram: pd.DataFrame

@@ -6,7 +6,8 @@ plotly.js, style and script are copied beside the pages once; nothing is loaded 
 from __future__ import annotations
 
 import re
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
+from dataclasses import asdict
 from datetime import datetime
 from importlib.resources import files as resources
 from pathlib import Path
@@ -38,13 +39,15 @@ from mtpipe.report.figures_unexplained import (
     unexplained_figure,
 )
 from mtpipe.report.findings import VERDICT_BEADS, mixed_plateaus, overall_forces, overview
-from mtpipe.report.folder import RunFolder, read_run_folder, records
+from mtpipe.report.folder import RunFolder, records
+from mtpipe.report.marked import read_marked_run, write_csv
+from mtpipe.report.marks import HEAD, Mark, read_marks
 from mtpipe.report.notices import notice_groups
 from mtpipe.report.plateau_forces import comparisons, quoted
 from mtpipe.report.plotly_json import DARK, Arrays
 
 PlateauMeans = Mapping[tuple[str, str], Means]
-STATIC = ("report.css", "publication.js", "charts.js", "lists.js")
+STATIC = ("report.css", "publication.js", "charts.js", "lists.js", "marks.js")
 DRIFT_METHOD = {
     "reference": "The motion of the reference beads was subtracted from every trace.",
     "highpass": "All motion slower than the cutoff was removed from every trace (high-pass).",
@@ -53,7 +56,9 @@ DRIFT_METHOD = {
 
 
 def write_report(folder: Path, *, progress: Progress | None = None) -> Path:
-    """Write the report of a run into `folder/report/`, replacing one that is there.
+    """Write the report of a run into `folder/report/`, and its `forces.csv` and `beads.csv`.
+
+    All of it is as the marks beside the run leave it (`mtpipe.report.marks`).
 
     Parameters
     ----------
@@ -70,7 +75,7 @@ def write_report(folder: Path, *, progress: Progress | None = None) -> Path:
     """
     from plotly.offline import get_plotlyjs
 
-    run = read_run_folder(folder)
+    run = read_marked_run(folder)
     beads = rows.bead_rows(run)
     means = plateau_means(run)
     pages = page_names([row.bead for row in beads])
@@ -89,9 +94,10 @@ def write_report(folder: Path, *, progress: Progress | None = None) -> Path:
             if progress is not None:
                 progress(number + 1, len(beads) + 1)
         index = environment.get_template("index.html.j2").render(
-            **shared, **_index_page(run, beads, means)
+            **shared, **_index_page(run, beads, means), **_marks(run, read_marks(folder))
         )
         (target / "index.html").write_text(index, encoding="utf-8")
+    write_csv(folder, run)
     if progress is not None:
         progress(len(beads) + 1, len(beads) + 1)
     return folder / "report" / "index.html"
@@ -164,6 +170,14 @@ def _index_page(run: RunFolder, beads: list[rows.BeadRow], means: PlateauMeans) 
         "charts": {"arrays": arrays.packed(), "figures": figures, "dark": DARK},
         "drawn": figures,
     }
+
+
+def _marks(run: RunFolder, marks: Sequence[Mark]) -> dict[str, Any]:
+    """What is left out by hand, and what can be."""
+    numbers = run.forces.groupby("bead", sort=False)["plateau"].unique()
+    plateaus = {str(bead): sorted(map(int, there)) for bead, there in numbers.items()}
+    data = {"marks": [asdict(mark) for mark in marks], "beads": plateaus, "head": HEAD}
+    return {"marks": marks, "bead_plateaus": plateaus, "marks_data": data}
 
 
 def _bead_page(run: RunFolder, row: rows.BeadRow, means: PlateauMeans) -> dict[str, Any]:

@@ -29,6 +29,7 @@ STATUS = {
     "unlike_model": "unlike the model",
     "zero_force": "no force",
     "refused": "refused",
+    "excluded": "left out by hand",
 }
 STATUS_MEANING = {
     "at_bound": "the fit ended at a physical limit, so an interval is one-sided",
@@ -73,6 +74,8 @@ LABELS = {
     "zero_force": "force may be zero",
     "not_one_state": "mixed states",
     "not_crosschecked": "not cross-checked",
+    "left_out_by_hand": "left out by hand",
+    "mark_of_nothing": "a mark of what is not there",
     "tether_choice": "the chain that was chosen",
     "tether_formula": "choice of the chain's formula",
     "tether_relation": "choice of the chain's relation",
