@@ -83,6 +83,12 @@ def readme(folder):
 
 def test_the_steps_of_readme_give_what_run_gives(folder, readme):
     run = mtpipe.run(folder / "recording.csv", folder / "out")
+    assert repr(run).startswith("Run of recording.csv: 1 ")
+    assert len(run.plot().data) == 1
+    assert len(run.table) == 1
+    for part in (*run.calibration.beads, *run.calibration.beads[0].plateaus):
+        assert len(repr(part)) < MOST_LETTERS
+    assert "statistics" in repr(run.checked.beads["b1"])
     written = json.loads((folder / "out" / "mismatch.json").read_text(encoding="utf-8"))
     assert readme["mismatch"].as_dict() == {k: v for k, v in written.items() if k != "run"}
     looks = pd.read_parquet(folder / "out" / "crosscheck.parquet")

@@ -23,6 +23,8 @@ from mtpipe.diagnosis.mismatch import Mismatch
 from mtpipe.fit.posterior import Posterior
 from mtpipe.fit.trace import TraceFit
 from mtpipe.ground.errors import MtpipeError
+from mtpipe.pipeline.results import Run
+from mtpipe.pipeline.tables import forces_table
 from mtpipe.pipeline.tables_traces import stage_table
 from mtpipe.recording.recording import Recording
 from mtpipe.report.figures_bead import force_extension_figure, traces_figure
@@ -30,6 +32,7 @@ from mtpipe.report.figures_before_after import spectra_figure
 from mtpipe.report.figures_crosscheck import map_figure
 from mtpipe.report.figures_run import forces_figure
 from mtpipe.report.figures_trace import posterior_figure, spectrum_figure
+from mtpipe.report.plateau_forces import quoted
 from mtpipe.report.plotly_json import (
     PALETTE,
     SYMBOLS,
@@ -110,6 +113,15 @@ def _calibration(calibration: Calibration) -> Figure:
     table = calibration.table
     forces = table[table["force_pN"].notna()]
     return forces_figure(PlainArrays(), forces, [bead.bead for bead in calibration.beads])
+
+
+@_drawn.register
+def _run(run: Run) -> Figure:
+    """Forces to quote of all beads."""
+    table = forces_table(run.calibration, run.forces, run.flags)
+    return forces_figure(
+        PlainArrays(), quoted(table), [bead.bead for bead in run.calibration.beads]
+    )
 
 
 @_drawn.register

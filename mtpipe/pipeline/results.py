@@ -2,9 +2,12 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
+
+import pandas as pd
 
 from mtpipe.calibration.calibration import Calibration
 from mtpipe.calibration.comparison import MethodResult
@@ -14,13 +17,15 @@ from mtpipe.curves.extension_curve import ForceExtension
 from mtpipe.effects.catalogue import catalogue
 from mtpipe.experiment.known_force import known_force_notices
 from mtpipe.ground.notice import Notice
+from mtpipe.ground.shown import Shown
+from mtpipe.pipeline.tables import beads_table
 from mtpipe.recording.recording import Recording
 from mtpipe.report.marks import Mark
 from mtpipe.verdicts.verdict import BeadVerdict
 
 
-@dataclass(frozen=True)
-class Run:
+@dataclass(frozen=True, repr=False)
+class Run(Shown):
     """Everything a run found out.
 
     `forces` are the forces to quote, of each tethered bead. `others` are forces by other methods,
@@ -45,6 +50,18 @@ class Run:
     seed: int
     started: str
     seconds: dict[str, float]
+
+    def __repr__(self) -> str:
+        counts = Counter(one.verdict for one in self.verdicts)
+        beads = ", ".join(f"{count} {verdict}" for verdict, count in counts.items())
+        return f"Run of {self.recording.name}: {beads or 'no beads'}"
+
+    @property
+    def table(self) -> pd.DataFrame:
+        """`beads.csv`, before any marks."""
+        return beads_table(
+            self.calibration, self.forces, self.verdicts, self.curves, self.recording.tracked
+        )
 
     @property
     def notices(self) -> tuple[Notice, ...]:

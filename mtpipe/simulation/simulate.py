@@ -145,6 +145,8 @@ def simulate_experiment(
         seen = recorded(motion(random), force_pN, experiment, random) + stage
         positions[name] = _tracked(seen, _place(i), (0.0, 0.0, 0.0), experiment, random)
     everything = positions | fixed
+    if progress is not None:
+        progress(len(names), len(names))
     rows = rows_in_file(table.edges[-1], experiment.clock.dropped_share, clock)
     frames = len(rows)
     time_s = np.asarray(experiment.camera.frame_s * np.arange(frames))
