@@ -59,7 +59,8 @@ class Layout(Table):
     format: Format | None = Field(
         default=None,
         description="Kind of file: matlab is v4 to v7, hdf5 also MATLAB v7.3 and netCDF 4, gr "
-        "PicoTwist plots. Default: told by how the file begins, not by its suffix.",
+        "PicoTwist plots. Default: told by how the file begins, not by its "
+        "suffix.",
         examples=["text"],
     )
     delimiter: Delimiter | None = Field(

@@ -44,7 +44,8 @@ class Tracking(Table):
 
     method: str | None = Field(
         default=None,
-        description="Way of tracking. Default: the most precise one.",
+        description="How positions are found (docs/tracking-accuracy.md). Default: the most "
+        "precise way.",
         examples=["auto_conv_multiline"],
     )
     regions: tuple[RegionOfBead, ...] = Field(
@@ -53,12 +54,14 @@ class Tracking(Table):
     size_px: int | None = Field(
         default=None,
         ge=16,
-        description="Side of the regions of beads that are found.",
+        description="Side of the regions of beads that are found. Default: as their rings "
+        "have it. A bead with a look-up table has the size of its table.",
         examples=[64],
     )
     look_up_table: str | None = Field(
         default=None,
-        description="Look-up table for z of every bead that has none of its own.",
+        description="Look-up table for z of every bead that has none of its own. Beads "
+        "differ: that is told.",
         examples=["lut.npz"],
     )
     look_up_table_of: dict[str, str] = Field(
@@ -69,10 +72,15 @@ class Tracking(Table):
     saturated_above: float | None = Field(
         default=None,
         gt=0,
-        description="Largest grey level of the camera, where its files do not say.",
+        description="Largest grey level of the camera, such as 4095 for 12 bits saved in 16. "
+        "Default: what the bits of the file can hold.",
         examples=[4095.0],
     )
-    magnet: Magnet | None = Field(default=None, description="Log of the magnets, as in [source].")
+    magnet: Magnet | None = Field(
+        default=None,
+        description="Log of the magnets, with the keys of [source.magnet]. Without it there "
+        "is one plateau.",
+    )
     frames: Literal["channels"] | None = Field(
         default=None,
         description='"channels": the file calls its frames channels.',
