@@ -75,8 +75,8 @@ def run(
     """
     if not cross_check and not overwrite:
         refuse_to_erase(Path(out))
-    marks = read_marks(Path(out))
     with new_run(Path(out)) as fresh:
+        marks = read_marks(Path(out))
         if marks:
             write_marks(fresh, marks)
         return _run(

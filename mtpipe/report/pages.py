@@ -47,6 +47,8 @@ from mtpipe.report.plateau_forces import comparisons, quoted
 from mtpipe.report.plotly_json import DARK, Arrays
 
 PlateauMeans = Mapping[tuple[str, str], Means]
+# Of the notice that says which chain was chosen, and why.
+CHOICE = "tether_choice"
 STATIC = ("report.css", "publication.js", "charts.js", "lists.js", "marks.js")
 DRIFT_METHOD = {
     "reference": "The motion of the reference beads was subtracted from every trace.",
@@ -219,6 +221,7 @@ def _bead_page(run: RunFolder, row: rows.BeadRow, means: PlateauMeans) -> dict[s
             for status, meaning in words.STATUS_MEANING.items()
             if (forces["status"] == status).any()
         ],
+        "choice": next((n.message for n in run.notices_of(bead) if n.code == CHOICE), ""),
         "models": rows.model_rows(run, bead),
         "valid": {words.MODEL[name]: valid_range(name) for name in words.MODEL},
         "groups": notice_groups(run.notices_of(bead), {bead}),
