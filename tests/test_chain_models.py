@@ -71,7 +71,7 @@ def test_stretching_is_that_of_springs_to_what_the_docstring_says(force_pN):
             stretch_modulus_pN=modulus,
         )
     )
-    assert 0 < exact - ours < 3 * KT / (b * modulus)
+    assert 0 < exact - ours < 2 * KT / (b * modulus)
 
 
 def points(truth_nm, force, *, error=0.01, error_nm=0.5, seed=None, lever=False):

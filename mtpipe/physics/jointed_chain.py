@@ -37,7 +37,8 @@ def jointed_extension_nm(
 
     L0 (coth(F b/kT) − kT/(F b)) (1 + F/K): Smith, Cui and Bustamante 1996, Science 271:795, who
     measured single-stranded DNA. Segments that are springs (Fiasconaro and Falo 2019, Physica A
-    532:121929) extend by more than 1 + F/K says, at most kT/(b K) of L0 (0.3 % for ssDNA).
+    532:121929) extend by more than 1 + F/K says, by at most 2 kT/(b K) of L0
+    (0.7 % for ssDNA).
 
     Parameters
     ----------
