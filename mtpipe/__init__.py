@@ -23,6 +23,14 @@ __version__ = VERSION
 if TYPE_CHECKING:
     from mtpipe.calibration.calibration import Calibration, calibrate
     from mtpipe.crosschecking.crosscheck import CrossCheck, crosscheck
+    from mtpipe.curves.chain_models import (
+        extension_offset,
+        freely_jointed_chain,
+        molecule,
+        worm_like_chain,
+    )
+    from mtpipe.curves.extension_curve import ForceExtension
+    from mtpipe.curves.shared_fit import SharedFit, choose_model, fit_together
     from mtpipe.curves.tether_curves import force_extension
     from mtpipe.diagnosis.mismatch import Mismatch, diagnose
     from mtpipe.drift import subtract_drift
@@ -41,10 +49,12 @@ if TYPE_CHECKING:
 
 _HOME = {
     "METHODS": "methods",
-    "Mismatch": "diagnosis.mismatch",
     "Calibration": "calibration.calibration",
+    "CrossCheck": "crosschecking.crosscheck",
     "Estimate": "ground.estimate",
     "FitError": "ground.errors",
+    "ForceExtension": "curves.extension_curve",
+    "Mismatch": "diagnosis.mismatch",
     "MtpipeError": "ground.errors",
     "Plateau": "recording.recording",
     "Posterior": "fit.posterior",
@@ -53,22 +63,28 @@ _HOME = {
     "Run": "pipeline.run",
     "Setup": "setup.setup",
     "SetupError": "ground.errors",
+    "SharedFit": "curves.shared_fit",
     "TraceFit": "fit.trace",
     "TrackedStack": "tracking.track",
-    "CrossCheck": "crosschecking.crosscheck",
     "calibrate": "calibration.calibration",
+    "choose_model": "curves.shared_fit",
     "crosscheck": "crosschecking.crosscheck",
     "diagnose": "diagnosis.mismatch",
+    "extension_offset": "curves.chain_models",
     "fit_by_method": "methods",
+    "fit_together": "curves.shared_fit",
     "fit_trace": "fit.trace",
     "force_extension": "curves.tether_curves",
+    "freely_jointed_chain": "curves.chain_models",
     "load": "ingest",
+    "molecule": "curves.chain_models",
     "read_setup": "setup.setup",
     "run": "pipeline.run",
     "sample_posterior": "fit.posterior",
     "simulate": "simulation.simulate",
     "subtract_drift": "drift",
     "track": "tracking.track",
+    "worm_like_chain": "curves.chain_models",
 }
 __all__ = [
     "METHODS",
@@ -76,6 +92,7 @@ __all__ = [
     "CrossCheck",
     "Estimate",
     "FitError",
+    "ForceExtension",
     "Mismatch",
     "MtpipeError",
     "Plateau",
@@ -85,22 +102,33 @@ __all__ = [
     "Run",
     "Setup",
     "SetupError",
+    "SharedFit",
     "TraceFit",
     "TrackedStack",
     "calibrate",
+    "choose_model",
     "crosscheck",
     "diagnose",
+    "extension_offset",
     "fit_by_method",
+    "fit_together",
     "fit_trace",
     "force_extension",
+    "freely_jointed_chain",
     "load",
+    "molecule",
     "read_setup",
     "run",
     "sample_posterior",
     "simulate",
     "subtract_drift",
     "track",
+    "worm_like_chain",
 ]
+
+
+def __dir__() -> list[str]:
+    return [*__all__, "__version__"]
 
 
 def __getattr__(name: str) -> Any:

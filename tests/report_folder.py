@@ -75,6 +75,19 @@ def write_run_folder(folder: Path, *, good: int = 0, plateaus: int = 4) -> Path:
             ignore_index=True,
         ),
         **report_details.crosscheck_curves([b for b in beads if b != NO_Z], plateaus, rng),
+        "details/curve_points": forces[
+            (forces["axis"] == "x") & forces["force_pN"].notna() & forces["extension_nm"].notna()
+        ].assign(lever_nm=np.nan, zero_stderr_nm=0.0)[
+            [
+                *("bead", "plateau", "force_pN", "force_stderr_pN", "extension_nm"),
+                *("extension_stderr_nm", "lever_nm", "zero_stderr_nm"),
+            ]
+        ],
+        "details/curve_stage": pd.DataFrame(
+            {"bead": pd.Series(dtype="str"), "plateau": pd.Series(dtype="int64")}
+            | {"other_plateau": pd.Series(dtype="int64")}
+            | {"covariance_nm2": pd.Series(dtype="float64")}
+        ),
         "details/force_extension": pd.DataFrame(
             [
                 report_details.fit_row(b, m)
@@ -172,6 +185,7 @@ def quoted(t: Trace) -> dict[str, Any]:
     force = t.force_pN if known else np.nan
     configured = force * {NASTY: 1 / CHANGE, UNEXPLAINED: 0.8}.get(t.bead, 1.0)
     return estimate("force", "pN", force, 0.014) | {
+        "force_status": "ok" if known else "refused",
         "force_source": named.get(t.bead, "heights") if known else "none",
         "force_configured_pN": configured,
         "force_configured_stderr_pN": 0.01 * configured,

@@ -13,7 +13,8 @@ import pytest
 from mtpipe.drift import reference_noise_nm, subtract_drift
 from mtpipe.drift.lowpass import low_pass
 from mtpipe.recording.recording import Plateau, Recording
-from mtpipe.setup.setup import DriftChoice, parse_setup
+from mtpipe.setup.setup import parse_setup
+from mtpipe.setup.tables import DriftChoice
 from tests.stage import RATE_HZ, N, codes, ou, recording_of, walk
 
 SHARED = Path(__file__).resolve().parents[2] / "shared" / "challenge"

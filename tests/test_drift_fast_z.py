@@ -12,7 +12,7 @@ from mtpipe.drift import subtract_drift
 from mtpipe.drift.fast_z import fast_share
 from mtpipe.drift.grid import Grid
 from mtpipe.recording.recording import Plateau
-from mtpipe.setup.setup import DriftChoice
+from mtpipe.setup.tables import DriftChoice
 from tests.stage import RATE_HZ, N, codes, ou, recording_of, walk
 
 TIME_S = np.arange(N) / RATE_HZ

@@ -16,7 +16,8 @@ import pytest
 
 from mtpipe.calibration.extension import mean_with_stderr
 from mtpipe.curves.extension_curve import FITTED, fit_curve, fit_curves
-from mtpipe.fit.tether import Assay, ExtensionPoints, expected_extension_nm, fit_tether
+from mtpipe.fit.points import Assay, ExtensionPoints
+from mtpipe.fit.tether import expected_extension_nm, fit_tether
 from mtpipe.ground.errors import FitError
 from mtpipe.physics.buffer import thermal_energy_pN_nm
 from mtpipe.physics.tether import VALIDITY, Chain, force_pN

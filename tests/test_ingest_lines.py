@@ -12,7 +12,7 @@ from mtpipe.ground.errors import RecordingError
 from mtpipe.ingest import lines, text
 from mtpipe.ingest.lines import line_blocks
 from mtpipe.ingest.text import open_text
-from mtpipe.setup.source_table import Layout
+from mtpipe.setup.source_parts import Layout
 
 LINES = st.lists(st.text("0123456789.,;µ", max_size=12), min_size=1, max_size=60)
 

@@ -10,7 +10,7 @@ from mtpipe.ground.errors import MtpipeError, RecordingError
 from mtpipe.ground.notice import Notice
 from mtpipe.ingest import load
 from mtpipe.recording.plateaus import find_plateaus
-from mtpipe.setup.setup import Plateaus
+from mtpipe.setup.tables import Plateaus
 from tests.ingest_recordings import RATE, N, canonical_lines, motion, setup_of, write
 
 

@@ -6,8 +6,8 @@ import pytest
 
 import mtpipe
 from mtpipe.ground.errors import RecordingError, SetupError
+from mtpipe.setup.measured import Measured
 from mtpipe.setup.presets import PRESETS
-from mtpipe.setup.setup import Measured
 from tests.ingest_recordings import (
     RATE,
     N,

@@ -13,7 +13,7 @@ from mtpipe.diagnosis.location import located
 from mtpipe.experiment.known_force import KnownForce, known_force, known_force_notices
 from mtpipe.joint_fit.known_forces import MOST_NATS, known_force_nats
 from mtpipe.report import crosscheck_words
-from mtpipe.setup.setup import Magnet
+from mtpipe.setup.tables import Magnet
 from tests.small_case import FORCES_PN, case, generator, raw, setup
 
 ROUNDS = (26,)

@@ -19,12 +19,14 @@ from mtpipe.curves.tether_curves import tether_curves
 from mtpipe.drift import subtract_drift
 from mtpipe.drift.course import fit_course, piece_of
 from mtpipe.drift.plateau_means import covariance_of_means
-from mtpipe.fit.tether import Assay, ExtensionPoints, expected_extension_nm, fit_tether
+from mtpipe.fit.points import Assay, ExtensionPoints
+from mtpipe.fit.tether import expected_extension_nm, fit_tether
 from mtpipe.ingest.surface import z_zero_time_s
 from mtpipe.physics.tether import Chain
 from mtpipe.pipeline.run import _reference_warnings
 from mtpipe.recording.recording import Plateau, StageCourse
-from mtpipe.setup.setup import DriftChoice, parse_setup
+from mtpipe.setup.setup import parse_setup
+from mtpipe.setup.tables import DriftChoice
 from mtpipe.simulation.simulate import simulate
 from tests.simulated import recording, setup_content
 from tests.small_case import setup

@@ -5,7 +5,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from mtpipe.recording.plateaus import find_plateaus
-from mtpipe.setup.setup import Plateaus
+from mtpipe.setup.tables import Plateaus
 
 
 def spans(plateaus):

@@ -18,7 +18,8 @@ from mtpipe.ingest import load
 from mtpipe.ingest.surface import put_surface_at_zero
 from mtpipe.recording.recording import Plateau
 from mtpipe.setup.conditions import conditions_of
-from mtpipe.setup.setup import Measured, read_setup
+from mtpipe.setup.measured import Measured
+from mtpipe.setup.setup import read_setup
 from mtpipe.verdicts.verdict import bead_verdict
 
 ROOT = Path(__file__).parents[1]

@@ -13,7 +13,8 @@ import pytest
 
 from mtpipe.report import write_report
 from mtpipe.report.batch_page import batch_page
-from tests.report_folder import write_run_folder
+from mtpipe.report.marks import MARKS, Mark, read_marks
+from tests.report_folder import NASTY, write_run_folder
 
 playwright = pytest.importorskip("playwright.sync_api", reason="playwright is not installed")
 CHROMIUM = next(
@@ -141,6 +142,46 @@ def test_tables_are_there_to_be_read_by_other_programs(opened: Open, report: Pat
     links = opened("index.html").locator(".files a").evaluate_all("links => links.map(a => a.href)")
     assert {link.rsplit("/", 1)[1] for link in links} >= {"forces.csv", "beads.csv"}
     assert all(Path(unquote(urlparse(link).path)).exists() for link in links)
+
+
+def test_a_table_and_a_figure_are_saved(opened: Open) -> None:
+    page = opened("index.html")
+    with page.expect_download() as table:
+        page.locator("[aria-labelledby=beads] button.save").click()
+    assert table.value.suggested_filename == "beads-in-numbers.csv"
+    lines = Path(table.value.path()).read_text(encoding="utf-8").splitlines()
+    assert lines[0].startswith('"Bead","Verdict","Force to quote pN"')
+    assert len(lines) == 1 + page.locator("table.beads tbody tr").count()
+    with page.expect_download() as figure:
+        page.locator("[data-figure=forces] .modebar-btn[data-title^='Save as SVG']").click()
+    assert figure.value.suggested_filename == "forces.svg"
+    assert Path(figure.value.path()).read_text(encoding="utf-8").startswith("<svg")
+
+
+def test_marks_are_saved_as_the_program_reads_them(opened: Open, tmp_path: Path) -> None:
+    page = opened("index.html")
+    page.locator("#left-out ~ details summary").click()
+    form = page.locator("#mark")
+    form.locator("[name=bead]").select_option(NASTY)
+    form.locator("[name=reason]").fill('it "jumped" ü')
+    form.locator("button").click()
+    form.locator("[name=plateau]").select_option("stretch")
+    form.locator("[name=begin]").fill("3")
+    form.locator("[name=end]").fill("4.25")
+    form.locator("[name=reason]").fill("focus")
+    form.locator("button").click()
+    form.locator("[name=plateau]").select_option("2")
+    form.locator("[name=reason]").fill("taken back")
+    form.locator("button").click()
+    page.locator("#marked button").nth(2).click()
+    with page.expect_download() as saved:
+        page.locator("#save-marks").click()
+    assert saved.value.suggested_filename == MARKS
+    saved.value.save_as(tmp_path / MARKS)
+    assert read_marks(tmp_path) == (
+        Mark(NASTY, 'it "jumped" ü'),
+        Mark(NASTY, "focus", from_s=3.0, to_s=4.25),
+    )
 
 
 def test_the_finding_comes_before_all_else(opened: Open) -> None:

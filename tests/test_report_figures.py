@@ -19,6 +19,7 @@ from mtpipe.report.figures_geometry import mean_stderr_nm, plateau_means
 from mtpipe.report.figures_run import forces_figure, has_legend
 from mtpipe.report.figures_trace import spectrum_figure
 from mtpipe.report.folder import read_run_folder
+from mtpipe.report.plateau_forces import quoted
 from mtpipe.report.plotly_json import DARK, PALETTE, Arrays, outline, with_gaps
 from tests.report_folder import write_run_folder
 from tests.report_page import Page, resolved, unpacked
@@ -180,7 +181,7 @@ def test_a_legend_is_spoken_of_only_where_there_is_one(folder: Path, tmp_path: P
     assert "Select a name in the legend" in several.text
     assert several.charts["figures"]["forces"]["layout"]["showlegend"]
     many = read_run_folder(write_run_folder(tmp_path / "many", good=9, plateaus=1))
-    made = forces_figure(Arrays(), many, list(many.beads["bead"]))
+    made = forces_figure(Arrays(), quoted(many.forces), list(many.beads["bead"]))
     assert len(made["data"]) > len(PALETTE)
     assert not made["layout"]["showlegend"]
     assert not has_legend([trace["name"] for trace in made["data"]])

@@ -75,7 +75,7 @@ def test_a_force_is_drawn_and_counted_once_per_plateau(folder: Path) -> None:
     assert not given.duplicated(["bead", "plateau"]).any()
     assert set(given["bead"]) == {NASTY, UNEXPLAINED}
     arrays = Arrays()
-    made = forces_figure(arrays, run, [NASTY, NO_Z, REFUSED, UNEXPLAINED])
+    made = forces_figure(arrays, quoted(run.forces), [NASTY, NO_Z, REFUSED, UNEXPLAINED])
     data = resolved(made["data"], unpacked(arrays.packed()))
     assert len(data) == 2
     assert [len(trace["y"]) for trace in data] == [4, 4]

@@ -9,7 +9,8 @@ from hypothesis import strategies as st
 from mtpipe.corrections.catalogue import REMEDIES
 from mtpipe.effects.catalogue import OWN
 from mtpipe.ground.errors import MtpipeError, NoSetupError, SetupError
-from mtpipe.setup.setup import EFFECTS, parse_setup, read_setup
+from mtpipe.setup.setup import parse_setup, read_setup
+from mtpipe.setup.tables import EFFECTS
 from tests.simulated import setup_content
 from tests.stack_images import setup_text
 

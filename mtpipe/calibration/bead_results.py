@@ -9,11 +9,12 @@ from mtpipe.fit.posterior import Posterior
 from mtpipe.fit.trace import TraceFit
 from mtpipe.ground.estimate import Estimate, Status
 from mtpipe.ground.types import FloatArray
+from mtpipe.ground.written_numbers import with_error
 from mtpipe.recording.recording import Plateau
 from mtpipe.recording.traces import Trace
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, repr=False)
 class AxisResult:
     """Calibration of one bead, plateau and axis.
 
@@ -39,6 +40,12 @@ class AxisResult:
     shares_force: bool = False
     refusal: str = ""
 
+    def __repr__(self) -> str:
+        if self.estimates is None:
+            return f"{self.axis}: refused, {self.refusal}"
+        force = "" if self.force is None else f"force {self.force}, "
+        return f"{self.axis}: {force}stiffness {self.estimates.stiffness}"
+
     @property
     def estimates(self) -> Posterior | TraceFit | None:
         """Where to read stiffness, friction, noise and corner frequency; None where refused."""
@@ -55,7 +62,7 @@ class AxisResult:
         return self.force.status
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, repr=False)
 class PlateauResult:
     """Calibration of one bead in one plateau; extension and its standard error in nm.
 
@@ -72,6 +79,11 @@ class PlateauResult:
     axes: tuple[AxisResult, ...]
     not_one_state: str = ""
     stage_stderr_nm: float = 0.0
+
+    def __repr__(self) -> str:
+        extension = with_error(self.extension_nm, self.extension_stderr_nm, brief=False)
+        axes = "; ".join(map(repr, self.axes))
+        return f"PlateauResult {self.plateau.number}: extension {extension} nm; {axes}"
 
     @property
     def plateau(self) -> Plateau:
@@ -106,7 +118,7 @@ class PlateauResult:
         return "ok" if words else "refused"
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, repr=False)
 class BeadResult:
     """Calibration of one bead.
 
@@ -129,3 +141,8 @@ class BeadResult:
     series: str = ""
     left_out: tuple[tuple[int, str], ...] = ()
     stage_nm2: FloatArray | None = None
+
+    def __repr__(self) -> str:
+        usable = sum(one.force_status == "ok" for one in self.plateaus)
+        how = self.series or "each trace by itself"
+        return f"BeadResult {self.bead}: {usable} of {len(self.plateaus)} forces to use; {how}"

@@ -12,6 +12,8 @@ from collections.abc import Sequence
 from concurrent.futures import Executor
 from dataclasses import dataclass, replace
 
+import pandas as pd
+
 from mtpipe.calibration.bead_calibration import Shared, calibrate_bead, measured_friction
 from mtpipe.calibration.bead_results import BeadResult
 from mtpipe.calibration.exposure_estimate import estimate_exposure
@@ -22,6 +24,8 @@ from mtpipe.calibration.spectral_force import forces_of_spectra
 from mtpipe.drift.uncorrected import extension_covariance_nm2
 from mtpipe.ground.notice import Notice
 from mtpipe.ground.processes import Workers, executor
+from mtpipe.ground.progress import of_step
+from mtpipe.ground.shown import Shown
 from mtpipe.ground.steps import Steps, finished
 from mtpipe.ground.types import FloatArray, Progress
 from mtpipe.recording.recording import Recording
@@ -32,8 +36,8 @@ from mtpipe.states import with_states
 _Job = tuple[str, list[Trace], float, FloatArray | None]
 
 
-@dataclass(frozen=True)
-class Calibration:
+@dataclass(frozen=True, repr=False)
+class Calibration(Shown):
     """Calibration of a recording.
 
     Attributes
@@ -48,6 +52,37 @@ class Calibration:
     beads: tuple[BeadResult, ...]
     notices: tuple[Notice, ...]
     unbelieved: frozenset[int] = frozenset()
+
+    def __repr__(self) -> str:
+        usable = sum(len(one.usable_pN) for one in self.forces.values())
+        plateaus = sum(len(bead.plateaus) for bead in self.beads)
+        beads = f"{len(self.beads)} bead{'s' * (len(self.beads) != 1)}"
+        return f"Calibration of {beads}: {usable} of {plateaus} forces to use"
+
+    @property
+    def table(self) -> pd.DataFrame:
+        """A row per bead and plateau: extension (nm) and the force of the spectra (pN)."""
+        forces = self.forces
+        return pd.DataFrame(
+            [
+                {
+                    "bead": bead.bead,
+                    "plateau": one.plateau.number,
+                    "magnet_mm": one.plateau.magnet_mm,
+                    "extension_nm": one.extension_nm,
+                    "extension_stderr_nm": one.extension_stderr_nm,
+                    "force_pN": quoted.force.value,
+                    "force_stderr_pN": quoted.force.stderr,
+                    "force_low_pN": quoted.force.interval[0],
+                    "force_high_pN": quoted.force.interval[1],
+                    "force_source": quoted.source,
+                    "force_status": quoted.force.status,
+                }
+                for bead in self.beads
+                for one in bead.plateaus
+                for quoted in [forces[bead.bead].recommended[one.plateau.number]]
+            ]
+        )
 
     @property
     def forces(self) -> dict[str, BeadForces]:
@@ -71,7 +106,7 @@ def calibrate(
     recording : drift already subtracted, if it is to be.
     seed : of the posteriors; each bead's own seed derives from it and the bead's name.
     workers : processes, or an executor; beads are spread over them.
-    progress : called with (beads done, beads).
+    progress : called with (beads done, beads); default: a bar in a notebook.
 
     Raises
     ------
@@ -113,7 +148,8 @@ def calibrating(
         )
         for bead, traces in beads.items()
     ]
-    say = progress or (lambda done, total: None)
+    say = of_step(progress, "calibrating beads")
+    say(0, len(jobs))
     conditions_by_bead = yield from _conditions_by_bead(jobs, shared, pool)
     done = itertools.count(1)
     futures = []

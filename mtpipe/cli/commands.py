@@ -360,20 +360,6 @@ def design(
 
 
 @app.command()
-def report(
-    folder: Annotated[
-        Path, typer.Argument(metavar="DIR", help="Folder of a run.", exists=True, file_okay=False)
-    ],
-) -> None:
-    """Write the report of a run again, from the run's files."""
-    from mtpipe.report import write_report
-
-    with writing(folder, "DIR"):
-        index = write_report(folder)
-    say(f"Report: {index}")
-
-
-@app.command()
 def demo(
     out: Annotated[Path, typer.Option("--out", help="Folder to write.", file_okay=False)] = Path(
         "mtpipe-demo"

@@ -6,6 +6,9 @@ import os
 import sys
 import traceback
 
+# their commands join the others
+from mtpipe.cli import explain as _explain  # noqa: F401
+from mtpipe.cli import reports as _reports  # noqa: F401
 from mtpipe.cli.commands import app
 from mtpipe.cli.terminal import stopped_in_one_line
 from mtpipe.ground.errors import MtpipeError, unforeseen

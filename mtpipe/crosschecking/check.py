@@ -27,6 +27,7 @@ from mtpipe.crosschecking.twin import Twin, TwinMaker
 from mtpipe.ground.errors import FitError
 from mtpipe.ground.processes import Sent, in_order
 from mtpipe.ground.types import FloatArray
+from mtpipe.ground.written_numbers import number
 from mtpipe.joint_fit.data import PlateauData, plateau_data
 from mtpipe.joint_fit.expectation import Expectation, changed_spectra
 from mtpipe.joint_fit.fit import nearby_fit
@@ -41,7 +42,7 @@ CLEARLY_CONSISTENT, CLEARLY_NOT, FAR_OFF = 0.2, 1e-4, 1e-8
 CLEAR_OF_CUTOFF = 2.0
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, repr=False)
 class BeadCheck:
     """A bead beside its simulated counterparts.
 
@@ -59,6 +60,12 @@ class BeadCheck:
     p_values: FloatArray
     overall: Together
     curves: tuple[Curve, ...] = ()
+
+    def __repr__(self) -> str:
+        return (
+            f"BeadCheck of {self.case.bead}: p = {number(self.p_value, 2)} by {len(self.looks)} "
+            f"statistics and {len(self.simulated)} simulations"
+        )
 
     @property
     def p_value(self) -> float:

@@ -11,8 +11,11 @@ import pandas as pd
 from mtpipe.crosschecking.beads import check_of, per_bead
 from mtpipe.crosschecking.check import BeadCheck
 from mtpipe.ground.processes import Workers, executor
+from mtpipe.ground.progress import of_step
+from mtpipe.ground.shown import Shown
 from mtpipe.ground.steps import finished
 from mtpipe.ground.types import Progress
+from mtpipe.ground.written_numbers import number
 from mtpipe.recording.recording import Recording
 from mtpipe.states import with_states
 
@@ -25,7 +28,7 @@ COLUMNS = (
 
 
 @dataclass(frozen=True)
-class CrossCheck:
+class CrossCheck(Shown):
     """A recording beside simulations of its configured experiment.
 
     Attributes
@@ -40,6 +43,11 @@ class CrossCheck:
     beads: Mapping[str, BeadCheck]
     refused: Mapping[str, str]
     failed: Mapping[str, str] = field(default_factory=dict)
+
+    def __repr__(self) -> str:
+        found = [f"{bead} p = {number(one.p_value, 2)}" for bead, one in self.beads.items()]
+        refused = [f"{bead} not simulated" for bead in self.refused]
+        return f"CrossCheck of {self.recording}: {', '.join([*found, *refused]) or 'no beads'}"
 
     @property
     def table(self) -> pd.DataFrame:
@@ -69,15 +77,16 @@ def crosscheck(
     seed : of the simulations; each bead's own derives from it.
     workers : processes, or an executor, over which beads are spread. More than one process needs
         the usual guard `if __name__ == "__main__":` in a script that calls this.
-    progress : called with (beads done, of how many).
+    progress : called with (beads done, of how many); default: a bar in a notebook.
 
     Raises
     ------
     Nothing for what goes wrong at one bead: that is in `refused` or `failed`.
     """
     recording = with_states(recording)
+    say = of_step(progress, "comparing beads with simulations")
     with executor(workers, most=len(recording.tethered)) as pool:
-        found = finished(per_bead(recording, _check, pool, seed=seed, progress=progress))
+        found = finished(per_bead(recording, _check, pool, seed=seed, progress=say))
     return CrossCheck(recording.name, found.results, found.refused, found.failed)
 
 

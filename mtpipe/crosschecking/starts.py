@@ -13,7 +13,8 @@ import numpy as np
 from pydantic import BaseModel
 
 from mtpipe.ground.types import FloatArray
-from mtpipe.setup.setup import Measured, Setup
+from mtpipe.setup.measured import Measured
+from mtpipe.setup.setup import Setup
 
 # Between the two common sizes, 500 and 1400 nm.
 RADIUS_NM = 840.0

@@ -28,34 +28,30 @@ from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, replace
 
 import numpy as np
+import pandas as pd
 from numpy.typing import NDArray
 from scipy.special import expit
 
-from mtpipe.fit.tether import (
-    Assay,
-    ExtensionPoints,
-    Relation,
-    TetherFit,
-    fit_tether,
-    parameters_of,
-)
+from mtpipe.fit.points import Assay, ExtensionPoints, Relation
+from mtpipe.fit.tether import TetherFit, fit_tether, parameters_of
 from mtpipe.ground.notice import Notice
+from mtpipe.ground.shown import Shown
 from mtpipe.physics.buffer import thermal_energy_pN_nm
 from mtpipe.physics.tether import VALIDITY, Formula
 
 _SURFACE_REDUCED_FORCE = 3.5
 _DECISIVE_CHI2 = 6.0
-_DECISIVE_BIC = 6.0
+DECISIVE_BIC = 6.0
 _STRETCHING_FROM_PN = 8.0
 _STRONG_CORRELATION = 0.98
-_POOR_P_VALUE = 1e-3
-_OUTLIER_SIGMAS = 5.0
+POOR_P_VALUE = 1e-3
+OUTLIER_SIGMAS = 5.0
 # Chains that are fitted; the others only simulate.
 FITTED: tuple[Formula, ...] = ("marko-siggia", "bouchiat", "extensible")
 
 
-@dataclass(frozen=True)
-class ForceExtension:
+@dataclass(frozen=True, repr=False)
+class ForceExtension(Shown):
     """Points and fits of one bead.
 
     Attributes
@@ -70,6 +66,7 @@ class ForceExtension:
     surface_force_pN : points below were left out; 0 when the surface was not considered, for
         want of a fit.
     notices : what a user has to know, in words.
+    assay : how extensions and forces came about.
     """
 
     bead: str
@@ -80,6 +77,27 @@ class ForceExtension:
     interpolation_gain: float
     surface_force_pN: float
     notices: tuple[Notice, ...]
+    assay: Assay
+
+    def __repr__(self) -> str:
+        head = f"ForceExtension of {self.bead}: {len(self.points)} points"
+        if self.recommended is None:
+            return f"{head}, which do not determine the tether"
+        return f"{head}; {self.recommended}"
+
+    @property
+    def table(self) -> pd.DataFrame:
+        """A row for each point: plateau, force (pN) and mean extension (nm) with their errors."""
+        points = self.points
+        return pd.DataFrame(
+            {
+                "plateau": points.plateau,
+                "force_pN": points.force_pN,
+                "force_stderr_pN": points.force_stderr_pN,
+                "extension_nm": points.extension_nm,
+                "extension_stderr_nm": points.extension_stderr_nm,
+            }
+        )
 
 
 def fit_curves(beads: Mapping[str, tuple[ExtensionPoints, Assay]]) -> dict[str, ForceExtension]:
@@ -140,6 +158,7 @@ def fit_curve(
     if chosen is None:
         notices.append(Notice("tether_not_identified", "caution", _why_not(len(far), assay)))
     else:
+        notices.append(_chosen_because(chosen, fits, len(usable)))
         notices += [*_doubts(chosen), *_alternatives(chosen, rival, other)]
     return ForceExtension(
         bead,
@@ -150,6 +169,7 @@ def fit_curve(
         gain,
         surface_pN,
         tuple(replace(notice, bead=bead) for notice in notices),
+        assay,
     )
 
 
@@ -204,11 +224,11 @@ def without_outliers(
     for _ in range(len(points) // 4):
         # the most flexible chain, so that stretching is not taken for an outlier
         fit = _fit(kept, "extensible", "extensible", assay)
-        if fit is None or fit.p_value > _POOR_P_VALUE:
+        if fit is None or fit.p_value > POOR_P_VALUE:
             break
         inside = np.flatnonzero(_valid(kept, "extensible"))
         worst = int(inside[np.argmax(np.abs(fit.residuals))])
-        if np.max(np.abs(fit.residuals)) < _OUTLIER_SIGMAS:
+        if np.max(np.abs(fit.residuals)) < OUTLIER_SIGMAS:
             break
         left_out.append(int(kept.plateau[worst]))
         kept = kept.select(np.arange(len(kept)) != worst)
@@ -220,7 +240,7 @@ def _off_the_curve(plateaus: tuple[int, ...], usable: int) -> Notice:
     return Notice(
         "off_the_curve",
         "caution",
-        f"Left out of the tether's fit, for lying more than {_OUTLIER_SIGMAS:.0f} standard errors "
+        f"Left out of the tether's fit, for lying more than {OUTLIER_SIGMAS:.0f} standard errors "
         f"off the force–extension curve of the others: plateau {numbers} (of {usable}). Mistracked "
         "or out of focus, or another state of the tether.",
     )
@@ -247,7 +267,7 @@ def _interpolation_gain(
     exact, simple = fits.get("bouchiat"), _fit(points, "marko-siggia", "bouchiat", assay)
     if exact is None or simple is None or not (exact.identified and simple.identified):
         return 0.0
-    if max(exact.p_value, simple.p_value) < _POOR_P_VALUE:
+    if max(exact.p_value, simple.p_value) < POOR_P_VALUE:
         return 0.0
     return exact.chi2 - simple.chi2
 
@@ -267,12 +287,33 @@ def _recommend(
         and soft.stretch_modulus_pN.status == "ok"
         and soft.force_range_pN[1] > _STRETCHING_FROM_PN
         and rigid is not None
-        and rigid.bic - soft.bic > _DECISIVE_BIC
+        and rigid.bic - soft.bic > DECISIVE_BIC
     ):
         return soft, None
     exact, simple = sound.get("bouchiat"), sound.get("marko-siggia")
     choice, rival = (simple, exact) if inextensible == "marko-siggia" else (exact, simple)
     return (rival, None) if choice is None else (choice, rival)
+
+
+def _chosen_because(chosen: TetherFit, fits: Mapping[Formula, TetherFit], usable: int) -> Notice:
+    """Which chain was chosen, over which forces, by the rule at the top of this module."""
+    low, high = chosen.force_range_pN
+    if chosen.model == "extensible":
+        why = (
+            f"some force is above {_STRETCHING_FROM_PN:g} pN, stretching is told from none, and "
+            f"BIC is lower by more than {DECISIVE_BIC:g} than without"
+        )
+    elif {"bouchiat", "marko-siggia"} <= fits.keys():
+        why = "stretching is not seen, and it fits the forces of all beads at least as well as "
+        why += "Marko and Siggia's formula" if chosen.model == "bouchiat" else "Bouchiat's formula"
+    else:
+        why = "there are too few forces for any other"
+    return Notice(
+        "tether_choice",
+        "info",
+        f"The {chosen.model} chain was chosen, fitted to {chosen.points} of {usable} forces, "
+        f"{low:.2g} to {high:.2g} pN: {why}.",
+    )
 
 
 def _near_surface(left_out: int, usable: int, surface_pN: float) -> Notice:
@@ -286,7 +327,7 @@ def _near_surface(left_out: int, usable: int, surface_pN: float) -> Notice:
 
 def _doubts(fit: TetherFit) -> Iterator[Notice]:
     """What makes a fit's numbers less certain than they look."""
-    if fit.p_value < _POOR_P_VALUE:
+    if fit.p_value < POOR_P_VALUE:
         yield Notice(
             "tether_fit_poor",
             "caution",

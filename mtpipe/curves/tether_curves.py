@@ -11,9 +11,12 @@ from scipy import stats
 
 from mtpipe.calibration.bead_results import AxisResult, BeadResult, PlateauResult
 from mtpipe.calibration.calibration import Calibration, calibrate
+from mtpipe.calibration.recommended_force import named_forces
 from mtpipe.calibration.series_choice import CONTRADICTION_P
 from mtpipe.curves.extension_curve import ForceExtension, fit_curves
-from mtpipe.fit.tether import Assay, ExtensionPoints
+from mtpipe.diagnosis.forces_to_quote import recommended_forces
+from mtpipe.diagnosis.mismatch import Mismatch
+from mtpipe.fit.points import Assay, ExtensionPoints
 from mtpipe.ground.estimate import Estimate
 from mtpipe.recording.recording import AXES, Recording
 from mtpipe.setup.conditions import Conditions
@@ -57,11 +60,16 @@ def _with_forces(points: ExtensionPoints, forces: Mapping[int, Estimate]) -> Ext
     )
 
 
-def force_extension(recording: Recording, *, seed: int = 0) -> dict[str, ForceExtension]:
-    """Calibrate a recording (drift already subtracted) and fit the curve of every bead.
+def force_extension(
+    of: Recording | Calibration, mismatch: Mismatch | None = None, *, seed: int = 0
+) -> dict[str, ForceExtension]:
+    """Fit the curve of every bead of a recording, or of its calibration.
 
     Parameters
     ----------
+    of : a recording, drift already subtracted, which is calibrated first; or its calibration.
+    mismatch : its diagnosis: a bead of which a cause was found has its forces from there, as in
+        `mtpipe run`.
     seed : of the posteriors.
 
     Returns
@@ -72,7 +80,9 @@ def force_extension(recording: Recording, *, seed: int = 0) -> dict[str, ForceEx
     ------
     SetupError : what calibration cannot do without is not known, such as the frame rate.
     """
-    return tether_curves(calibrate(recording, seed=seed))
+    calibration = of if isinstance(of, Calibration) else calibrate(of, seed=seed)
+    found = {} if mismatch is None else mismatch.beads
+    return tether_curves(calibration, named_forces(recommended_forces(calibration, found)))
 
 
 def extension_points(bead: BeadResult, conditions: Conditions) -> ExtensionPoints:

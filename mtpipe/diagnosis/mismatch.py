@@ -10,6 +10,7 @@ from functools import partial
 from typing import Any
 
 import numpy as np
+import pandas as pd
 
 from mtpipe.calibration.recommended_force import BeadForces
 from mtpipe.corrections.correction import Strength
@@ -24,6 +25,8 @@ from mtpipe.diagnosis.location import MOST_PLACES, bent_heights, located
 from mtpipe.diagnosis.sentence import sentence
 from mtpipe.diagnosis.unexplained import Unexplained
 from mtpipe.ground.processes import Workers, executor, tell
+from mtpipe.ground.progress import by_name
+from mtpipe.ground.shown import Shown
 from mtpipe.ground.steps import Steps, finished
 from mtpipe.ground.types import NamedProgress
 from mtpipe.joint_fit.hypotheses import FittedEffect
@@ -33,8 +36,8 @@ from mtpipe.states import with_states
 SCHEMA = "mtpipe.mismatch/1"
 
 
-@dataclass(frozen=True)
-class Mismatch:
+@dataclass(frozen=True, repr=False)
+class Mismatch(Shown):
     """The diagnosis of a recording, FORMATS section 4 as an object.
 
     Attributes
@@ -53,6 +56,30 @@ class Mismatch:
     tolerance: float
     refused: Mapping[str, str]
     failed: Mapping[str, str] = field(default_factory=dict)
+
+    def __repr__(self) -> str:
+        found = []
+        for bead, one in self.beads.items():
+            causes = " and ".join(named.name for named in one.named)
+            found.append(f"{bead} {one.verdict}{f' by {causes}' if causes else ''}")
+        refused = [f"{bead} not simulated" for bead in self.refused]
+        return f"Mismatch of {self.recording}: {', '.join([*found, *refused]) or 'no beads'}"
+
+    @property
+    def table(self) -> pd.DataFrame:
+        """A row per bead and plateau: verdict, causes, and forces (pN) as in `mismatch.json`."""
+        rows: list[dict[str, Any]] = []
+        for bead, one in self.beads.items():
+            causes = ";".join(named.name for named in one.named)
+            said = {"bead": bead, "verdict": one.verdict, "effects": causes}
+            rows += [said | force for force in _forces(one, self.forces[bead])]
+        return pd.DataFrame(rows)
+
+    @property
+    def crosscheck(self) -> CrossCheck:
+        """The cross-check that it began with, as `mtpipe.crosscheck` makes it."""
+        checks = {bead: one.before for bead, one in self.beads.items()}
+        return CrossCheck(self.recording, checks, self.refused, self.failed)
 
     def as_dict(self) -> dict[str, Any]:
         """The content of `mismatch.json`."""
@@ -96,14 +123,14 @@ def diagnose(
     recording : with the drift subtracted (`mtpipe.subtract_drift`).
     seed : of the simulations.
     workers : processes, or an executor, over which beads are spread.
-    progress : called with (step, beads done, of how many).
+    progress : called with (step, beads done, of how many); default: a bar in a notebook.
 
     Raises
     ------
     Nothing for what goes wrong at one bead: that is in `refused` or `failed`.
     """
     recording = with_states(recording)
-    say = progress or (lambda step, done, total: None)
+    say = by_name(progress)
     total = len(recording.tethered)
     with executor(workers, most=total, hear=lambda step: say(step, 0, total)) as pool:
         found = finished(explaining(recording, pool, seed=seed, progress=say))

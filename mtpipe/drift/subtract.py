@@ -26,8 +26,9 @@ from mtpipe.drift.references import Assessment, assess
 from mtpipe.drift.uncorrected import course_left, left_notice
 from mtpipe.ground.notice import Notice, Severity
 from mtpipe.ground.types import FloatArray
+from mtpipe.ingest.surface import put_surface_at_zero
 from mtpipe.recording.recording import AXES, Drift, Recording
-from mtpipe.setup.setup import DriftChoice
+from mtpipe.setup.tables import DriftChoice
 
 LOST_CAUTION = 0.01
 # Frame by frame a single frame is no place to start from: its noise would shift the trace.
@@ -35,7 +36,9 @@ START_S = 0.25
 
 
 def subtract_drift(recording: Recording, *, choice: DriftChoice | None = None) -> Recording:
-    """Take drift off the tethered beads.
+    """Take drift off the tethered beads, and find their z = 0 again where they touch the surface.
+
+    Where the setup names such a stretch, it tells z = 0 better once the stage stands still.
 
     Parameters
     ----------
@@ -50,8 +53,12 @@ def subtract_drift(recording: Recording, *, choice: DriftChoice | None = None) -
 
     Raises
     ------
-    RecordingError : fewer than two frames.
+    RecordingError : fewer than two frames, or none in the stretch of touching.
     """
+    return put_surface_at_zero(_subtracted(recording, choice))
+
+
+def _subtracted(recording: Recording, choice: DriftChoice | None) -> Recording:
     choice = recording.setup.drift if choice is None else choice
     if choice.method == "highpass":
         return _high_passed(recording, float(choice.cutoff_hz))

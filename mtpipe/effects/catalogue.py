@@ -34,7 +34,7 @@ from mtpipe.effects import (
     z_response,
 )
 from mtpipe.effects.effect import Effect
-from mtpipe.setup.setup import EFFECTS_GROUP
+from mtpipe.setup.tables import EFFECTS_GROUP
 
 OWN: tuple[Effect, ...] = tuple(
     module.EFFECT

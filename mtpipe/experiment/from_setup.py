@@ -25,7 +25,8 @@ from mtpipe.ground.notice import Notice
 from mtpipe.physics.camera import Camera
 from mtpipe.physics.tether import Chain, Formula
 from mtpipe.setup.conditions import conditions_of
-from mtpipe.setup.setup import Measured, Setup
+from mtpipe.setup.measured import Measured
+from mtpipe.setup.setup import Setup
 
 TYPICAL_NOISE_NM: Triple = (2.0, 2.0, 3.0)
 TYPICAL_STAGE = Stage(random_nm_per_root_s=(1.0, 1.0, 1.5))

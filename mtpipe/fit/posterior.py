@@ -6,6 +6,7 @@ import math
 from dataclasses import dataclass, replace
 
 import numpy as np
+import pandas as pd
 
 from mtpipe.fit.estimates import NOT_IDENTIFIED_LN, tied
 from mtpipe.fit.ridge import (
@@ -17,6 +18,7 @@ from mtpipe.fit.ridge import (
 from mtpipe.fit.sampling import sample
 from mtpipe.fit.trace import TraceFit
 from mtpipe.ground.estimate import Estimate
+from mtpipe.ground.shown import Shown, estimates_table
 from mtpipe.ground.status import status_of
 from mtpipe.ground.types import FloatArray
 
@@ -25,7 +27,7 @@ DERIVATIVE_STEP = 1e-4
 
 
 @dataclass(frozen=True)
-class Posterior:
+class Posterior(Shown):
     """Samples of a trace's posterior and their convergence.
 
     Attributes
@@ -39,6 +41,25 @@ class Posterior:
     effective_samples: float
     converged: bool
     fit: TraceFit
+
+    def __repr__(self) -> str:
+        doubt = "" if self.converged else "; NOT converged"
+        return (
+            f"Posterior: stiffness {self.stiffness}, friction {self.friction}, noise {self.noise}, "
+            f"corner {self.corner_frequency}; {self.effective_samples:.0f} effective samples{doubt}"
+        )
+
+    @property
+    def table(self) -> pd.DataFrame:
+        """A row for each estimate."""
+        return estimates_table(
+            {
+                "stiffness": self.stiffness,
+                "friction": self.friction,
+                "noise": self.noise,
+                "corner_frequency": self.corner_frequency,
+            }
+        )
 
     @property
     def stiffness_pN_per_nm(self) -> FloatArray:

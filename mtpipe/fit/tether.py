@@ -27,109 +27,28 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Any, Literal
+from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
-from scipy.interpolate import CubicSpline
+from numpy.typing import ArrayLike
 from scipy.special import chdtrc
 
-from mtpipe.fit.errors_in_both import signed_distances
+from mtpipe.fit.curve_distances import curve_distances
+from mtpipe.fit.points import Assay, ExtensionPoints, Relation
 from mtpipe.ground.errors import FitError
 from mtpipe.ground.estimate import Estimate, Status
 from mtpipe.ground.types import FloatArray
+from mtpipe.ground.written_numbers import number
 from mtpipe.physics import tether
 from mtpipe.physics.buffer import thermal_energy_pN_nm
 from mtpipe.physics.tether import Chain, Formula
 
-Relation = Literal["potential", "long-chain"]
-
 _LARGEST_RELATIVE_ERROR = 0.5
 _LEAST_COMPLIANCE_PER_PN = 1e-9
-# Shapes of the stage's motion with less of its variance than this are rounding.
-_LEAST_SHARE = 1e-10
 _STAGE = "stage_"
 
 
-@dataclass(frozen=True)
-class ExtensionPoints:
-    """Forces and mean extensions of one bead, one per plateau; all arrays of the same length.
-
-    `lever_nm` is the length the lateral stiffness was multiplied by to give the force (extension
-    along the field, extension + radius across). It matters only where heights may be off together,
-    by the zero of z or the stage's motion: the force then moves with them. None: the force was
-    measured otherwise. `stage_nm2` is the (points, points) covariance of the extensions by the
-    stage's motion, which `extension_stderr_nm` holds and `force_stderr_pN` does not; None for none.
-    """
-
-    plateau: NDArray[np.int64]
-    force_pN: FloatArray
-    force_stderr_pN: FloatArray
-    extension_nm: FloatArray
-    extension_stderr_nm: FloatArray
-    lever_nm: FloatArray | None = None
-    stage_nm2: FloatArray | None = None
-
-    def __len__(self) -> int:
-        return len(self.force_pN)
-
-    def select(self, keep: NDArray[np.bool_]) -> ExtensionPoints:
-        """The points where `keep` is True."""
-        return ExtensionPoints(
-            self.plateau[keep],
-            self.force_pN[keep],
-            self.force_stderr_pN[keep],
-            self.extension_nm[keep],
-            self.extension_stderr_nm[keep],
-            None if self.lever_nm is None else self.lever_nm[keep],
-            None if self.stage_nm2 is None else self.stage_nm2[keep][:, keep],
-        )
-
-    @property
-    def own_stderr_nm(self) -> FloatArray:
-        """(points,) standard errors of the extensions without the stage's motion."""
-        if self.stage_nm2 is None:
-            return self.extension_stderr_nm
-        return np.asarray(np.sqrt(self.extension_stderr_nm**2 - np.diag(self.stage_nm2)))
-
-    @property
-    def stage_shapes_nm(self) -> FloatArray:
-        """(points, n) independent shapes of the stage's motion, each of the size it has: any such
-        motion is their sum with factors of variance 1."""
-        if self.stage_nm2 is None:
-            return np.zeros((len(self), 0))
-        variance, shapes = np.linalg.eigh(self.stage_nm2)
-        kept = variance > _LEAST_SHARE * variance.max()
-        return np.asarray(shapes[:, kept] * np.sqrt(variance[kept]))
-
-    def usable(self) -> NDArray[np.bool_]:
-        """Which points have a positive force and extension and positive errors of both."""
-        columns = (
-            self.force_pN, self.force_stderr_pN, self.extension_nm, self.own_stderr_nm
-        )  # fmt: skip
-        return np.asarray(np.all([np.isfinite(c) & (c > 0) for c in columns], axis=0))
-
-
-@dataclass(frozen=True)
-class Assay:
-    """How extensions and forces came about.
-
-    Attributes
-    ----------
-    relation : see the module's text.
-    bead_turns : the bead turns freely about the field's axis and its attachment swings, which
-        lowers its centre by kT/(2F) (effect `rotation_coupling`).
-    zero_stderr_nm : standard error of where z = 0 lies, common to all points; infinite where it is
-        unknown. Unless 0 an offset is fitted, with this as its prior, and forces follow it.
-    """
-
-    temperature_K: float
-    relation: Relation = "potential"
-    bead_turns: bool = False
-    zero_stderr_nm: float = 0.0
-
-
-@dataclass(frozen=True)
+@dataclass(frozen=True, repr=False)
 class TetherFit:
     """A chain fitted to the points of one bead.
 
@@ -159,6 +78,13 @@ class TetherFit:
     p_value: float
     correlation: tuple[str, str, float] | None
     chain: Chain
+
+    def __repr__(self) -> str:
+        told = [f"contour length {self.contour_length_nm}"]
+        told.append(f"persistence length {self.persistence_length_nm}")
+        if self.stretch_modulus_pN is not None:
+            told.append(f"stretch modulus {self.stretch_modulus_pN}")
+        return f"{self.model} chain: {', '.join(told)}; p = {number(self.p_value, 2)}"
 
     @property
     def identified(self) -> bool:
@@ -284,21 +210,10 @@ def _residuals(
     values = parameters.valuesdict()
     zero = values.get("offset", 0.0)
     stage = np.array([values[f"{_STAGE}{i}"] for i in range(shapes_nm.shape[1])])
-    offset = zero + shapes_nm @ stage
-    extension = points.extension_nm + offset
-    log_force = np.log(points.force_pN)
-    if points.lever_nm is not None:
-        log_force = log_force + np.log(np.maximum(1 + offset / points.lever_nm, 1e-3))
-    relative_error = points.force_stderr_pN / points.force_pN
-
-    margin = 0.1 + 6 * relative_error.max()
-    grid = np.linspace(log_force.min() - margin, log_force.max() + margin, 64)
-    distances = signed_distances(
-        log_force,
-        relative_error,
-        extension,
-        points.own_stderr_nm,
-        curve=CubicSpline(grid, _heights(values, np.exp(grid), formula, assay)),
+    distances = curve_distances(
+        points,
+        lambda force_pN: _heights(values, force_pN, formula, assay),
+        zero + shapes_nm @ stage,
     )
     known = 0 < assay.zero_stderr_nm < math.inf
     return np.concatenate([distances, stage, [zero / assay.zero_stderr_nm] if known else []])

@@ -13,6 +13,7 @@ from dataclasses import dataclass, replace
 from typing import Literal
 
 import numpy as np
+import pandas as pd
 from numpy.typing import ArrayLike
 
 from mtpipe.fit.arguments import check_arguments
@@ -28,8 +29,10 @@ from mtpipe.fit.estimates import (
 from mtpipe.fit.model import COORDINATES, PRIOR_HALF_WIDTH, TraceModel
 from mtpipe.fit.profile import is_parabola, profile_reach
 from mtpipe.ground.estimate import Estimate
+from mtpipe.ground.shown import Shown, estimates_table
 from mtpipe.ground.status import status_of
 from mtpipe.ground.types import FloatArray
+from mtpipe.ground.written_numbers import number
 from mtpipe.physics.modes import SINGLE_MODE, Modes
 from mtpipe.spectra.spectrum import Spectrum, periodogram, prewhitening
 
@@ -54,7 +57,7 @@ LEAST_PAIRS = 0.4
 
 
 @dataclass(frozen=True)
-class TraceFit:
+class TraceFit(Shown):
     """Result of `fit_trace`.
 
     Attributes
@@ -75,6 +78,24 @@ class TraceFit:
     deviance: float
     dof: float
     p_value: float
+
+    def __repr__(self) -> str:
+        return (
+            f"TraceFit: stiffness {self.stiffness}, friction {self.friction}, noise {self.noise}, "
+            f"corner {self.corner_frequency}; p = {number(self.p_value, 2)}"
+        )
+
+    @property
+    def table(self) -> pd.DataFrame:
+        """A row for each estimate."""
+        return estimates_table(
+            {
+                "stiffness": self.stiffness,
+                "friction": self.friction,
+                "noise": self.noise,
+                "corner_frequency": self.corner_frequency,
+            }
+        )
 
     @property
     def spectrum(self) -> Spectrum:

@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
+import html
 import math
 from dataclasses import dataclass, replace
 from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
+
+from mtpipe.ground.written_numbers import EMPTY, number, with_arms
 
 # Quantiles that bound the central 68 %: those of one standard error to either side.
 CENTRAL_68 = (0.1587, 0.8413)
@@ -44,6 +47,25 @@ class Estimate:
         low, high = self.interval
         if not (math.isnan(low) or math.isnan(high)) and low > high:
             raise ValueError(f"interval ({low}, {high}) is upside down")
+
+    def __repr__(self) -> str:
+        """The estimate as a person writes it: `8.31 ± 0.12 pN`, with its status unless "ok"."""
+        (low, high), unit = self.interval, f" {self.unit}" if self.unit else ""
+        status = "" if self.status == "ok" else f" ({self.status.replace('_', ' ')})"
+        if math.isfinite(self.value):
+            shown = with_arms(self.value, self.stderr, low, high, brief=False)
+        elif math.isfinite(low):
+            shown = (
+                f"{number(low)} to {number(high)}" if math.isfinite(high) else f"> {number(low)}"
+            )
+        else:
+            shown = EMPTY
+        return f"{shown}{unit}{status}"
+
+    def _repr_html_(self) -> str:
+        low, high = self.interval
+        interval = f"68 % interval {number(low, 4)} to {number(high, 4)} {self.unit}; {self.method}"
+        return f'<span title="{html.escape(interval)}">{html.escape(repr(self))}</span>'
 
     @classmethod
     def missing(

@@ -19,7 +19,8 @@ from mtpipe.ingest.columns import Assignment
 from mtpipe.ingest.contradictions import ASIDE, Contradiction
 from mtpipe.ingest.units import unit_of
 from mtpipe.recording.recording import AXES
-from mtpipe.setup.source_table import UNKNOWN_UNIT, Source
+from mtpipe.setup.source_parts import UNKNOWN_UNIT
+from mtpipe.setup.source_table import Source
 
 # What programs write that do not know the time between frames.
 PLACEHOLDER_HZ = 1.0

@@ -22,7 +22,7 @@ from mtpipe.ingest.bounded import unpacked
 from mtpipe.ingest.column_attributes import NOTHING, Stated
 from mtpipe.ingest.contents import BLOCK_BYTES, Array, Contents, values_of
 from mtpipe.ingest.data_files import is_packed, open_stream
-from mtpipe.setup.source_table import TAKE, Format, Layout
+from mtpipe.setup.source_parts import TAKE, Format, Layout
 
 # Formats whose index is at the end: of a file that is cut off nothing can be found.
 INDEX_LAST: dict[Format, bytes] = {"npz": b"PK\x05\x06"}

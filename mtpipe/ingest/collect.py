@@ -21,7 +21,8 @@ from mtpipe.ingest.announced import check_fits
 from mtpipe.ingest.column_attributes import Stated
 from mtpipe.ingest.columns import Assignment
 from mtpipe.ingest.instants import since
-from mtpipe.setup.source_table import Lost, Rows
+from mtpipe.setup.source_parts import Rows
+from mtpipe.setup.source_signals import Lost
 
 FIRST_ROWS = 1 << 16
 FARTHEST_NM = 1e12  # a kilometre: what is beyond is as good as infinite

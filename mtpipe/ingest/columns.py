@@ -19,15 +19,15 @@ from mtpipe.ingest.names import plain
 from mtpipe.ingest.units import unit_of
 from mtpipe.recording.recording import AXES
 from mtpipe.setup.setup import Setup
-from mtpipe.setup.source_table import (
+from mtpipe.setup.source_parts import (
     NM_PER_UNIT,
     NUMBER,
     SECONDS_PER_UNIT,
     TURNS_PER_UNIT,
     UNKNOWN_UNIT,
     BeadColumns,
-    Source,
 )
+from mtpipe.setup.source_table import Source
 
 QUALITY_NAME = re.compile(r"(?P<bead>.+)_quality")
 # Columns of one array are listed one by one up to this number.

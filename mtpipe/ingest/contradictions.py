@@ -19,7 +19,7 @@ from mtpipe.ingest.clock import UNIT_FACTOR
 from mtpipe.ingest.collect import Collected
 from mtpipe.recording.recording import AXES
 from mtpipe.setup.setup import Setup
-from mtpipe.setup.source_table import NM_PER_UNIT, SECONDS_PER_UNIT
+from mtpipe.setup.source_parts import NM_PER_UNIT, SECONDS_PER_UNIT
 
 NM = {**NM_PER_UNIT, "cm": 1e7, "angstrom": 0.1}
 ASIDE = 'If the file is wrong, write attributes = "setup" into [source].'

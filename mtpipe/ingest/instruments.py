@@ -21,7 +21,9 @@ from mtpipe.ingest.data_files import Found, data_files
 from mtpipe.ingest.kinds import kind_of
 from mtpipe.ingest.text import open_text
 from mtpipe.setup.presets import CALISTO_HDF5, CALISTO_TEXT, DEKKER_TEXT, SHON_TEXT
-from mtpipe.setup.source_table import BeadColumns, Layout, Magnet, Rotation, Source
+from mtpipe.setup.source_parts import BeadColumns, Layout
+from mtpipe.setup.source_signals import Magnet, Rotation
+from mtpipe.setup.source_table import Source
 
 MOTOR_COLUMNS = (3, 4)  # frame, time stamp, magnet, and rotation in some
 NO_MAGNET = "or write magnet = false if they rested all the time"

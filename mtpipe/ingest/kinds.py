@@ -13,7 +13,7 @@ from mtpipe.ground.errors import RecordingError
 from mtpipe.ingest.data_files import DAMAGE, open_stream, read_begin
 from mtpipe.ingest.encodings import marked_encoding
 from mtpipe.ingest.gr import MARK as GR_MARK
-from mtpipe.setup.source_table import Format
+from mtpipe.setup.source_parts import Format
 
 MATLAB_4_BYTES = 20
 # Programs pad words in text with zeros, but binary files are full of them.

@@ -13,7 +13,7 @@ from dataclasses import dataclass
 
 from mtpipe.ingest.cells import is_no_number
 from mtpipe.ingest.text_layout import split_line
-from mtpipe.setup.source_table import Delimiter
+from mtpipe.setup.source_parts import Delimiter
 
 ROWS = 100
 FEWEST = 3

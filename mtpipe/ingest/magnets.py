@@ -23,14 +23,9 @@ from mtpipe.ingest.agreement import Use, check_uses
 from mtpipe.ingest.collect import Collected, OpenTable, RowChoice
 from mtpipe.ingest.columns import Names
 from mtpipe.ingest.instants import since
-from mtpipe.setup.source_table import (
-    NM_PER_UNIT,
-    SECONDS_PER_UNIT,
-    TURNS_PER_UNIT,
-    Layout,
-    Rotation,
-    Source,
-)
+from mtpipe.setup.source_parts import NM_PER_UNIT, SECONDS_PER_UNIT, TURNS_PER_UNIT, Layout
+from mtpipe.setup.source_signals import Rotation
+from mtpipe.setup.source_table import Source
 
 
 @dataclass(frozen=True)

@@ -24,7 +24,7 @@ from mtpipe.ground.errors import RecordingError
 from mtpipe.ingest.announced import NUMBER_BYTES, check_fits, check_room, no_room
 from mtpipe.ingest.column_attributes import NOTHING, Stated, stated_by
 from mtpipe.ingest.contents import BLOCK_BYTES, MOST_COLUMNS, values_of_text
-from mtpipe.setup.source_table import Layout
+from mtpipe.setup.source_parts import Layout
 
 MOST_ROWS = 1 << 17
 END_MARKS = (b"PAR1", b"PARE")

@@ -39,9 +39,13 @@ from mtpipe.ingest.text import TextTable, open_text
 from mtpipe.ingest.tracked import read_tracked
 from mtpipe.recording.plateaus import find_plateaus
 from mtpipe.recording.recording import Recording
+from mtpipe.setup.measured import Measured
 from mtpipe.setup.presets import MAGSCOPE_HDF5
-from mtpipe.setup.setup import Camera, Measured, Setup
-from mtpipe.setup.source_table import Format, Layout, Lost, Source
+from mtpipe.setup.setup import Setup
+from mtpipe.setup.source_parts import Format, Layout
+from mtpipe.setup.source_signals import Lost
+from mtpipe.setup.source_table import Source
+from mtpipe.setup.tables import Camera
 
 
 def read_recording(path: Path, setup: Path | str | Setup | None) -> Recording:

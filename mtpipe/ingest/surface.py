@@ -18,7 +18,8 @@ from mtpipe.ground.types import FloatArray
 from mtpipe.ingest.collect import RowChoice
 from mtpipe.ingest.edge import lower_edge_nm
 from mtpipe.recording.recording import Recording
-from mtpipe.setup.source_table import Source, ZZero
+from mtpipe.setup.source_signals import ZZero
+from mtpipe.setup.source_table import Source
 
 START_S = 1.0
 # What separates the edge of a distribution from the surface beyond statistics: the estimate of the

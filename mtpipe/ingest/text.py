@@ -34,7 +34,7 @@ from mtpipe.ingest.text_layout import (
     split_line,
     wrong_width,
 )
-from mtpipe.setup.source_table import TAKE, Delimiter, Layout
+from mtpipe.setup.source_parts import TAKE, Delimiter, Layout
 
 HEAD_LINES = 500
 HEAD_BYTES = 1 << 16

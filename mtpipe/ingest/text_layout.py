@@ -18,7 +18,7 @@ from mtpipe.ingest.cells import is_number, is_value
 from mtpipe.ingest.column_attributes import NOTHING, Stated
 from mtpipe.ingest.names import plain
 from mtpipe.ingest.units import is_row_of_units, unit_in_name
-from mtpipe.setup.source_table import NUMBER, Delimiter, Layout
+from mtpipe.setup.source_parts import NUMBER, Delimiter, Layout
 
 MARKS: dict[Delimiter, str] = {"comma": ",", "tab": "\t", "semicolon": ";", "pipe": "|",
                                "whitespace": "\t"}  # fmt: skip

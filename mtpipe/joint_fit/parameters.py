@@ -18,7 +18,8 @@ from mtpipe.experiment.description import Experiment
 from mtpipe.experiment.parameter import EXPOSURE, SHORTEST_EXPOSURE, Change, Parameter
 from mtpipe.physics.camera import Camera
 from mtpipe.setup.conditions import conditions_of
-from mtpipe.setup.setup import Measured, Setup
+from mtpipe.setup.measured import Measured
+from mtpipe.setup.setup import Setup
 
 # Half-width, in ln, within which a value that is not known is looked for.
 UNKNOWN_LN = 1.5

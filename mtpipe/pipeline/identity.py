@@ -15,7 +15,9 @@ from pathlib import Path
 from mtpipe.ground.version import VERSION
 from mtpipe.ingest.data_files import SETUP_NAME, describe, find_recording
 from mtpipe.ingest.read import with_preset
-from mtpipe.setup.setup import EFFECTS_GROUP, Setup, read_setup
+from mtpipe.report.marks import Mark, read_marks
+from mtpipe.setup.setup import Setup, read_setup
+from mtpipe.setup.tables import EFFECTS_GROUP
 from mtpipe.tracking.stack import find_files, is_stack
 
 
@@ -42,6 +44,11 @@ class Asked:
         return is_stack(self.path, self.setup)
 
     @property
+    def stretches(self) -> tuple[Mark, ...]:
+        """Stretches of time that a reader leaves out by hand."""
+        return tuple(mark for mark in read_marks(self.out) if mark.stretch_s is not None)
+
+    @property
     def setup_file(self) -> Path:
         """The setup, of a film."""
         folder = self.path if self.path.is_dir() else self.path.parent
@@ -58,6 +65,7 @@ def identity(asked: Asked) -> str:
     setup, files, folder = _of_film(asked) if asked.film else _of_recording(asked)
     there = [file for file in dict.fromkeys(files) if file.is_file()]
     content = {
+        "left out": [(one.bead, one.stretch_s) for one in asked.stretches],
         "version": VERSION,
         "effects": sorted(_with_version(entry) for entry in entry_points(group=EFFECTS_GROUP)),
         "setup": setup.model_dump(mode="json", by_alias=True),

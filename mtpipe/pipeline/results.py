@@ -2,9 +2,12 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
+
+import pandas as pd
 
 from mtpipe.calibration.calibration import Calibration
 from mtpipe.calibration.comparison import MethodResult
@@ -14,7 +17,10 @@ from mtpipe.curves.extension_curve import ForceExtension
 from mtpipe.effects.catalogue import catalogue
 from mtpipe.experiment.known_force import known_force_notices
 from mtpipe.ground.notice import Notice
+from mtpipe.ground.shown import Shown
+from mtpipe.pipeline.tables import beads_table
 from mtpipe.recording.recording import Recording
+from mtpipe.report.marks import Mark
 from mtpipe.verdicts.verdict import BeadVerdict
 
 CHECK_FAILED = "crosscheck_failed"
@@ -26,15 +32,16 @@ TO_COME = Notice(
 )
 
 
-@dataclass(frozen=True)
-class Run:
+@dataclass(frozen=True, repr=False)
+class Run(Shown):
     """Everything a run found out.
 
     `forces` are the forces to quote, of each tethered bead. `others` are forces by other methods,
     where asked for. `flags` are per bead, about its traces; `curves` exist for beads with enough
     forces; `checked` is the cross-check, unless left out; `mismatch`, `before_after` and
-    `unexplained` are the content of the diagnosis's files. `content` is the identity of what went
-    in (`pipeline.identity`); `complete` unless the cross-check is still to come.
+    `unexplained` are the content of the diagnosis's files. `marks` are the stretches of time that a
+    reader had left out before. `content` is the identity of what went in (`pipeline.identity`);
+    `complete` unless the cross-check is still to come.
     """
 
     recording: Recording
@@ -48,6 +55,7 @@ class Run:
     mismatch: dict[str, Any]
     before_after: dict[str, dict[str, Any]]
     unexplained: dict[str, dict[str, Any]]
+    marks: tuple[Mark, ...]
     seed: int
     started: str
     seconds: dict[str, float]
@@ -58,6 +66,18 @@ class Run:
     def failed(self) -> Mapping[str, str]:
         """Beads whose cross-check met a fault of the program."""
         return {} if self.checked is None else self.checked.failed
+
+    def __repr__(self) -> str:
+        counts = Counter(one.verdict for one in self.verdicts)
+        beads = ", ".join(f"{count} {verdict}" for verdict, count in counts.items())
+        return f"Run of {self.recording.name}: {beads or 'no beads'}"
+
+    @property
+    def table(self) -> pd.DataFrame:
+        """`beads.csv`, before any marks."""
+        return beads_table(
+            self.calibration, self.forces, self.verdicts, self.curves, self.recording.tracked
+        )
 
     @property
     def notices(self) -> tuple[Notice, ...]:

@@ -28,14 +28,15 @@ from mtpipe.diagnosis.mismatch import content as content_of_mismatch
 from mtpipe.drift import subtract_drift
 from mtpipe.ground.enduring import enduring_executor
 from mtpipe.ground.journal import Kept
+from mtpipe.ground.progress import by_name
 from mtpipe.ground.steps import Steps, finished
 from mtpipe.ground.types import NamedProgress
 from mtpipe.ingest import load
-from mtpipe.ingest.surface import put_surface_at_zero
 from mtpipe.pipeline.identity import Asked, identity
 from mtpipe.pipeline.results import Run
 from mtpipe.pipeline.written import write_tables
 from mtpipe.recording.recording import Recording
+from mtpipe.report.marks import read_marks, without_stretches, write_marks
 from mtpipe.report.run_folder import (
     RECORDING,
     clear_journals,
@@ -74,7 +75,7 @@ def run(
     ----------
     path : recording, folder of a series of files, or a setup.toml that names its files. An image
         stack is tracked first, into `recording.csv` of the folder (`mtpipe.tracking`).
-    out : folder to write; an earlier run in it is replaced.
+    out : folder to write; an earlier run in it is replaced, a reader's marks are kept.
     setup : setup.toml; default: beside the recording.
     seed : of the posteriors and of the cross-check's simulations.
     workers : processes, over which beads are spread. More than one needs the usual guard
@@ -83,7 +84,7 @@ def run(
     cross_check : compare every bead with simulations of the configured experiment, and diagnose
         what differs.
     overwrite : even the cross-check of an earlier run by a run without one.
-    progress : called with (step, done, of how many).
+    progress : called with (step, done, of how many); default: a bar in a notebook.
 
     Raises
     ------
@@ -98,12 +99,11 @@ def run(
         cross_check,
         overwrite,
     )
-    counted = [0, 1]
+    counted, shown = [0, 1], by_name(progress)
 
     def say(step: str, *done_of: int) -> None:
         counted[:] = done_of or counted
-        if progress is not None:
-            progress(step, *counted)
+        shown(step, *counted)
 
     with enduring_executor(workers, hear=say) as pool:
         return finished(running(asked, pool, workers=workers, progress=say))
@@ -191,8 +191,8 @@ def _read(
         raw = load(asked.path, asked.setup)
     clock.lap("read")
     say("subtracting drift", 0, 1)
-    # the stretch in which beads touch the surface tells z = 0 better once the stage stands still
-    recording = put_surface_at_zero(subtract_drift(raw))
+    raw = without_stretches(raw, asked.stretches)
+    recording = subtract_drift(raw)
     clock.lap("drift")
     say("testing plateaus", 0, 1)
     recording = with_states(recording)
@@ -247,6 +247,7 @@ def _found(
         content_of_mismatch(recording.name, found, forces, tolerance),
         {} if examined is None else examined.before_after,
         {} if examined is None else examined.unexplained,
+        asked.stretches,
         asked.seed,
         clock.started,
         dict(clock.seconds),
@@ -263,6 +264,8 @@ def _write(
 
     progress("writing", 0, 1)
     with new_run(asked.out) as fresh:
+        if marks := read_marks(asked.out):
+            write_marks(fresh, marks)
         if film.exists():
             shutil.copyfile(film, fresh / RECORDING)
         write_tables(result, raw, fresh, _title(asked.path, raw.name))

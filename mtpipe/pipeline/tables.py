@@ -17,34 +17,14 @@ from mtpipe.calibration.calibration import Calibration
 from mtpipe.calibration.comparison import MethodResult
 from mtpipe.calibration.noise_floor import noise_floor_nm
 from mtpipe.calibration.recommended_force import BeadForces
+from mtpipe.curves.curve_tables import tether_columns
 from mtpipe.curves.extension_curve import ForceExtension
-from mtpipe.fit.tether import TetherFit
-from mtpipe.ground.estimate import Estimate
+from mtpipe.ground.estimate_columns import four, two
 from mtpipe.ground.notice import Notice
 from mtpipe.recording.recording import AXES, Tracked
 from mtpipe.verdicts.verdict import BeadVerdict
 
 POSTERIOR_POINTS = 400
-
-
-def four(quantity: str, unit: str, estimate: Estimate | None) -> dict[str, float]:
-    """The four columns of an estimate; nan where there is none."""
-    if estimate is None:
-        estimate = Estimate.missing(unit, "")
-    suffix = f"_{unit}" if unit else ""
-    low, high = estimate.interval
-    return {
-        f"{quantity}{suffix}": estimate.value,
-        f"{quantity}_stderr{suffix}": estimate.stderr,
-        f"{quantity}_low{suffix}": low,
-        f"{quantity}_high{suffix}": high,
-    }
-
-
-def two(quantity: str, unit: str, estimate: Estimate | None) -> dict[str, float]:
-    """The value and the standard error of an estimate; nan where there is none."""
-    columns = list(four(quantity, unit, estimate).items())
-    return dict(columns[:2])
 
 
 def forces_table(
@@ -75,7 +55,7 @@ def forces_table(
     if len(table):
         place = list(table.columns).index("magnet_mm") + 1
         table.insert(place, "magnet_believed", ~table["plateau"].isin(list(unbelieved)))
-    return table
+    return table.assign(excluded="")
 
 
 def _quoted_columns(forces: BeadForces, plateau: int) -> dict[str, Any]:
@@ -200,12 +180,13 @@ def beads_table(
                 "force_min_pN": min(usable, default=math.nan),
                 "force_max_pN": max(usable, default=math.nan),
                 "tether_model": recommended.model if recommended else "",
-                **_tether_columns(recommended),
+                **tether_columns(recommended),
                 **four("radius", "nm", bead.radius if bead else None),
                 "series": bead.series if bead else "",
                 "friction_ratio": ratio.value if ratio else math.nan,
                 "friction_ratio_stderr": ratio.stderr if ratio else math.nan,
                 **_noise_columns(verdict.bead, bead, tracked),
+                "excluded": "",
             }
         )
     return pd.DataFrame(rows)
@@ -219,40 +200,6 @@ def _noise_columns(name: str, bead: BeadResult | None, tracked: Tracked | None) 
         floor = noise_floor_nm(bead, axis) if bead else None
         columns |= {**four(f"noise_floor_{axis}", "nm", floor), f"image_precision_{axis}_nm": one}
     return columns
-
-
-def _tether_columns(fit: TetherFit | None) -> dict[str, float]:
-    return {
-        **four("contour_length", "nm", fit.contour_length_nm if fit else None),
-        **four("persistence_length", "nm", fit.persistence_length_nm if fit else None),
-        **four("stretch_modulus", "pN", fit.stretch_modulus_pN if fit else None),
-    }
-
-
-def force_extension_table(curves: Mapping[str, ForceExtension]) -> pd.DataFrame:
-    """`details/force_extension`: a row per bead × model."""
-    columns = [
-        "bead", "model", *_tether_columns(None), "offset_nm", "force_low_pN",
-        "force_high_pN", "points", "chi2", "dof", "p_value", "recommended",
-    ]  # fmt: skip
-    rows = [
-        {
-            "bead": bead,
-            "model": fit.model,
-            **_tether_columns(fit),
-            "offset_nm": 0.0 if fit.offset_nm is None else fit.offset_nm.value,
-            "force_low_pN": fit.force_range_pN[0],
-            "force_high_pN": fit.force_range_pN[1],
-            "points": fit.points,
-            "chi2": fit.chi2,
-            "dof": fit.dof,
-            "p_value": fit.p_value,
-            "recommended": fit is curve.recommended,
-        }
-        for bead, curve in curves.items()
-        for fit in curve.fits
-    ]
-    return pd.DataFrame(rows, columns=columns)
 
 
 def spectra_table(calibration: Calibration) -> pd.DataFrame:

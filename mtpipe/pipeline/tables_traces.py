@@ -10,24 +10,29 @@ import pandas as pd
 from mtpipe.recording.recording import AXES, Recording
 
 TRACE_POINTS = 2000
+COLUMNS = ["bead", "axis", "stage", "time_s", "low_nm", "mean_nm", "high_nm"]
 
 
 def traces_table(raw: Recording, subtracted: Recording) -> pd.DataFrame:
     """`details/traces`: every tethered bead before and after drift subtraction, thinned."""
+    parts = [
+        stage_table(recording, bead, stage)
+        for bead in raw.tethered
+        for stage, recording in (("raw", raw), ("subtracted", subtracted))
+    ]
+    parts = [part for part in parts if len(part)]
+    return pd.concat(parts, ignore_index=True) if parts else pd.DataFrame(columns=COLUMNS)
+
+
+def stage_table(recording: Recording, bead: str, stage: str) -> pd.DataFrame:
+    """Rows of `details/traces` of one bead; none of an axis that was not recorded."""
     parts = []
-    for bead in raw.tethered:
-        for stage, recording in (("raw", raw), ("subtracted", subtracted)):
-            for axis, name in enumerate(AXES):
-                values = recording.positions_nm[bead][:, axis]
-                if not np.isfinite(values).any():
-                    continue
-                part = _thinned(recording.time_s, values)
-                part.insert(0, "stage", stage)
-                part.insert(0, "axis", name)
-                part.insert(0, "bead", bead)
-                parts.append(part)
-    columns = ["bead", "axis", "stage", "time_s", "low_nm", "mean_nm", "high_nm"]
-    return pd.concat(parts, ignore_index=True) if parts else pd.DataFrame(columns=columns)
+    for axis, name in enumerate(AXES):
+        values = recording.positions_nm[bead][:, axis]
+        if np.isfinite(values).any():
+            part = _thinned(recording.time_s, values)
+            parts.append(part.assign(bead=bead, axis=name, stage=stage)[COLUMNS])
+    return pd.concat(parts, ignore_index=True) if parts else pd.DataFrame(columns=COLUMNS)
 
 
 def drift_table(recording: Recording) -> pd.DataFrame:

@@ -11,8 +11,8 @@ from pathlib import Path
 
 import pandas as pd
 
+from mtpipe.curves import curve_tables
 from mtpipe.ground.files import write_atomically
-from mtpipe.ground.spreadsheets import as_csv
 from mtpipe.ground.version import VERSION
 from mtpipe.pipeline import tables, tables_crosscheck, tables_traces
 from mtpipe.pipeline.results import Run
@@ -20,7 +20,7 @@ from mtpipe.recording.recording import Recording
 
 
 def write_tables(result: Run, raw: Recording, out: Path, title: str) -> None:
-    """Write every table and summary of a run into its folder."""
+    """Write every table and summary of a run into its folder; the report writes the CSV."""
     identity = uuid.uuid4().hex  # every file of the run carries it
     calibration = result.calibration
     forces = tables.forces_table(
@@ -34,7 +34,9 @@ def write_tables(result: Run, raw: Recording, out: Path, title: str) -> None:
         "drift": tables_traces.drift_table(result.recording),
         "references": tables_traces.references_table(result.recording),
         "posteriors": tables.posteriors_table(calibration),
-        "force_extension": tables.force_extension_table(result.curves),
+        "force_extension": curve_tables.force_extension_table(result.curves),
+        "curve_points": curve_tables.points_table(result.curves),
+        "curve_stage": curve_tables.stage_table(result.curves),
         **{
             f"crosscheck_{kind}": table
             for kind, table in tables_crosscheck.crosscheck_curves(result.checked).items()
@@ -42,7 +44,6 @@ def write_tables(result: Run, raw: Recording, out: Path, title: str) -> None:
     }
     for name, table in {"forces": forces, "beads": beads}.items():
         write_atomically(out / f"{name}.parquet", _parquet(table, identity))
-        write_atomically(out / f"{name}.csv", as_csv(table))
     looks = tables_crosscheck.crosscheck_table(result.checked)
     write_atomically(out / "crosscheck.parquet", _parquet(looks, identity))
     for name, table in details.items():
@@ -91,6 +92,7 @@ def _run_json(result: Run, title: str, identity: str) -> str:
             "left_along_z": None if drift.left_along_z is None else asdict(drift.left_along_z),
         },
         "notices": [asdict(notice) for notice in result.notices],
+        "marks": [asdict(mark) for mark in result.marks],
         "seed": result.seed,
         "started": result.started,
         "seconds": result.seconds,

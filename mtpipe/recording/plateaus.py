@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from mtpipe.ground.types import FloatArray
 from mtpipe.recording.recording import Plateau
-from mtpipe.setup.setup import Plateaus
+from mtpipe.setup.tables import Plateaus
 
 # Stamps are kept to some digits, so a frame at the very end of a time counts as within it.
 SLACK_FRAMES = 0.01

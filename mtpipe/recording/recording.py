@@ -12,11 +12,14 @@ from dataclasses import dataclass, field
 from typing import Literal
 
 import numpy as np
+import pandas as pd
 from numpy.typing import NDArray
 
 from mtpipe.ground.errors import RecordingError
 from mtpipe.ground.notice import Notice
+from mtpipe.ground.shown import Shown
 from mtpipe.ground.types import FloatArray
+from mtpipe.ground.written_numbers import number
 from mtpipe.setup.setup import Setup
 
 AXES = ("x", "y", "z")
@@ -144,8 +147,8 @@ class States:
     unbelieved: frozenset[int] = frozenset()
 
 
-@dataclass(frozen=True)
-class Recording:
+@dataclass(frozen=True, repr=False)
+class Recording(Shown):
     """Tracked positions with setup and plateaus.
 
     Attributes
@@ -185,6 +188,30 @@ class Recording:
         for bead, xyz in self.positions_nm.items():
             if xyz.shape != (n, 3):
                 raise RecordingError(f"bead {bead} has shape {xyz.shape}, expected ({n}, 3)")
+
+    def __repr__(self) -> str:
+        lasts_s = float(self.time_s[-1] - self.time_s[0]) if len(self.time_s) else 0.0
+        drift = "drift as recorded" if self.drift is None else f"drift: {self.drift.method}"
+        return (
+            f"Recording {self.name}: {len(self.tethered)} tethered and {len(self.references)} "
+            f"reference beads, {len(self.time_s)} frames in {number(lasts_s)} s, "
+            f"{len(self.plateaus)} plateaus, {drift}"
+        )
+
+    @property
+    def table(self) -> pd.DataFrame:
+        """A row for each plateau: number, magnet position (mm), start and duration (s), frames."""
+        starts = [float(self.time_s[one.start]) for one in self.plateaus]
+        ends = [float(self.time_s[one.stop - 1]) for one in self.plateaus]
+        return pd.DataFrame(
+            {
+                "plateau": [one.number for one in self.plateaus],
+                "magnet_mm": [one.magnet_mm for one in self.plateaus],
+                "start_s": starts,
+                "duration_s": [end - start for start, end in zip(starts, ends, strict=True)],
+                "frames": [one.stop - one.start for one in self.plateaus],
+            }
+        )
 
     @property
     def references(self) -> tuple[str, ...]:

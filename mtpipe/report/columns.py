@@ -15,12 +15,21 @@ WORDS = frozenset(
     (
         *("bead", "axis", "status", "tied_to", "method", "flags", "refusal", "verdict", "reasons"),
         *("tether_model", "series", "model", "statistic", "stage", "reason"),
-        *("force_source", "mismatch"),
+        *("force_source", "force_status", "mismatch"),
     )
 )
 YES_OR_NO = frozenset(("posterior_converged", "used", "recommended", "extrapolated", "material"))
 COUNTS = frozenset(
-    ("plateau", "plateaus", "plateaus_used", "frames", "lost_frames", "points", "simulations")
+    (
+        "plateau",
+        "plateaus",
+        "plateaus_used",
+        "other_plateau",
+        "frames",
+        "lost_frames",
+        "points",
+        "simulations",
+    )
 )
 NEVER_EMPTY = frozenset(
     (

@@ -62,6 +62,14 @@ class TakenConditions(Content):
     temperature_K: Positive
 
 
+class LeftOut(Content):
+    """A stretch of time that a reader had left out before the run."""
+
+    bead: str
+    from_s: Finite
+    to_s: Finite
+
+
 class RunContent(Content):
     """`run.json`."""
 
@@ -76,6 +84,7 @@ class RunContent(Content):
     seed: int
     started: str
     seconds: dict[str, Finite]
+    marks: list[LeftOut] = []
 
 
 class NamedEffect(Content):

@@ -5,13 +5,14 @@ from __future__ import annotations
 from typing import Any
 
 import numpy as np
+import pandas as pd
 
-from mtpipe.fit.tether import Assay, expected_extension_nm
+from mtpipe.fit.points import Assay
+from mtpipe.fit.tether import expected_extension_nm
 from mtpipe.ground.types import FloatArray
 from mtpipe.physics.tether import VALIDITY, Chain
 from mtpipe.report import words
-from mtpipe.report.folder import RunFolder, records
-from mtpipe.report.plateau_forces import quoted
+from mtpipe.report.folder import records
 from mtpipe.report.plotly_json import (
     AXIS_COLOUR,
     INK,
@@ -36,9 +37,16 @@ MODEL_COLOUR = {"marko-siggia": "#cc79a7", "bouchiat": INK, "extensible": "#009e
 LEAST_LABELLED = 0.03
 
 
-def force_extension_figure(arrays: Arrays, folder: RunFolder, bead: str) -> Figure:
-    """Force to quote against extension with every model: thick where fitted, thin elsewhere."""
-    forces = quoted(folder.forces[folder.forces["bead"] == bead])
+def force_extension_figure(
+    arrays: Arrays, forces: pd.DataFrame, fits: pd.DataFrame, assay: Assay
+) -> Figure:
+    """Force to quote against extension with every model: thick where fitted, thin elsewhere.
+
+    Parameters
+    ----------
+    forces : of one bead, a row per plateau: `plateau`, and force and extension with errors.
+    fits : of this bead, as `details/force_extension` has them.
+    """
     forces = forces[forces["extension_nm"].notna()]
     data: list[dict[str, Any]] = []
     if len(forces):
@@ -56,12 +64,9 @@ def force_extension_figure(arrays: Arrays, folder: RunFolder, bead: str) -> Figu
                 "hovertemplate": "plateau %{customdata}<br>%{x:.1f} nm, %{y:.3g} pN<extra></extra>",
             }
         )
-    fits = folder.force_extension[folder.force_extension["bead"] == bead]
     seen = positive(forces["force_pN"])
     if len(seen):
         grid = np.geomspace(seen.min() / 1.5, seen.max() * 1.5, 80)
-        turns = "rotation_coupling" in folder.setup.model.effects
-        assay = Assay(folder.run["conditions"]["temperature_K"], bead_turns=turns)
         for fit in records(fits):
             data += _model_lines(arrays, fit, assay, grid)
     return {
@@ -74,15 +79,19 @@ def force_extension_figure(arrays: Arrays, folder: RunFolder, bead: str) -> Figu
     }
 
 
-def traces_figure(arrays: Arrays, folder: RunFolder, bead: str) -> Figure:
-    """Traces before (left) and after drift subtraction (right), on the same scales."""
-    table = folder.traces[folder.traces["bead"] == bead]
+def traces_figure(arrays: Arrays, table: pd.DataFrame, plateaus: pd.DataFrame) -> Figure:
+    """Traces before (left) and after drift subtraction (right), on the same scales.
+
+    Parameters
+    ----------
+    table : of one bead, as `details/traces` has them.
+    plateaus : a row each: `plateau`, `start_s`, `duration_s`.
+    """
     stages = [s for s in ("raw", "subtracted") if (table["stage"] == s).any()]
     width = 1 / max(len(stages), 1)
     made = layout(640, showlegend=False, shapes=[], annotations=[])
     made["margin"]["t"] = 48
     data: list[dict[str, Any]] = []
-    plateaus = folder.forces[folder.forces["bead"] == bead].drop_duplicates("plateau")
     for column, stage in enumerate(stages):
         left, right = column * width + 0.02 * column, (column + 1) * width - 0.02 * (1 - column)
         for line, name in enumerate("xyz"):

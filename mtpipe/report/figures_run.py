@@ -6,10 +6,10 @@ from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
+import pandas as pd
 
 from mtpipe.report import words
 from mtpipe.report.folder import RunFolder
-from mtpipe.report.plateau_forces import quoted
 from mtpipe.report.plotly_json import (
     AXIS_COLOUR,
     AXIS_SYMBOL,
@@ -31,13 +31,16 @@ from mtpipe.report.plotly_json import (
 UNSURE = ("spectra_alone", "heights_alone")
 
 
-def forces_figure(arrays: Arrays, folder: RunFolder, beads: list[str]) -> Figure:
+def forces_figure(arrays: Arrays, forces: pd.DataFrame, beads: Sequence[str]) -> Figure:
     """Force to quote against magnet position (or plateau) of every bead.
 
     Open where something is not explained.
     Up to eight beads have a colour and a sign each; more are drawn alike, named under the pointer.
+
+    Parameters
+    ----------
+    forces : a row per bead and plateau that has a force to quote.
     """
-    forces = quoted(folder.forces)
     by_magnet = bool(len(forces)) and bool(forces["magnet_mm"].notna().all())
     across, unit = ("magnet_mm", " mm") if by_magnet else ("plateau", "")
     data: list[dict[str, Any]] = []

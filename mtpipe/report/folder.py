@@ -18,6 +18,7 @@ import pyarrow.parquet as pq
 from pyarrow.fs import LocalFileSystem
 from pydantic import ValidationError
 
+from mtpipe.fit.points import Assay
 from mtpipe.ground.errors import MtpipeError, SetupError
 from mtpipe.ground.notice import Notice
 from mtpipe.ingest.announced import check_fits
@@ -51,7 +52,7 @@ COLUMNS: Mapping[str, tuple[str, ...]] = {
         *("bead", "plateau", "axis", "magnet_mm", "start_s", "duration_s", "frames"),
         *("lost_frames", "extension_nm", "extension_stderr_nm"),
         *_four("force", "pN"),
-        "force_source",
+        *("force_source", "force_status"),
         *_four("force_axis", "pN"),
         *("force_configured_pN", "force_configured_stderr_pN"),
         *("force_named_pN", "force_named_stderr_pN"),
@@ -100,6 +101,11 @@ COLUMNS: Mapping[str, tuple[str, ...]] = {
         *("offset_nm", "force_low_pN", "force_high_pN"),
         *("points", "chi2", "dof", "p_value", "recommended"),
     ),
+    "details/curve_points.parquet": (
+        *("bead", "plateau", "force_pN", "force_stderr_pN", "extension_nm", "extension_stderr_nm"),
+        *("lever_nm", "zero_stderr_nm"),
+    ),
+    "details/curve_stage.parquet": ("bead", "plateau", "other_plateau", "covariance_nm2"),
     "crosscheck.parquet": (
         *("bead", "statistic", "axis", "plateau", "magnet_mm", "band_low_hz", "band_high_hz"),
         *("time_low_s", "time_high_s", "value"),
@@ -152,10 +158,18 @@ class RunFolder:
     references: pd.DataFrame
     posteriors: pd.DataFrame
     force_extension: pd.DataFrame
+    curve_points: pd.DataFrame
+    curve_stage: pd.DataFrame
     crosscheck: pd.DataFrame
     crosscheck_spectrum: pd.DataFrame
     crosscheck_histogram: pd.DataFrame
     crosscheck_allan: pd.DataFrame
+
+    @property
+    def assay(self) -> Assay:
+        """How extensions and forces of its curves came about."""
+        turns = "rotation_coupling" in self.setup.model.effects
+        return Assay(self.run["conditions"]["temperature_K"], bead_turns=turns)
 
     def notices_of(self, bead: str) -> tuple[Notice, ...]:
         """The notices that concern one bead."""

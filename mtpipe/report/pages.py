@@ -6,7 +6,8 @@ plotly.js, style and script are copied beside the pages once; nothing is loaded 
 from __future__ import annotations
 
 import re
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
+from dataclasses import asdict
 from datetime import datetime
 from importlib.resources import files as resources
 from pathlib import Path
@@ -38,13 +39,17 @@ from mtpipe.report.figures_unexplained import (
     unexplained_figure,
 )
 from mtpipe.report.findings import VERDICT_BEADS, mixed_plateaus, overall_forces, overview
-from mtpipe.report.folder import RunFolder, read_run_folder, records
+from mtpipe.report.folder import RunFolder, records
+from mtpipe.report.marked import read_marked_run, write_csv
+from mtpipe.report.marks import HEAD, Mark, read_marks
 from mtpipe.report.notices import notice_groups
 from mtpipe.report.plateau_forces import comparisons, quoted
 from mtpipe.report.plotly_json import DARK, Arrays
 
 PlateauMeans = Mapping[tuple[str, str], Means]
-STATIC = ("report.css", "charts.js", "lists.js")
+# Of the notice that says which chain was chosen, and why.
+CHOICE = "tether_choice"
+STATIC = ("report.css", "publication.js", "charts.js", "lists.js", "marks.js")
 DRIFT_METHOD = {
     "reference": "The motion of the reference beads was subtracted from every trace.",
     "highpass": "All motion slower than the cutoff was removed from every trace (high-pass).",
@@ -53,7 +58,9 @@ DRIFT_METHOD = {
 
 
 def write_report(folder: Path, *, progress: Progress | None = None) -> Path:
-    """Write the report of a run into `folder/report/`, replacing one that is there.
+    """Write the report of a run into `folder/report/`, and its `forces.csv` and `beads.csv`.
+
+    All of it is as the marks beside the run leave it (`mtpipe.report.marks`).
 
     Parameters
     ----------
@@ -70,7 +77,7 @@ def write_report(folder: Path, *, progress: Progress | None = None) -> Path:
     """
     from plotly.offline import get_plotlyjs
 
-    run = read_run_folder(folder)
+    run = read_marked_run(folder)
     beads = rows.bead_rows(run)
     means = plateau_means(run)
     pages = page_names([row.bead for row in beads])
@@ -89,9 +96,10 @@ def write_report(folder: Path, *, progress: Progress | None = None) -> Path:
             if progress is not None:
                 progress(number + 1, len(beads) + 1)
         index = environment.get_template("index.html.j2").render(
-            **shared, **_index_page(run, beads, means)
+            **shared, **_index_page(run, beads, means), **_marks(run, read_marks(folder))
         )
         (target / "index.html").write_text(index, encoding="utf-8")
+    write_csv(folder, run)
     if progress is not None:
         progress(len(beads) + 1, len(beads) + 1)
     return folder / "report" / "index.html"
@@ -134,7 +142,7 @@ def _index_page(run: RunFolder, beads: list[rows.BeadRow], means: PlateauMeans) 
     names = [row.bead for row in beads]
     usable = [row.bead for row in beads if row.verdict != "refused"]
     figures = {
-        "forces": forces_figure(arrays, run, names),
+        "forces": forces_figure(arrays, quoted(run.forces), names),
         "geometry": geometry_figure(arrays, means, usable),
         "drift": drift_figure(arrays, run),
     }
@@ -167,6 +175,14 @@ def _index_page(run: RunFolder, beads: list[rows.BeadRow], means: PlateauMeans) 
     }
 
 
+def _marks(run: RunFolder, marks: Sequence[Mark]) -> dict[str, Any]:
+    """What is left out by hand, and what can be."""
+    numbers = run.forces.groupby("bead", sort=False)["plateau"].unique()
+    plateaus = {str(bead): sorted(map(int, there)) for bead, there in numbers.items()}
+    data = {"marks": [asdict(mark) for mark in marks], "beads": plateaus, "head": HEAD}
+    return {"marks": marks, "bead_plateaus": plateaus, "marks_data": data}
+
+
 def _bead_page(run: RunFolder, row: rows.BeadRow, means: PlateauMeans) -> dict[str, Any]:
     arrays, bead = Arrays(), row.bead
     fits = rows_plateaus.axis_fits(run, bead)
@@ -174,7 +190,9 @@ def _bead_page(run: RunFolder, row: rows.BeadRow, means: PlateauMeans) -> dict[s
     forces = run.forces[run.forces["bead"] == bead]
     traces = {f"{int(one['plateau'])}/{one['axis']}": one for one in records(forces)}
     compared = comparisons(forces)
-    checked = rows_crosscheck.crosscheck_rows(run, bead)
+    checked = rows_crosscheck.crosscheck_rows(
+        run.crosscheck[run.crosscheck["bead"] == bead], run.notices_of(bead)
+    )
     shown = picture(arrays, run, bead)
     figures = _bead_figures(arrays, run, bead, means)
     if shown is not None:
@@ -204,6 +222,7 @@ def _bead_page(run: RunFolder, row: rows.BeadRow, means: PlateauMeans) -> dict[s
             for status, meaning in words.STATUS_MEANING.items()
             if (forces["status"] == status).any()
         ],
+        "choice": next((n.message for n in run.notices_of(bead) if n.code == CHOICE), ""),
         "models": rows.model_rows(run, bead),
         "valid": {words.MODEL[name]: valid_range(name) for name in words.MODEL},
         "groups": notice_groups(run.notices_of(bead), {bead}),
@@ -225,11 +244,15 @@ def _bead_page(run: RunFolder, row: rows.BeadRow, means: PlateauMeans) -> dict[s
 
 def _bead_figures(arrays: Arrays, run: RunFolder, bead: str, means: PlateauMeans) -> dict[str, Any]:
     """The bead's charts that show all of it at once; those without anything to draw left out."""
+    forces = run.forces[run.forces["bead"] == bead]
+    fits = run.force_extension[run.force_extension["bead"] == bead]
     figures = {
-        "force_extension": force_extension_figure(arrays, run, bead),
-        "agreement": agreement_figure(arrays, comparisons(run.forces[run.forces["bead"] == bead])),
+        "force_extension": force_extension_figure(arrays, quoted(forces), fits, run.assay),
+        "agreement": agreement_figure(arrays, comparisons(forces)),
         "geometry": geometry_figure(arrays, means, [bead]),
-        "traces": traces_figure(arrays, run, bead),
+        "traces": traces_figure(
+            arrays, run.traces[run.traces["bead"] == bead], forces.drop_duplicates("plateau")
+        ),
     }
     if named := run.before_after.get(bead):
         figures["before_after"] = spectra_figure(arrays, named)

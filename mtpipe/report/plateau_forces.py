@@ -17,6 +17,8 @@ from mtpipe.report import words
 from mtpipe.report.folder import records
 
 LATERAL = ("x", "y")
+# The `force_status` of a plateau that a reader has left out.
+EXCLUDED = "excluded"
 PARTS = ("", "_stderr", "_low", "_high")
 
 
@@ -62,9 +64,12 @@ class Change:
 
 
 def quoted(forces: pd.DataFrame) -> pd.DataFrame:
-    """Rows of `forces`, one for each bead and plateau that has a force to quote."""
+    """Rows of `forces`, one for each bead and plateau that has a force to quote and is not left out
+    by hand.
+    """
     lateral = forces[forces["axis"].isin(LATERAL)].sort_values(["plateau", "axis"])
-    return lateral[lateral["force_pN"].notna()].drop_duplicates(["bead", "plateau"])
+    there = lateral["force_pN"].notna() & (lateral["force_status"] != EXCLUDED)
+    return lateral[there].drop_duplicates(["bead", "plateau"])
 
 
 def largest_change(forces: pd.DataFrame) -> Change | None:

@@ -60,7 +60,7 @@ class Arrays:
     def __init__(self) -> None:
         self._index: dict[bytes, int] = {}
 
-    def add(self, values: ArrayLike) -> dict[str, int]:
+    def add(self, values: ArrayLike) -> Any:
         """Keep an array (any numbers, one dimension); NaN becomes a gap in the line."""
         with np.errstate(over="ignore"):
             packed = np.asarray(values, dtype="<f4").tobytes()
@@ -69,6 +69,14 @@ class Arrays:
     def packed(self) -> list[str]:
         """The arrays in base64, in the order of their numbers."""
         return [base64.b64encode(data).decode("ascii") for data in self._index]
+
+
+class PlainArrays(Arrays):
+    """Arrays that stay where they are, for a figure by itself."""
+
+    def add(self, values: ArrayLike) -> Any:
+        """The array."""
+        return np.asarray(values)
 
 
 def layout(height: int, **extra: Any) -> dict[str, Any]:

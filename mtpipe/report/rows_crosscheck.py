@@ -2,14 +2,16 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 import pandas as pd
 
+from mtpipe.ground.notice import Notice
 from mtpipe.report import crosscheck_words
-from mtpipe.report.folder import RunFolder, records
+from mtpipe.report.folder import records
 
 MOST_LISTED = 8
 LISTED_BELOW = 1e-3
@@ -44,12 +46,17 @@ class CrossCheckRows:
         return bool(self.cells)
 
 
-def crosscheck_rows(run: RunFolder, bead: str) -> CrossCheckRows:
-    """The cross-check of a bead."""
-    table = run.crosscheck[run.crosscheck["bead"] == bead]
+def crosscheck_rows(table: pd.DataFrame, notices: Sequence[Notice] = ()) -> CrossCheckRows:
+    """The cross-check of a bead.
+
+    Parameters
+    ----------
+    table : its rows of `crosscheck`.
+    notices : about it, which say why there may be none.
+    """
     if table.empty:
         codes = ("not_crosschecked", "crosscheck_failed")
-        reasons = [n.message for n in run.notices_of(bead) if n.code in codes]
+        reasons = [n.message for n in notices if n.code in codes]
         return CrossCheckRows("", (reasons or ["This run was not cross-checked."])[0], (), (), ())
     compared = [_plain(row) for row in records(table.sort_values("p_value", kind="stable"))]
     first = compared[0]

@@ -116,9 +116,7 @@ def _plateau(
             first["extension_nm"], first["extension_stderr_nm"], "z was not recorded or has no zero"
         ),
         quoted=estimate_cell(first, "force", "pN", _why_no_force(axes)),
-        source=words.SOURCE.get(first["force_source"], words.text(first["force_source"]))
-        if words.is_number(first["force_pN"])
-        else _why_no_force(axes),
+        source=_source(first, axes),
         alone=tuple(
             estimate_cell(by_axis[name], "force_axis", "pN", why_empty(by_axis[name]))
             if name in by_axis
@@ -137,6 +135,15 @@ def _plateau(
         if corrected
         else uncorrected,
     )
+
+
+def _source(row: Mapping[str, Any], axes: Sequence[Mapping[str, Any]]) -> str:
+    """Where the force to quote comes from, or why there is none to use."""
+    if row["excluded"]:
+        return f"left out by hand: {row['excluded']}"
+    if not words.is_number(row["force_pN"]):
+        return _why_no_force(axes)
+    return words.SOURCE.get(row["force_source"], words.text(row["force_source"]))
 
 
 def _axis_fit(row: Mapping[str, Any]) -> AxisFit:

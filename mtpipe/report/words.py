@@ -6,14 +6,18 @@ Every function returns plain text; escaping is the templates' matter. A number t
 
 from __future__ import annotations
 
-import math
 import re
 from collections.abc import Sequence
 from typing import Any
 
-from mtpipe.setup.setup import Measured, Setup
-
-EMPTY = "—"
+from mtpipe.ground.written_numbers import EMPTY as EMPTY
+from mtpipe.ground.written_numbers import is_number as is_number
+from mtpipe.ground.written_numbers import number as number
+from mtpipe.ground.written_numbers import with_arms as with_arms
+from mtpipe.ground.written_numbers import with_error as with_error
+from mtpipe.ground.written_numbers import with_minus
+from mtpipe.setup.measured import Measured
+from mtpipe.setup.setup import Setup
 
 STATUS = {
     "ok": "ok",
@@ -25,6 +29,7 @@ STATUS = {
     "unlike_model": "unlike the model",
     "zero_force": "no force",
     "refused": "refused",
+    "excluded": "left out by hand",
 }
 STATUS_MEANING = {
     "at_bound": "the fit ended at a physical limit, so an interval is one-sided",
@@ -71,17 +76,15 @@ LABELS = {
     "not_crosschecked": "not cross-checked",
     "crosscheck_failed": "not cross-checked",
     "crosscheck_to_come": "cross-check to come",
+    "left_out_by_hand": "left out by hand",
+    "mark_of_nothing": "a mark of what is not there",
+    "tether_choice": "the chain that was chosen",
     "tether_formula": "choice of the chain's formula",
     "tether_relation": "choice of the chain's relation",
 }
 # Below this the tail of a hundred simulations says no more than "very small".
 SMALLEST_P = 1e-12
 SEVERITY_ORDER = {"warning": 0, "caution": 1, "info": 2}
-
-
-def is_number(value: Any) -> bool:
-    """Whether a cell of a table holds a finite number."""
-    return isinstance(value, (int, float)) and math.isfinite(value)
 
 
 def text(value: Any) -> str:
@@ -99,21 +102,6 @@ def label(code: str) -> str:
     return LABELS.get(code, code.replace("_", " "))
 
 
-def number(value: Any, digits: int = 3) -> str:
-    """A number to significant digits, without trailing zeros; "—" where missing."""
-    if not is_number(value):
-        return EMPTY
-    if value == 0:
-        return "0"
-    exponent = math.floor(math.log10(abs(float(f"{value:.{digits - 1}e}"))))
-    if exponent < -4 or exponent >= 7:
-        mantissa = f"{value / 10.0**exponent:.{digits - 1}f}"
-        times = "" if mantissa == "1" else f"{_minus(mantissa)} × "
-        return f"{times}10{_superscript(exponent)}"
-    shown = f"{value:.{max(digits - 1 - exponent, 0)}f}"
-    return _minus(shown.rstrip("0").rstrip(".") if "." in shown else shown)
-
-
 def probability(p_value: float) -> str:
     """A p-value; where it is below what any tail can be followed to, as a limit."""
     if p_value < SMALLEST_P:
@@ -123,40 +111,7 @@ def probability(p_value: float) -> str:
 
 def signed(value: float, decimals: int) -> str:
     """A number with its sign, also "+", rounded to some decimals."""
-    return _minus(f"{round(value, decimals) + 0.0:+.{decimals}f}")
-
-
-def with_error(value: Any, stderr: Any) -> str:
-    """Value ± standard error, the error to one or two digits, the value to the same decimals.
-
-    Two digits where the error starts with 1, 2 or 3 (so that rounding changes it by less than
-    15 %), else one. Without an error: four significant digits.
-    """
-    if not is_number(value):
-        return EMPTY
-    if not is_number(stderr) or stderr <= 0:
-        return number(value, 4)
-    decimals = _decimals(stderr)
-    largest = max(abs(value), stderr)
-    exponent = math.floor(math.log10(largest))
-    if exponent < -4 or exponent >= 7:
-        places = max(decimals + exponent, 0)
-        scale = 10.0**exponent
-        mantissa = f"({value / scale:.{places}f} ± {stderr / scale:.{places}f})"
-        return _minus(mantissa) + f" × 10{_superscript(exponent)}"
-    return _minus(f"{_round(value, decimals)} ± {_round(stderr, decimals)}")
-
-
-def with_arms(value: Any, stderr: Any, low: Any, high: Any) -> str:
-    """Value with its 68 % interval: ± where it is about even, else "+above −below"."""
-    if not (is_number(value) and is_number(low) and is_number(high) and low <= value <= high):
-        return with_error(value, stderr)
-    above, below = high - value, value - low
-    if min(above, below) >= 0.75 * max(above, below) or max(above, below) == 0:
-        return with_error(value, stderr if is_number(stderr) and stderr > 0 else (high - low) / 2)
-    decimals = _decimals(max(min(above, below), 0.4 * max(above, below)))
-    rounded = [_round(number_, decimals) for number_ in (value, above, below)]
-    return _minus(rounded[0]) + f" +{rounded[1]} −{rounded[2]}"
+    return with_minus(f"{round(value, decimals) + 0.0:+.{decimals}f}")
 
 
 def interval(low: Any, high: Any, unit: str) -> str:
@@ -269,20 +224,3 @@ def count(amount: int, noun: str, plural: str = "") -> str:
 def listed(names: Sequence[str]) -> str:
     """`a`, `a and b`, `a, b and c`."""
     return " and ".join(filter(None, (", ".join(names[:-1]), *names[-1:])))
-
-
-def _decimals(error: float) -> int:
-    exponent = math.floor(math.log10(error))
-    return (1 if error / 10.0**exponent < 3.95 else 0) - exponent
-
-
-def _round(value: float, decimals: int) -> str:
-    return f"{round(value, decimals) + 0.0:.{max(decimals, 0)}f}"
-
-
-def _minus(shown: str) -> str:
-    return shown.replace("-", "−")
-
-
-def _superscript(exponent: int) -> str:
-    return str(exponent).translate(str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹"))

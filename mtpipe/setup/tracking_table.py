@@ -13,16 +13,21 @@ from typing import Literal
 from pydantic import Field, field_validator, model_validator
 
 from mtpipe.ground.spreadsheets import FORMULA_MARKS
-from mtpipe.setup.source_table import Magnet, Table
+from mtpipe.setup.source_parts import Table
+from mtpipe.setup.source_signals import Magnet
 
 
 class RegionOfBead(Table):
     """A bead by its name, the pixel at its centre (the first pixel is 0) and its region's side."""
 
-    name: str
-    x_px: float = Field(ge=0)
-    y_px: float = Field(ge=0)
-    size_px: int = Field(ge=16)
+    name: str = Field(description="Name of the bead.", examples=["b1"])
+    x_px: float = Field(
+        ge=0, description="Column of the pixel at its centre; the first is 0.", examples=[412.0]
+    )
+    y_px: float = Field(
+        ge=0, description="Row of the pixel at its centre; the first is 0.", examples=[250.5]
+    )
+    size_px: int = Field(ge=16, description="Side of its square region.", examples=[64])
 
     @field_validator("name")
     @classmethod
@@ -35,26 +40,62 @@ class RegionOfBead(Table):
 
 
 class Tracking(Table):
-    """How beads are found and tracked.
+    """How beads are found and tracked."""
 
-    `regions` are the beads; without them they are found. `size_px` is the side of the regions of
-    beads that are found. `look_up_table` is that of every bead which has none of its own in
-    `look_up_table_of`. `saturated_above` is the largest grey level of the camera, where its files
-    do not say. `magnet` is a log of the magnets, as in `[source]`. `frames` says what the file
-    calls its frames where it does not call them times; `times` that the setup's rate is right and
-    the file's stamps are not; `incomplete` that what is there of a film cut off is to be taken.
-    """
-
-    method: str | None = None
-    regions: tuple[RegionOfBead, ...] = ()
-    size_px: int | None = Field(default=None, ge=16)
-    look_up_table: str | None = None
-    look_up_table_of: dict[str, str] = Field(default_factory=dict)
-    saturated_above: float | None = Field(default=None, gt=0)
-    magnet: Magnet | None = None
-    frames: Literal["channels"] | None = None
-    times: Literal["setup"] | None = None
-    incomplete: Literal["take"] | None = None
+    method: str | None = Field(
+        default=None,
+        description="How positions are found (docs/tracking-accuracy.md). Default: the most "
+        "precise way.",
+        examples=["auto_conv_multiline"],
+    )
+    regions: tuple[RegionOfBead, ...] = Field(
+        default=(), description="The beads. Without it they are found."
+    )
+    size_px: int | None = Field(
+        default=None,
+        ge=16,
+        description="Side of the regions of beads that are found. Default: as their rings "
+        "have it. A bead with a look-up table has the size of its table.",
+        examples=[64],
+    )
+    look_up_table: str | None = Field(
+        default=None,
+        description="Look-up table for z of every bead that has none of its own. Beads "
+        "differ: that is told.",
+        examples=["lut.npz"],
+    )
+    look_up_table_of: dict[str, str] = Field(
+        default_factory=dict,
+        description="Look-up tables by the name of the bead.",
+        examples=[{"b1": "b1.npz"}],
+    )
+    saturated_above: float | None = Field(
+        default=None,
+        gt=0,
+        description="Largest grey level of the camera, such as 4095 for 12 bits saved in 16. "
+        "Default: what the bits of the file can hold.",
+        examples=[4095.0],
+    )
+    magnet: Magnet | None = Field(
+        default=None,
+        description="Log of the magnets, with the keys of [source.magnet]. Without it there "
+        "is one plateau.",
+    )
+    frames: Literal["channels"] | None = Field(
+        default=None,
+        description='"channels": the file calls its frames channels.',
+        examples=["channels"],
+    )
+    times: Literal["setup"] | None = Field(
+        default=None,
+        description="\"setup\": the setup's frame rate is right, and the file's stamps are not.",
+        examples=["setup"],
+    )
+    incomplete: Literal["take"] | None = Field(
+        default=None,
+        description='"take" takes what is there of a film that is cut off.',
+        examples=["take"],
+    )
 
     @model_validator(mode="after")
     def _is_possible(self) -> Tracking:

@@ -20,6 +20,7 @@ from mtpipe.experiment.changes import with_bead
 from mtpipe.experiment.description import Experiment
 from mtpipe.experiment.state import bead_state, has_whole_motion
 from mtpipe.ground.notice import Notice
+from mtpipe.ground.progress import of_step
 from mtpipe.ground.types import FloatArray, Progress
 from mtpipe.recording.plateaus import find_plateaus
 from mtpipe.recording.recording import Recording
@@ -77,7 +78,7 @@ def simulate(
     lost_share : of each bead's frames, lost by the tracker at random.
     engine : "linear": exact for the linear motion, see `mtpipe.simulation.linear`; "brownian": step
         by step with all that is not linear, see `mtpipe.simulation.brownian`, far slower.
-    progress : called with (beads done, of how many).
+    progress : called with (beads done, of how many); default: a bar in a notebook.
 
     Returns
     -------
@@ -96,8 +97,14 @@ def simulate(
         beads=beads,
         lost_share=lost_share,
     )
+    say = of_step(progress, "simulating beads")
     return simulate_experiment(
-        experiment, setup, seed, engine=engine, notices=notices, progress=progress
+        experiment,
+        setup,
+        seed,
+        engine=engine,
+        notices=notices,
+        progress=say,
     )
 
 
@@ -143,6 +150,8 @@ def simulate_experiment(
         seen = recorded(motion(random), force_pN, experiment, random, plateaus) + stage
         positions[name] = _tracked(seen, _place(i), (0.0, 0.0, 0.0), experiment, random)
     everything = positions | fixed
+    if progress is not None:
+        progress(len(names), len(names))
     rows = rows_in_file(table.edges[-1], experiment.clock.dropped_share, clock)
     frames = len(rows)
     time_s = np.asarray(experiment.camera.frame_s * np.arange(frames))

@@ -16,7 +16,7 @@ from mtpipe.ground.types import FloatArray, NamedProgress
 from mtpipe.ingest.columns import Names
 from mtpipe.ingest.read import open_table
 from mtpipe.setup.setup import Setup
-from mtpipe.setup.source_table import NM_PER_UNIT, Layout
+from mtpipe.setup.source_parts import NM_PER_UNIT, Layout
 from mtpipe.tracking.find_beads import Region
 from mtpipe.tracking.follow import cut
 from mtpipe.tracking.lookup_table import LookUpTable

@@ -16,6 +16,7 @@ import numpy as np
 from mtpipe.ground.errors import RecordingError, SetupError
 from mtpipe.ground.notice import Notice
 from mtpipe.ground.processes import executor
+from mtpipe.ground.progress import by_name
 from mtpipe.ground.types import FloatArray, NamedProgress
 from mtpipe.ingest.data_files import SETUP_NAME
 from mtpipe.ingest.tracked import Notes
@@ -65,14 +66,14 @@ def track(
     workers : processes. More than one needs the usual guard `if __name__ == "__main__":` in a
         script that calls this.
     pool : that does it in their place.
-    progress : called with (step, done, of how many).
+    progress : called with (step, done, of how many); default: a bar in a notebook.
 
     Raises
     ------
     MtpipeError : what a user can mend, in one sentence.
     """
     path, out = Path(stack), Path(out)
-    say = progress or (lambda step, done, total: None)
+    say = by_name(progress)
     setup_file = Path(setup) if setup is not None else _folder(path) / SETUP_NAME
     stated = read_setup(setup_file)
     pixel_nm, method = _pixel_size_nm(stated, setup_file), _method(stated, setup_file)

@@ -20,7 +20,8 @@ from mtpipe.curves.extension_curve import ForceExtension
 from mtpipe.fit.tether import TetherFit
 from mtpipe.ground.estimate import Estimate
 from mtpipe.ground.notice import Notice
-from mtpipe.setup.setup import Measured, Setup
+from mtpipe.setup.measured import Measured
+from mtpipe.setup.setup import Setup
 
 Verdict = Literal["good", "caution", "refused", "unchecked"]
 

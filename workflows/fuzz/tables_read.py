@@ -15,7 +15,7 @@ import mtpipe
 from mtpipe.ingest.read import open_table
 from mtpipe.ingest.text import TextTable
 from mtpipe.setup.setup import Setup, parse_setup
-from mtpipe.setup.source_table import Layout
+from mtpipe.setup.source_parts import Layout
 
 FIVE = ("Time", "Magnet", "X", "Y", "Z")
 ROWS, RATE_HZ = 60, 100.0

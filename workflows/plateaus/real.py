@@ -15,7 +15,6 @@ from collections import Counter
 from pathlib import Path
 
 import mtpipe
-from mtpipe.ingest.surface import put_surface_at_zero
 from mtpipe.states import with_states
 
 CHECKOUT = Path(__file__).parents[2]
@@ -52,7 +51,7 @@ def found_in(folder: Path, changes: dict[str, str]) -> list[str]:
         setup = Path(scratch) / "setup.toml"
         setup.write_text(text, encoding="utf-8")
         raw = mtpipe.load(folder, setup)
-    recording = put_surface_at_zero(mtpipe.subtract_drift(raw))
+    recording = mtpipe.subtract_drift(raw)
     tested = with_states(recording)
     notices = tested.notices[len(recording.notices) :]
     counted = Counter(notice.code for notice in notices)

@@ -17,12 +17,12 @@ from published import RANGES, ROTATION, THERMAL_ENERGY_PN_NM
 from mtpipe.calibration.bead_results import AxisResult, BeadResult, PlateauResult
 from mtpipe.calibration.calibration import Calibration, calibrate
 from mtpipe.curves.extension_curve import fit_curve
-from mtpipe.fit.tether import Assay, ExtensionPoints
+from mtpipe.fit.points import Assay, ExtensionPoints
 from mtpipe.ground.estimate import Estimate
 from mtpipe.pipeline.results import Run
 from mtpipe.recording.recording import Plateau, Recording
 from mtpipe.setup.conditions import Conditions
-from mtpipe.setup.setup import Measured
+from mtpipe.setup.measured import Measured
 
 GOOD_BEADS = ("b1", "b2", "b4")
 # Plateaus at 21.7 mm whose z lies on the look-up tables' focus of the staircase, and the long one

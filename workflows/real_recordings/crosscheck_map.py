@@ -23,7 +23,7 @@ from mtpipe.drift import subtract_drift
 from mtpipe.recording.recording import Plateau, Recording
 from mtpipe.recording.traces import traces_of
 from mtpipe.report.rows_crosscheck import LISTED_BELOW
-from mtpipe.setup.setup import DriftChoice
+from mtpipe.setup.tables import DriftChoice
 
 NOT_LISTED = ("drift", "reference_noise")
 LONG_DWELLS = (0, AFTER_TURNS)

@@ -27,7 +27,7 @@ from mtpipe.curves.extension_curve import ForceExtension, fit_curves
 from mtpipe.curves.tether_curves import extension_points, tether_curves
 from mtpipe.experiment.from_setup import TYPICAL_STAGE
 from mtpipe.experiment.state import bead_state
-from mtpipe.fit.tether import Assay
+from mtpipe.fit.points import Assay
 from mtpipe.setup.conditions import Conditions
 from mtpipe.setup.setup import Setup, parse_setup
 from mtpipe.setup.usual_errors import exact

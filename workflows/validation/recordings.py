@@ -21,7 +21,6 @@ from mtpipe.calibration.quality import trace_flags
 from mtpipe.curves.extension_curve import ForceExtension
 from mtpipe.curves.tether_curves import tether_curves
 from mtpipe.ground.notice import Notice
-from mtpipe.ingest.surface import put_surface_at_zero
 from mtpipe.physics.buffer import thermal_energy_pN_nm
 from mtpipe.physics.camera import Camera
 from mtpipe.physics.friction import (
@@ -196,7 +195,7 @@ class Answer:
 
 def analyse(raw: Recording) -> Answer:
     """The steps of `mtpipe run`, without its files."""
-    recording = put_surface_at_zero(mtpipe.subtract_drift(raw))
+    recording = mtpipe.subtract_drift(raw)
     calibration = mtpipe.calibrate(recording)
     curves = tether_curves(calibration)
     (bead,) = calibration.beads

@@ -7,11 +7,18 @@ const arrays = charts.arrays.map((packed) =>
 const CONFIG = {
   responsive: true,
   displaylogo: false,
-  modeBarButtonsToRemove: ["select2d", "lasso2d", "autoScale2d"],
+  modeBarButtonsToRemove: ["toImage", "select2d", "lasso2d", "autoScale2d"],
 };
 const PRINT_WIDTH_PX = 680; // A4 less its margins, at 96 px per inch
 const PRINT_PICTURE_PX = 320; // the picture of a finding, beside its words
 const PRINT_SHRINK = 0.8; // in height, so that two charts fit on a page
+
+const SAVE = {
+  name: "save", title: "Save as SVG, as for print", icon: Plotly.Icons.camera,
+  click: (place) => asSvg(light(shown.get(place))).then((svg) =>
+    offer(`${place.dataset.figure ?? place.dataset.choice}.svg`, svg, "image/svg+xml")),
+};
+CONFIG.modeBarButtonsToAdd = [SAVE];
 
 const PLAIN = { ...CONFIG, displayModeBar: false };
 const night = window.matchMedia("(prefers-color-scheme: dark)");
@@ -26,6 +33,15 @@ function resolved(part) {
   const keys = Object.keys(part);
   if (keys.length === 1 && typeof part.array === "number") return arrays[part.array];
   return Object.fromEntries(keys.map((key) => [key, resolved(part[key])]));
+}
+
+// A figure in the colours of paper, whatever the screen has.
+function light(figure) {
+  const before = printing;
+  printing = true;
+  const found = resolved(figure);
+  printing = before;
+  return found;
 }
 
 // What each place shows, to be drawn again when the colours change.

@@ -30,6 +30,26 @@ for (const table of document.querySelectorAll("table.sortable")) {
   }));
 }
 
+// --- a table as a file: what it shows, separated by commas ------------------------------------------
+
+function asCsv(table) {
+  // a spreadsheet takes a cell that begins so for a formula
+  const harmless = (text) => (/^[=+\-@\t\r]/.test(text) ? `'${text}` : text);
+  const cell = ({ innerText }) => `"${harmless(innerText.trim().replace(/\s+/g, " ")).replaceAll('"', '""')}"`;
+  return [...table.rows].map((row) => [...row.cells].map(cell).join(",")).join("\n");
+}
+
+for (const table of document.querySelectorAll(".scroll > table")) {
+  const button = document.createElement("button");
+  button.type = "button";
+  button.className = "save";
+  button.textContent = "Save as CSV";
+  const title = table.closest("section, details")?.querySelector("h2, h3, summary")?.textContent;
+  const name = (title ?? "table").trim().toLowerCase().replace(/[^a-z0-9]+/g, "-");
+  button.addEventListener("click", () => offer(`${name}.csv`, asCsv(table), "text/csv"));
+  table.parentElement.after(button);
+}
+
 // --- search: a bead is shown if its verdict is chosen and its finding has every word ---------------
 
 const search = document.getElementById("search");

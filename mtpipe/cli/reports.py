@@ -1,0 +1,105 @@
+"""`mtpipe report`, `mtpipe mark`: a run's report again, as files, and without what is left out."""
+
+from __future__ import annotations
+
+from enum import StrEnum
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from mtpipe.cli.commands import app
+from mtpipe.cli.terminal import progress_bar
+from mtpipe.ground.errors import writing
+from mtpipe.ground.streams import say
+
+RunFolder = Annotated[
+    Path, typer.Argument(metavar="DIR", help="Folder of a run.", exists=True, file_okay=False)
+]
+
+
+class FigureFormat(StrEnum):
+    """How figures are written."""
+
+    svg = "svg"
+    pdf = "pdf"
+
+
+@app.command()
+def report(
+    folder: RunFolder,
+    figures: Annotated[
+        bool,
+        typer.Option("--figures", help="Every figure too, for print: DIR/report/figures."),
+    ] = False,
+    form: Annotated[
+        FigureFormat, typer.Option("--format", help="Of the figures.", case_sensitive=False)
+    ] = FigureFormat.svg,
+    tables: Annotated[
+        bool,
+        typer.Option("--tables", help="Every table too, as CSV: DIR/report/tables."),
+    ] = False,
+    pdf: Annotated[
+        bool, typer.Option("--pdf", help="Every page too, as PDF: DIR/report/pdf.")
+    ] = False,
+) -> None:
+    """Write the report of a run again, from the run's files; also its figures, tables and pages."""
+    from mtpipe.report import export, write_report
+
+    with writing(folder, "DIR"), progress_bar() as progress:
+        index = write_report(folder)
+        if tables:
+            say(f"Tables: {export.write_tables(folder)}")
+        if figures:
+            written = export.write_figures(folder, form.value, progress=progress)
+            say(f"Figures: {written}")
+        if pdf:
+            say(f"PDF: {export.write_pdf(folder, progress=progress)}")
+    say(f"Report: {index}")
+
+
+@app.command()
+def mark(
+    folder: RunFolder,
+    bead: Annotated[str, typer.Argument(metavar="BEAD", help="Name of the bead.")],
+    plateau: Annotated[
+        int | None, typer.Option(help="Leave out one plateau; its number is in forces.csv.", min=0)
+    ] = None,
+    begin: Annotated[
+        float | None,
+        typer.Option("--from", metavar="S", help="Leave out a stretch of time: its begin in s."),
+    ] = None,
+    end: Annotated[
+        float | None, typer.Option("--to", metavar="S", help="And its end in s.")
+    ] = None,
+    reason: Annotated[
+        str, typer.Option(help="Why: a sentence for whoever reads the results.")
+    ] = "",
+    remove: Annotated[bool, typer.Option("--remove", help="Take such a mark back.")] = False,
+) -> None:
+    """Leave a bead out of curves, tables and report by hand, or a plateau or a stretch of it."""
+    from mtpipe.report import write_report
+    from mtpipe.report.folder import read_run_folder
+    from mtpipe.report.marked import check_place
+    from mtpipe.report.marks import MARKS, mark_of, read_marks, write_marks
+
+    if not reason and not remove:
+        raise typer.BadParameter("a reason is needed, for whoever reads it", param_hint="--reason")
+    if (begin is None) != (end is None):
+        raise typer.BadParameter("a stretch needs both --from and --to", param_hint="--from")
+    new = mark_of(bead=bead, plateau=plateau, from_s=begin, to_s=end, reason=reason or "taken back")
+    known = read_marks(folder)
+    others = [one for one in known if not one.same_place(new)]
+    if remove and len(others) == len(known):
+        raise typer.BadParameter(f"there is no mark of {new.place}", param_hint="--remove")
+    if not remove:
+        check_place(read_run_folder(folder), new)
+        others.append(new)
+    with writing(folder, "DIR"):
+        write_marks(folder, others)
+        index = write_report(folder)
+    done = "No longer left out" if remove else "Left out"
+    say(f"{done}: {new.place} ({folder / MARKS})")
+    if new.stretch_s is not None:
+        say("Say mtpipe run again with this --out: until then the forces are those of before.")
+    say(f"Report: {index}")

@@ -1,0 +1,1 @@
+"""Results in a notebook: the report's figures of single results."""
