@@ -13,7 +13,7 @@ from typing import Annotated
 import typer
 
 from mtpipe.cli import arguments as given
-from mtpipe.cli.terminal import progress_bar, summary
+from mtpipe.cli.terminal import progress_bar, quoted, summary
 from mtpipe.ground.errors import writing
 from mtpipe.ground.streams import say
 from mtpipe.ground.version import VERSION
@@ -117,6 +117,61 @@ def run(
             progress=progress,
         )
     summary(out)
+
+
+@app.command()
+def init(
+    files: Annotated[
+        list[Path],
+        typer.Argument(
+            metavar="FILE…",
+            help="A laboratory's recording: a file, several files, their folder, or a film. The "
+            "magnets' log is found beside it.",
+            callback=lambda paths: [given.existing(path) for path in paths],
+        ),
+    ],
+    setup: Annotated[
+        Path | None,
+        typer.Option(
+            "--setup", help="Setup to write; default: setup.toml beside the files.", dir_okay=False
+        ),
+    ] = None,
+    answers: Annotated[
+        Path | None,
+        typer.Option(
+            help="TOML file with keys of a setup that you know (radius_nm = 1400.0); nothing is "
+            "asked then.",
+            exists=True,
+            dir_okay=False,
+        ),
+    ] = None,
+    overwrite: Annotated[
+        bool, typer.Option("--overwrite", help="Replace a setup that is there.")
+    ] = False,
+    run_it: Annotated[
+        bool, typer.Option("--run", help="Run it then, without cross-check, for a first look.")
+    ] = False,
+    out: Annotated[
+        Path | None,
+        typer.Option(
+            "--out", help="Folder of that run; default: results beside the setup.", file_okay=False
+        ),
+    ] = None,
+    workers: Workers = None,
+) -> None:
+    """Propose a setup for a laboratory's files: look at them, ask for the rest, and write it."""
+    from mtpipe.cli.init import propose_and_write
+
+    done = propose_and_write(files, setup, answers, overwrite=overwrite)
+    folder = out or done.setup.parent / "results"
+    command = f"mtpipe run {quoted(done.target)} --out {quoted(folder)}"
+    if done.left:
+        raise typer.Exit(1)
+    if not (run_it or done.wants_run()):
+        say(f"Next: {command}")
+        return
+    run(done.target, folder, done.setup, workers=workers, crosscheck=False)
+    say(f"With the comparison that tells whether the forces can be believed: {command}")
 
 
 @app.command()

@@ -33,6 +33,7 @@ from mtpipe.ingest.magnets import read_magnets
 from mtpipe.ingest.magscope import open_magscope
 from mtpipe.ingest.parquet import open_parquet
 from mtpipe.ingest.repeats import without_repeats
+from mtpipe.ingest.side_by_side import is_file_per_bead, side_by_side
 from mtpipe.ingest.surface import find_surface
 from mtpipe.ingest.text import TextTable, open_text
 from mtpipe.ingest.tracked import read_tracked
@@ -49,6 +50,11 @@ def read_recording(path: Path, setup: Path | str | Setup | None) -> Recording:
     source = found.setup.source
     lost = source.lost if source is not None else Lost()
     tables = _open(found.files, source)
+    if source is not None and is_file_per_bead(source):
+        joined, source = side_by_side(tables, source, found.folder)
+        tables = [joined]
+        setup = found.setup.model_copy(update={"source": source})
+        found = dataclasses.replace(found, setup=setup)
     plans = [_assign(found.setup, table) for table in tables]
     told = tuple(
         notice

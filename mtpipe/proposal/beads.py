@@ -1,0 +1,86 @@
+"""What the beads' motion adds to a draft: references, the field's axis, plateaus, z = 0."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
+
+from mtpipe.ground.types import FloatArray
+from mtpipe.proposal.asking import Asking
+from mtpipe.proposal.draft import USUAL, Draft
+from mtpipe.proposal.motion import field_axis, fixed_beads, motion_of
+from mtpipe.proposal.questions import asked_of
+from mtpipe.proposal.rest import SHORTEST_S, rest_of
+from mtpipe.proposal.surface import surface_of
+from mtpipe.proposal.words import is_reference
+from mtpipe.recording.plateaus import find_plateaus
+from mtpipe.recording.recording import Plateau, Recording
+from mtpipe.setup.setup import Plateaus
+
+
+def put_references(
+    draft: Draft, asking: Asking, positions_nm: Mapping[str, FloatArray], rate_hz: float
+) -> None:
+    """Put the beads that are fixed to the surface, by their names or their motion."""
+    motion = motion_of(positions_nm, rate_hz)
+    named = [bead for bead in positions_nm if is_reference(bead)]
+    still = list(fixed_beads(motion))
+    found = still or named
+    others = [bead for bead in motion.beads if bead not in found]
+    if still and others:
+        why = f"a guess: {'they move' if len(still) > 1 else 'it moves'} by {motion.of(still)} within a second, the others by {motion.of(others)}"
+    elif named:
+        why = (
+            f"by name; they move by {motion.of([b for b in named if b in motion.beads])} within a second"
+            if any(b in motion.beads for b in named)
+            else "by name"
+        )
+    else:
+        why = "a guess: no bead moves much less than the others"
+        if len(motion.beads) == 1:
+            why = "there is one bead"
+    if len(found) == len(positions_nm):
+        found, why = [], "every bead seems to be fixed; say which is tethered"
+    asking.about(
+        "beads.reference", asked_of("beads.reference"), found, why, certain=len(positions_nm) == 1
+    )
+
+
+def put_field(
+    draft: Draft, asking: Asking, positions_nm: Mapping[str, FloatArray], rate_hz: float
+) -> None:
+    """Put the axis of the field: along it beads move less."""
+    axis = field_axis(positions_nm, rate_hz)
+    if axis is None:
+        guess, why = "x", f"the motion does not tell; {USUAL}"
+    else:
+        guess = axis[0]
+        why = f"a guess: along it beads move less ({axis[1]:.2g} times less variance)"
+    asking.about("field.direction", asked_of("field.direction"), guess, why)
+
+
+def put_rest(draft: Draft, recording: Recording, *, log: bool) -> Sequence[Plateau]:
+    """Put what counts as a plateau; the stretches of resting magnets, short ones too."""
+    if recording.magnet_mm is None:
+        return ()
+    rest = rest_of(recording.time_s, recording.magnet_mm, log=log)
+    for key, value in rest.choices.items():
+        draft.put(f"plateaus.{key}", value, rest.why[key], guess=True)
+    chosen = {**(draft.get("plateaus") or {}), "minimum_s": SHORTEST_S}
+    return find_plateaus(recording.time_s, recording.magnet_mm, Plateaus.model_validate(chosen))
+
+
+def put_surface(draft: Draft, recording: Recording, stretches: Sequence[Plateau]) -> None:
+    """Put where z = 0 is."""
+    if draft.states_some("source.z_zero") or draft.states_some("source.z_zero_of"):
+        return
+    beads = recording.setup.beads.model_copy(
+        update={"reference": tuple(draft.get("beads.reference") or ())}
+    )
+    setup = recording.setup.model_copy(update={"beads": beads})
+    surface = surface_of(replace(recording, setup=setup), stretches)
+    if surface.touch is not None:
+        rows = [surface.touch[0] + 1, surface.touch[1]]
+        draft.put("source.z_zero.touch_rows", rows, f"a guess: {surface.why}", guess=True)
+    else:
+        draft.put("source.z_zero", surface.z_zero, f"a guess: {surface.why}", guess=True)

@@ -1,0 +1,172 @@
+"""A file looked at: opened by the readers of `ingest`, and its columns' first values.
+
+What the setup leaves open is tried: the decimal mark of text, and words that mean lost.
+"""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Sequence
+from dataclasses import dataclass
+from itertools import islice
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mtpipe.ground.errors import RecordingError
+from mtpipe.ground.types import FloatArray
+from mtpipe.ingest.arrays import ArrayTable
+from mtpipe.ingest.cells import is_no_number, is_number
+from mtpipe.ingest.collect import OpenTable
+from mtpipe.ingest.column_attributes import Stated
+from mtpipe.ingest.instants import is_instant
+from mtpipe.ingest.kinds import kind_of
+from mtpipe.ingest.read import open_table
+from mtpipe.ingest.text import TextTable
+from mtpipe.ingest.text_layout import split_line
+from mtpipe.setup.source_table import Format, Layout
+
+# Enough to see motion, and read in a second or two.
+MOST_ROWS = 100_000
+ROWS_OF_WORDS = 2000
+# A column of text has words in most rows, a bead that is sometimes lost in some.
+WORDS_SHARE = 0.5
+
+
+@dataclass(frozen=True, eq=False)
+class Column:
+    """A column's first values: float64, or datetime64[ns] of clock times; NaN for lost.
+
+    `told` is how a setup tells it: by its name, or by its number from 1 where it has none.
+    """
+
+    told: str | int
+    name: str
+    values: NDArray[Any]
+    stated: Stated
+
+    @property
+    def is_clock(self) -> bool:
+        """Whether it holds clock times."""
+        return self.values.dtype.kind == "M"
+
+    @property
+    def seconds(self) -> FloatArray:
+        """Values as numbers; clock times in s since the first."""
+        if not self.is_clock:
+            return np.asarray(self.values, dtype=np.float64)
+        passed = (self.values - self.values[0]).astype(np.int64) / 1e9
+        return np.where(np.isnat(self.values), np.nan, passed)
+
+
+@dataclass(frozen=True, eq=False)
+class Look:
+    """A file as it was found.
+
+    Attributes
+    ----------
+    layout : keys of `[source]` without which it would not be read so.
+    groups : columns with the same number of rows, the largest group first.
+    rows : of the first group, as far as they were read.
+    lost_tokens : words among numbers.
+    """
+
+    path: Path
+    kind: Format
+    table: OpenTable
+    layout: dict[str, Any]
+    groups: tuple[tuple[Column, ...], ...]
+    lost_tokens: tuple[str, ...] = ()
+
+    @property
+    def columns(self) -> tuple[Column, ...]:
+        """Columns of the largest group."""
+        return self.groups[0]
+
+    @property
+    def rows(self) -> int:
+        """Rows of the largest group, as far as they were read."""
+        return len(self.columns[0].values)
+
+    @property
+    def shape(self) -> tuple[str, ...]:
+        """What files of one series have in common."""
+        return tuple(str(column.told) for group in self.groups for column in group)
+
+
+def look_at(path: Path) -> Look:
+    """Open a file and read its first rows.
+
+    Raises
+    ------
+    RecordingError : it is no table of numbers.
+    """
+    kind = kind_of(path)
+    layout: dict[str, Any] = {}
+    tokens: tuple[str, ...] = ()
+    if kind == "text":
+        marks: list[dict[str, Any]] = [{}, {"decimal": ","}]
+        found = [_numeric(path, one) for one in marks]
+        # of equals the first
+        layout, (usable, tokens) = max(
+            zip(marks, found, strict=True), key=lambda one: len(one[1][0])
+        )
+        if not usable:
+            raise RecordingError("holds no column of numbers", where=str(path))
+    table = open_table(path, Layout.model_validate(layout), tokens)
+    if kind != "text":
+        usable = list(range(len(table.names)))
+    lengths = table.lengths if isinstance(table, ArrayTable) else (0,) * len(table.names)
+    groups = []
+    for length in dict.fromkeys(lengths[k] for k in usable):
+        together = [k for k in usable if lengths[k] == length]
+        values = first_values(table, together)
+        groups.append(
+            tuple(
+                Column(
+                    table.names[k] if table.has_names else k + 1,
+                    table.names[k],
+                    value,
+                    table.stated[k],
+                )
+                for k, value in zip(together, values, strict=True)
+            )
+        )
+    groups = [group for group in groups if len(group[0].values) > 1]
+    if not groups:
+        raise RecordingError("holds no column of numbers", where=str(path))
+    groups.sort(key=len, reverse=True)
+    return Look(path, kind, table, layout, tuple(groups), tokens)
+
+
+def first_values(table: OpenTable, columns: Sequence[int]) -> list[NDArray[Any]]:
+    """The first values of columns (positions from 0), at most `MOST_ROWS` of them."""
+    pieces: list[list[NDArray[Any]]] = []
+    rows = 0
+    for batch in table.batches(columns):
+        pieces.append(batch)
+        rows += len(batch[0])
+        if rows >= MOST_ROWS:
+            break
+    return [np.concatenate(column)[:MOST_ROWS] for column in zip(*pieces, strict=True)]
+
+
+def _numeric(path: Path, layout: dict[str, Any]) -> tuple[list[int], tuple[str, ...]]:
+    """Columns of numbers or clock times in a text, and the words among them that mean lost."""
+    table = open_table(path, Layout.model_validate(layout))
+    assert isinstance(table, TextTable)
+    words: list[Counter[str]] = [Counter() for _ in table.names]
+    filled = [0] * len(table.names)
+    for _, line in islice(table.rows(), ROWS_OF_WORDS):
+        for k, cell in enumerate(split_line(line, table.delimiter)[: len(table.names)]):
+            if is_no_number(cell):
+                continue
+            filled[k] += 1
+            if not is_number(cell, table.decimal) and not is_instant(cell):
+                words[k][cell.strip()] += 1
+    usable = [k for k, n in enumerate(filled) if words[k].total() <= WORDS_SHARE * n]
+    # a number with another decimal mark is a fault of the file, and no word
+    found = dict.fromkeys(word for k in usable for word in words[k])
+    return usable, tuple(word for word in found if not any(c.isdigit() for c in word))
