@@ -47,7 +47,7 @@ def propose_and_write(
             )
     known = {} if answers is None else read_answers(answers)
     if asks:
-        say("Press Enter for what stands in brackets; \"unknown\" is an answer.")
+        say('Press Enter for what stands in brackets; "unknown" is an answer.')
         proposal = propose(files, place, answers=known, ask=_ask)
     else:
         with progress_bar() as progress:

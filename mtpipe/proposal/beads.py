@@ -25,24 +25,27 @@ def put_references(
     motion = motion_of(positions_nm, rate_hz)
     named = [bead for bead in positions_nm if is_reference(bead)]
     still = list(fixed_beads(motion))
-    found = still or named
+    found = named or still
     others = [bead for bead in motion.beads if bead not in found]
-    if still and others:
-        why = f"a guess: {'they move' if len(still) > 1 else 'it moves'} by {motion.of(still)} within a second, the others by {motion.of(others)}"
-    elif named:
-        why = (
-            f"by name; they move by {motion.of([b for b in named if b in motion.beads])} within a second"
-            if any(b in motion.beads for b in named)
-            else "by name"
-        )
+    moving = [bead for bead in found if bead in motion.beads]
+    how = ""
+    if moving and others:
+        they = "they move" if len(moving) > 1 else "it moves"
+        how = f"{they} by {motion.of(moving)} within a second, the others by {motion.of(others)}"
+    if named:
+        stuck = [bead for bead in still if bead not in named]
+        also = f"; as little moves {', '.join(stuck)}" if stuck else ""
+        why = f"by name; {how}{also}" if how else "by name"
+    elif still:
+        why = f"a guess: {how}"
     else:
         why = "a guess: no bead moves much less than the others"
-        if len(motion.beads) == 1:
-            why = "there is one bead"
     if len(found) == len(positions_nm):
-        found, why = [], "every bead seems to be fixed; say which is tethered"
+        found, why = [], "all seem to be fixed: say which are"
+    alone = len(positions_nm) == 1
+    question = asked_of("beads.reference")
     asking.about(
-        "beads.reference", asked_of("beads.reference"), found, why, certain=len(positions_nm) == 1
+        "beads.reference", question, found, "there is one bead" if alone else why, certain=alone
     )
 
 

@@ -19,6 +19,7 @@ from mtpipe.proposal.nature import Nature, nature_of
 from mtpipe.proposal.words import is_reference, said_by
 
 ARRAY = re.compile(r"(?P<base>.*)\[(?P<index>\d+(?:,\d+)*)\]")
+HERTZ = re.compile(r"\b[kM]?Hz\b")
 NUMBER = re.compile(r"\d+")
 PLACE = "{n}"
 
@@ -61,6 +62,11 @@ def columns_of(look: Look) -> Columns:
     RecordingError : there are no positions of beads in it.
     """
     group = max(look.groups, key=_count_of_axes)
+    spectrum = [c.name for c in group if HERTZ.search(c.name) and np.all(np.diff(c.seconds) > 0)]
+    if spectrum:
+        raise RecordingError(
+            f"is a spectrum (column {spectrum[0]}), and no positions in time", where=str(look.path)
+        )
     said = {id(column): said_by(column.name) for column in group}
     natures = {id(column): nature_of(column.seconds) for column in group}
     roles = {

@@ -182,7 +182,8 @@ def _together(
     goes_on = [_goes_on(a[1], a[2], b[2]) for a, b in pairs]
     starts = [float(c.values[0].astype(np.float64)) for c in clocks if c is not None]
     rising = len(starts) == len(seen) and all(np.diff(starts) > 0)
-    if rising or (goes_on and np.mean([one is not False for one in goes_on]) > 0.5):
+    numbered = len({_skeleton(path) for path in files}) == 1
+    if rising or (numbered and goes_on and np.mean([one is not False for one in goes_on]) > 0.5):
         restarts = len(starts) == len(seen) and not rising
         return "series", restarts
     names = ", ".join(as_text(path.name) for path in files[:5])

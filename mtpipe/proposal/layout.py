@@ -22,6 +22,7 @@ from mtpipe.proposal.files import FoundFiles
 from mtpipe.proposal.look import Column, Look
 from mtpipe.proposal.magnet_log import Log
 from mtpipe.proposal.units import (
+    is_plausible,
     magnet_unit,
     position_unit,
     rotation_unit,
@@ -30,7 +31,7 @@ from mtpipe.proposal.units import (
 )
 from mtpipe.setup.source_table import NM_PER_UNIT, SECONDS_PER_UNIT, TURNS_PER_UNIT
 
-# A value that stands in several rows, farther from all others than they are from each other,
+# A whole number that stands in several rows, farther from all others than they are from each other,
 # is a word for "lost".
 LOST_ROWS = 3
 LOST_SPANS = 5.0
@@ -137,7 +138,7 @@ def put_log(
             content["decimal"] = ","
         if not log.look.table.has_names:
             content["header"] = False
-    draft.put(f"{table}.magnet", content, f"{why}; unit by {how}", guess=True)
+    draft.put(f"{table}.magnet", content, f"{why}; {how}", guess=True)
     if log.rotation is not None and table == "source":
         _put_rotation(draft, log.rotation, in_log=True)
 
@@ -158,7 +159,13 @@ def put_position_units(draft: Draft, columns: Columns) -> None:
         if not of_axis:
             continue
         unit = stated_unit(of_axis)
-        if unit in NM_PER_UNIT or (unit == "pixel" and axis != "z"):
+        if unit is not None and not is_plausible(of_axis, unit):
+            units[axis], why = position_unit(of_axis, axis)
+            reasons[axis] = f"not {unit}, as the file says: {why}"
+            if any(c.stated.unit and not c.stated.unit_in_name for c in of_axis):
+                why = "the file's units cannot be right"
+                draft.put("source.attributes", "setup", why, guess=True)
+        elif unit in NM_PER_UNIT or (unit == "pixel" and axis != "z"):
             units[axis], reasons[axis] = str(unit), ""
         elif axis == "y" and "x" in units and not stated_unit(columns.of_axis("x")):
             units[axis], reasons[axis] = units["x"], reasons["x"]  # one camera
@@ -183,10 +190,11 @@ def put_time_unit(draft: Draft, column: Column) -> None:
 
 
 def put_remarks(draft: Draft, look: Look) -> None:
-    """Put what the lines before a text's numbers state of camera and buffer."""
-    if not isinstance(look.table, TextTable):
-        return
-    text = _remarks_of(look.path, look.table)
+    """Put what the lines before a text's numbers, or single numbers in a file, state."""
+    text = "\n".join(f"{name}: {value!r}" for name, value in _numbers_alone(look).items())
+    if isinstance(look.table, TextTable):
+        text = _remarks_of(look.path, look.table)
+    text = text.replace("_", " ")
     for remark in REMARKS:
         units = "|".join(re.escape(unit) for unit in sorted(remark.units, key=len, reverse=True))
         pattern = (
@@ -227,7 +235,7 @@ def _put_clock(draft: Draft, found: FoundFiles) -> None:
         stamps = columns.time.seconds
         if np.any(np.diff(stamps[np.isfinite(stamps)]) == 0):
             table["rounded"] = True
-        draft.put("source.time", table | restarts, f"unit by {why}", guess=True)
+        draft.put("source.time", table | restarts, why, guess=True)
     if columns.frame is not None:
         draft.put(
             "source.frame",
@@ -240,19 +248,19 @@ def _put_clock(draft: Draft, found: FoundFiles) -> None:
 def _time_of(column: Column) -> tuple[str, str]:
     """Unit of a column of times, and why."""
     if column.is_clock:
-        return "s", "its clock times"
+        return "s", "clock times"
     known = _unit_of(column, SECONDS_PER_UNIT)
     return known or time_unit(column.seconds)
 
 
 def _unit_of(column: Column, known: Any) -> tuple[str, str] | None:
     unit = stated_unit([column])
-    return (unit, "what the file says") if unit is not None and unit in known else None
+    return (unit, "unit as the file says") if unit is not None and unit in known else None
 
 
 def _put_magnet(draft: Draft, column: Column) -> None:
     unit, why = _unit_of(column, NM_PER_UNIT) or magnet_unit(column.seconds)
-    draft.put("source.magnet", {"column": column.told, "unit": unit}, f"unit by {why}", guess=True)
+    draft.put("source.magnet", {"column": column.told, "unit": unit}, why, guess=True)
 
 
 def _put_rotation(draft: Draft, column: Column, *, in_log: bool = False) -> None:
@@ -260,7 +268,7 @@ def _put_rotation(draft: Draft, column: Column, *, in_log: bool = False) -> None
     table: dict[str, Any] = {"column": column.told, "unit": unit}
     if in_log:
         table["in_log"] = True
-    draft.put("source.rotation", table, f"unit by {why}", guess=True)
+    draft.put("source.rotation", table, why, guess=True)
 
 
 def _put_lost(draft: Draft, look: Look, columns: Columns) -> None:
@@ -274,7 +282,7 @@ def _put_lost(draft: Draft, look: Look, columns: Columns) -> None:
         known = values[np.isfinite(values) & ~zero]
         if len(known) < 2 * LOST_ROWS:
             continue
-        for value in (known.min(), known.max()):
+        for value in {known.min(), known.max()} & set(np.rint(known)):
             others = known[known != value]
             if len(others) < len(known) / 2 or np.count_nonzero(known == value) < LOST_ROWS:
                 continue
@@ -304,6 +312,16 @@ def _remarks_of(path: Path, table: TextTable) -> str:
             if k < table.skip or line.strip().startswith(table.comment or "\0"):
                 lines.append(line)
     return "".join(lines)
+
+
+def _numbers_alone(look: Look) -> dict[str, float]:
+    """Single numbers that a file of arrays holds, by name."""
+    found = dict(look.alone)
+    for name, told in look.table.unusable.items():
+        match = re.fullmatch(rf"a single \w+ \({NUMBER}\)", told)
+        if match:
+            found[name] = float(match[1])
+    return found
 
 
 def _shown(name: str) -> str:

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from itertools import islice
 from pathlib import Path
 from typing import Any
@@ -31,6 +31,8 @@ from mtpipe.setup.source_table import Format, Layout
 # Enough to see motion, and read in a second or two.
 MOST_ROWS = 100_000
 ROWS_OF_WORDS = 2000
+# What readers say of a file that is cut off and has whole rows.
+TAKE_WHAT_IS_WHOLE = 'incomplete = "take"'
 # A column of text has words in most rows, a bead that is sometimes lost in some.
 WORDS_SHARE = 0.5
 
@@ -71,6 +73,7 @@ class Look:
     groups : columns with the same number of rows, the largest group first.
     rows : of the first group, as far as they were read.
     lost_tokens : words among numbers.
+    alone : numbers that stand alone under a name.
     """
 
     path: Path
@@ -79,6 +82,7 @@ class Look:
     layout: dict[str, Any]
     groups: tuple[tuple[Column, ...], ...]
     lost_tokens: tuple[str, ...] = ()
+    alone: dict[str, float] = field(default_factory=dict)
 
     @property
     def columns(self) -> tuple[Column, ...]:
@@ -104,10 +108,18 @@ def look_at(path: Path) -> Look:
     RecordingError : it is no table of numbers.
     """
     kind = kind_of(path)
-    layout: dict[str, Any] = {}
+    try:
+        return _looked_at(path, kind, {})
+    except RecordingError as error:
+        if TAKE_WHAT_IS_WHOLE not in str(error):
+            raise
+    return _looked_at(path, kind, {"incomplete": "take"})
+
+
+def _looked_at(path: Path, kind: Format, layout: dict[str, Any]) -> Look:
     tokens: tuple[str, ...] = ()
     if kind == "text":
-        marks: list[dict[str, Any]] = [{}, {"decimal": ","}]
+        marks: list[dict[str, Any]] = [layout, {**layout, "decimal": ","}]
         found = [_numeric(path, one) for one in marks]
         # of equals the first
         layout, (usable, tokens) = max(
@@ -118,7 +130,9 @@ def look_at(path: Path) -> Look:
     table = open_table(path, Layout.model_validate(layout), tokens)
     if kind != "text":
         usable = list(range(len(table.names)))
-    lengths = table.lengths if isinstance(table, ArrayTable) else (0,) * len(table.names)
+    # of a file that is cut off all columns are one table, as far as all are whole
+    apart = "incomplete" not in layout
+    lengths = table.lengths if isinstance(table, ArrayTable) and apart else (0,) * len(table.names)
     groups = []
     for length in dict.fromkeys(lengths[k] for k in usable):
         together = [k for k in usable if lengths[k] == length]
@@ -134,11 +148,12 @@ def look_at(path: Path) -> Look:
                 for k, value in zip(together, values, strict=True)
             )
         )
+    alone = {c.name: float(c.seconds[0]) for g in groups for c in g if len(c.values) == 1}
     groups = [group for group in groups if len(group[0].values) > 1]
     if not groups:
         raise RecordingError("holds no column of numbers", where=str(path))
     groups.sort(key=len, reverse=True)
-    return Look(path, kind, table, layout, tuple(groups), tokens)
+    return Look(path, kind, table, layout, tuple(groups), tokens, alone)
 
 
 def first_values(table: OpenTable, columns: Sequence[int]) -> list[NDArray[Any]]:

@@ -133,7 +133,7 @@ def clock_offset(
     best, share = float(np.mean(top)), float(fine_shares.max())
     if share < EXPLAINS or (fits and share < at_plain + WORTH_SHARE):
         return Offset(plain, at_plain, fits)
-    return Offset(round(best, 2), share, False)
+    return Offset(round(best, 1), share, False)
 
 
 def _binned(

@@ -13,13 +13,15 @@ from mtpipe.setup.setup import Plateaus
 
 # Quiet stretches to take a motor's noise from; moves are the few wide ones.
 QUIET = 0.5
-NOISE_MARGIN = 2.0
+NOISE_MARGIN = 3.0
+WINDOW_S, WINDOW_ROWS = 0.3, 5
 SHORTEST_S = 0.5
 # Of the dwells that hold most of the recording, a plateau takes those that are no shorter than
 # this part of the usual one.
 USUAL_SHARE = 0.5
 # A log is written some times per second, and positions between two entries are interpolated.
-LOG_SETTLE_S = 0.5
+# and a clock that was found by the beads is known to half a second.
+LOG_SETTLE_S = 1.0
 HALF_THE_TIME = 0.5
 
 
@@ -47,7 +49,7 @@ def rest_of(time_s: FloatArray, magnet_mm: FloatArray, *, log: bool) -> Rest:
         why["tolerance_mm"] = f"the magnets' position scatters by {noise:.2g} mm while they rest"
     if log:
         choices["settle_s"] = LOG_SETTLE_S
-        why["settle_s"] = "the log has no more than a few positions per second"
+        why["settle_s"] = "the log's clock is known to about half a second"
     default = Plateaus()
     every = find_plateaus(time_s, magnet_mm, Plateaus(minimum_s=SHORTEST_S, **choices))
     lasts = np.array([time_s[p.stop - 1] - time_s[p.start] for p in every])
@@ -61,9 +63,9 @@ def rest_of(time_s: FloatArray, magnet_mm: FloatArray, *, log: bool) -> Rest:
 
 
 def _noise_mm(time_s: FloatArray, magnet_mm: FloatArray) -> float:
-    """Peak-to-peak scatter of the position in the quieter half of stretches of 2 s."""
+    """Peak-to-peak scatter of the position in the quieter half of short stretches."""
     frame_s = float(np.median(np.diff(time_s)))
-    width = max(8, round(2.0 / frame_s))
+    width = max(WINDOW_ROWS, round(WINDOW_S / frame_s))
     count = len(magnet_mm) // width
     if count == 0:
         return 0.0

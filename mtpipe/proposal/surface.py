@@ -26,6 +26,9 @@ FEWEST_PLATEAUS = 3
 FEWEST_ROWS = 200
 # The lowest plateau touches if it is within this part of the chain's length from the surface.
 TOUCHING_SHARE = 0.3
+# Where a bead comes down from a force, it is far lower there and moves far more.
+SMALLEST_REACH_NM = 100.0
+STIFFER = 5.0
 # Heights of references that are about 0 are heights above the surface.
 NEAR_NM = 150.0
 TALLEST_NM = 20_000.0
@@ -147,7 +150,11 @@ def _touches(bead: str, levels: Sequence[Level], lowest: Level) -> bool:
     z = np.array([level.height_nm[bead] for level in levels])
     variance = np.array([level.variance_nm2[bead] for level in levels])
     low, reach = lowest.height_nm[bead], float(np.ptp(z))
-    if not np.isfinite(variance).all() or reach < 10.0:
+    lowest_at = levels.index(lowest)
+    if not np.isfinite(variance).all() or reach < SMALLEST_REACH_NM:
+        return False
+    stiffer = variance[lowest_at] / np.min(variance)
+    if stiffer < STIFFER:
         return False
     kT = float(thermal_energy_pN_nm(ROOM_K))
     best, cost = (np.inf, 1.0), np.inf

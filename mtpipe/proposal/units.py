@@ -26,6 +26,8 @@ LIKELY_TREMBLE_NM = 30.0
 WIDEST_FIELD_UM = 300.0
 # Trembling of beads on images whose pixels are some 100 nm.
 PIXEL_TREMBLE = (0.005, 4.0)
+# No bead that is followed moves more or less from frame to frame; files say wrong units at times.
+POSSIBLE_NM = (0.02, 5000.0)
 LONGEST_MAGNET_MM = 60.0
 MOST_TURNS = 400.0
 LENGTHS = ("nm", "um", "mm", "m")
@@ -38,6 +40,13 @@ def stated_unit(columns: Sequence[Column]) -> str | None:
     return unit
 
 
+def is_plausible(columns: Sequence[Column], unit: str) -> bool:
+    """Whether beads tremble in a stated unit as beads can."""
+    tremble = max((_tremble(c.seconds) for c in columns), default=0.0)
+    nm = tremble * NM_PER_UNIT.get(unit, 100.0)
+    return tremble == 0 or POSSIBLE_NM[0] < nm < POSSIBLE_NM[1]
+
+
 def position_unit(columns: Sequence[Column], axis: str) -> tuple[str, str]:
     """Unit of the positions along an axis and why, if the file does not say it.
 
@@ -45,8 +54,8 @@ def position_unit(columns: Sequence[Column], axis: str) -> tuple[str, str]:
     ----------
     columns : of all beads.
     """
-    tremble = float(np.nanmax([_tremble(c.seconds) for c in columns]))
-    place = float(np.nanmax([np.nanmax(np.abs(c.seconds), initial=0.0) for c in columns]))
+    tremble = max(_tremble(c.seconds) for c in columns)
+    place = max(float(np.nanmax(np.abs(c.seconds), initial=0.0)) for c in columns)
     said = f"beads tremble by {_short(tremble)}"
     if axis != "z" and tremble < PIXEL_TREMBLE[1]:
         if tremble > PIXEL_TREMBLE[0] and place > WIDEST_FIELD_UM:
@@ -54,7 +63,8 @@ def position_unit(columns: Sequence[Column], axis: str) -> tuple[str, str]:
         if tremble > 0.5:
             return "pixel", f"{said} from frame to frame, likely pixels"
     unit = min(
-        LENGTHS, key=lambda one: abs(math.log(max(tremble, 1e-12) * NM_PER_UNIT[one] / 30.0))
+        LENGTHS,
+        key=lambda one: abs(math.log(max(tremble, 1e-12) * NM_PER_UNIT[one] / LIKELY_TREMBLE_NM)),
     )
     return unit, f"{said} {unit} from frame to frame, as tethered beads do"
 
@@ -65,7 +75,7 @@ def time_unit(stamps: FloatArray) -> tuple[str, str]:
     step = (known[-1] - known[0]) / max(len(known) - 1, 1)
     rates = {unit: 1 / (step * seconds) for unit, seconds in SECONDS_PER_UNIT.items()}
     unit = min(rates, key=lambda one: abs(math.log(rates[one] / LIKELY_HZ)))
-    return unit, f"it makes {rates[unit]:.4g} rows per second"
+    return unit, f"a guess: so there are {rates[unit]:.4g} rows per second"
 
 
 def magnet_unit(values: FloatArray) -> tuple[str, str]:
@@ -76,25 +86,25 @@ def magnet_unit(values: FloatArray) -> tuple[str, str]:
         unit = "um" if largest < 1e3 * LONGEST_MAGNET_MM else "nm"
     elif 0 < largest < 1e-3 * LONGEST_MAGNET_MM and largest < 0.02:
         unit = "m"
-    return unit, f"positions up to {_short(largest)}"
+    return unit, f"unit guessed: the largest is {_short(largest)}"
 
 
 def rotation_unit(name: str, values: FloatArray) -> tuple[str, str]:
     """Unit of a rotation by its name and size, and why."""
     if any(word in name.casefold() for word in ("deg", "winkel", "angle", "°")):
-        return "degree", "its name"
+        return "degree", "unit by its name"
     largest = float(np.nanmax(np.abs(values), initial=0.0))
     unit = "degree" if largest > MOST_TURNS else "turn"
     assert unit in TURNS_PER_UNIT
-    return unit, f"values up to {_short(largest)}"
+    return unit, f"unit guessed: the largest is {_short(largest)}"
 
 
 def _tremble(values: FloatArray) -> float:
-    """Median step from row to row; NaN without any."""
+    """Median step from row to row; 0 without any."""
     steps = np.abs(np.diff(values))
     steps = steps[np.isfinite(steps)]
     moving = steps[steps > 0]
-    return float(np.median(moving)) if len(moving) else math.nan
+    return float(np.median(moving)) if len(moving) else 0.0
 
 
 def _short(value: float) -> str:
