@@ -20,8 +20,11 @@ from mtpipe.proposal.words import is_reference, said_by
 
 ARRAY = re.compile(r"(?P<base>.*)\[(?P<index>\d+(?:,\d+)*)\]")
 HERTZ = re.compile(r"\b[kM]?Hz\b")
+OF_BEAD = re.compile(r"bead|particle|kugel|track|^id$|label", re.IGNORECASE)
 NUMBER = re.compile(r"\d+")
 PLACE = "{n}"
+# Words that are good names of beads with a number; a group or a program's name is none.
+BEAD = re.compile(r"beads?|kugel|perle|bille|particle|tether|ref\w*|[bmrp]")
 
 
 @dataclass(frozen=True, eq=False)
@@ -68,6 +71,12 @@ def columns_of(look: Look) -> Columns:
             f"is a spectrum (column {spectrum[0]}), and no positions in time", where=str(look.path)
         )
     said = {id(column): said_by(column.name) for column in group}
+    if look.table.has_names and _is_long(group):
+        raise RecordingError(
+            "has a row for each bead in each frame, and a recording needs one row for each frame",
+            where=str(look.path),
+            mend="Turn it round first: in pandas, table.pivot(index=frame, columns=bead).",
+        )
     natures = {id(column): nature_of(column.seconds) for column in group}
     roles = {
         role: _of_role(group, role, lambda c: said[id(c)].role, natures)
@@ -107,6 +116,20 @@ def columns_of(look: Look) -> Columns:
         how=found.how,
         unused=tuple(c for c in group if id(c) not in used),
         **roles,
+    )
+
+
+def _is_long(group: Sequence[Column]) -> bool:
+    """Whether frames stand in several rows each, with a number of the bead beside them."""
+    frames = [c.seconds for c in group if said_by(c.name).role in ("frame", "time")]
+    ids = [c.seconds for c in group if OF_BEAD.search(c.name)]
+    if not frames or not ids:
+        return False
+    known = ids[0][np.isfinite(ids[0])]
+    repeats = float(np.mean(np.diff(frames[0]) == 0))
+    few = len(np.unique(known)) < max(2, len(known) // 10)
+    return bool(np.all(known == np.rint(known)) and few and repeats > 0.4) or bool(
+        np.any(np.diff(frames[0]) < 0) and few and np.all(np.diff(known) >= 0)
     )
 
 
@@ -181,7 +204,7 @@ def _names_of(owners: list[tuple[str, ...]]) -> list[str]:
         common = set.intersection(*(set(o) for o in owners)) if owners else set()
         short = [tuple(word for word in o if word not in common) for o in owners]
         # one word of all beads stays if only numbers are left of their names: bead1, bead2
-        last = [next((w for w in reversed(o) if not w.isdigit()), "b") for o in owners]
+        last = [next((w for w in reversed(o) if BEAD.fullmatch(w)), "b") for o in owners]
         names = [
             "".join((w, *s)) if all(part.isdigit() for part in s) else "".join(s)
             for w, s in zip(last, short, strict=True)
@@ -314,6 +337,8 @@ def _of_three_axes(base: str, members: Sequence[Column]) -> _Found:
     }
     first, second = (max(pair[k] for pair in pairs) for k in (0, 1))
     beads_first = second in (2, 3) or first not in (2, 3)
+    if first in (2, 3) and second in (2, 3) and first == second:
+        beads_first = _height_apart(pairs, second, 1) <= _height_apart(pairs, first, 0)
     count, axes = (first, second) if beads_first else (second, first)
     order = "xyz"[: min(axes, 3)]
     names = [f"b{k + 1}" for k in range(count)]
@@ -335,3 +360,17 @@ def _of_three_axes(base: str, members: Sequence[Column]) -> _Found:
     passed = "_" * (axes - len(order))
     entry = {"first_column": f"{base}[1,1]", "order": order + passed, "names": names}
     return _Found(beads, [entry], how)
+
+
+def _height_apart(pairs: dict[tuple[int, ...], Column], axes: int, axis: int) -> float:
+    """How far the last axis's places are apart, over those of the others: small for heights.
+
+    Parameters
+    ----------
+    axis : which of the two numbers of a column counts the axes.
+    """
+    spans = []
+    for k in range(1, axes + 1):
+        places = [np.nanmedian(c.seconds) for pair, c in pairs.items() if pair[axis] == k]
+        spans.append(float(np.ptp(places)))
+    return spans[-1] / max(min(spans[:-1]), 1e-300)

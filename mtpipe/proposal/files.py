@@ -7,6 +7,7 @@ each bead if they hold one bead and the same rows.
 from __future__ import annotations
 
 import re
+from collections import Counter
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -26,7 +27,7 @@ Together = Literal["one", "series", "beads"]
 # Of files whose names differ in their numbers alone, more than this many are not all looked at.
 MOST_LOOKED_AT = 30
 # From the end of one file to the beginning of the next a bead moves no farther than this many steps.
-FARTHEST_STEPS = 50.0
+FARTHEST_STEPS, EDGE_ROWS = 50.0, 20
 BEAD_WORDS = re.compile(r"bead|kugel|ref|tether|particle|perle|^[br]\d", re.IGNORECASE)
 
 
@@ -105,11 +106,14 @@ def find_files(paths: Sequence[Path]) -> FoundFiles:
                 others.append(look_at(path))
             except RecordingError:
                 continue  # whatever else lies there
-    look, columns = chosen[max(chosen, key=lambda path: len(chosen[path][1].beads))]
+    # what most of them look like: the first may begin with nothing
+    alike = Counter(repr(columns.entries) for _, columns in chosen.values())
+    usual = max(chosen, key=lambda path: alike[repr(chosen[path][1].entries)])
+    look, columns = chosen[usual]
     logs = tuple(one for one in others if one.shape != shape)
     if len(files) == 1:
         return FoundFiles(folder, files, look, columns, logs=logs)
-    together, restarts = _together(files, chosen)
+    together, restarts = _together(files, chosen, columns)
     return FoundFiles(folder, files, look, columns, together, restarts, logs)
 
 
@@ -154,7 +158,7 @@ def _beads(looks: dict[Path, tuple[Look, Columns]], members: Sequence[Path]) -> 
 
 
 def _together(
-    files: Sequence[Path], looks: dict[Path, tuple[Look, Columns]]
+    files: Sequence[Path], looks: dict[Path, tuple[Look, Columns]], usual: Columns
 ) -> tuple[Together, bool]:
     """How files of the same columns belong together, and whether each begins its clock anew.
 
@@ -179,7 +183,7 @@ def _together(
         for a, b in zip(seen, seen[1:], strict=False)
         if files.index(b[0]) == files.index(a[0]) + 1
     ]
-    goes_on = [_goes_on(a[1], a[2], b[2]) for a, b in pairs]
+    goes_on = [_goes_on(a[1], b[1], usual) for a, b in pairs]
     starts = [float(c.values[0].astype(np.float64)) for c in clocks if c is not None]
     rising = len(starts) == len(seen) and all(np.diff(starts) > 0)
     numbered = len({_skeleton(path) for path in files}) == 1
@@ -195,19 +199,21 @@ def _together(
     )
 
 
-def _goes_on(look: Look, columns: Columns, following: Columns) -> bool | None:
+def _goes_on(look: Look, following: Look, columns: Columns) -> bool | None:
     """Whether beads are at the beginning of a file where they were at another's end.
 
     None where that cannot be told.
     """
     if look.rows >= MOST_ROWS:
         return None
+    then = {column.told: column.seconds for column in following.columns}
+    now = {column.told: column.seconds for column in look.columns}
     near = []
-    for bead, after in zip(columns.beads, following.beads, strict=False):
-        for axis, column in bead.axes.items():
-            before, then = column.seconds, after.axes[axis].seconds
-            step = np.nanmedian(np.abs(np.diff(before)))
-            last, first = before[np.isfinite(before)][-20:], then[np.isfinite(then)][:20]
-            if len(last) and len(first) and step > 0:
-                near.append(abs(np.median(last) - np.median(first)) < FARTHEST_STEPS * step)
+    for told in (column.told for bead in columns.beads for column in bead.axes.values()):
+        last, first = now[told][np.isfinite(now[told])], then[told][np.isfinite(then[told])]
+        if len(last) < 2 * EDGE_ROWS or len(first) < EDGE_ROWS:
+            continue
+        step = np.median(np.abs(np.diff(last)))
+        apart = abs(np.median(last[-EDGE_ROWS:]) - np.median(first[:EDGE_ROWS]))
+        near.append(apart < FARTHEST_STEPS * step)
     return bool(np.mean(near) > 0.5) if near else None

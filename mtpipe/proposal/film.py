@@ -14,6 +14,7 @@ import numpy as np
 from mtpipe.ground.errors import MtpipeError, RecordingError
 from mtpipe.ground.processes import executor
 from mtpipe.ground.types import FloatArray, NamedProgress
+from mtpipe.ingest.agreement import PLACEHOLDER_HZ
 from mtpipe.ingest.data_files import data_files
 from mtpipe.proposal.asking import Asking
 from mtpipe.proposal.beads import put_field, put_references
@@ -117,6 +118,8 @@ def _put_log(draft: Draft, film: Film) -> None:
         return
     looks = []
     for file in data_files(film.folder):
+        if file in film.tables.values():
+            continue
         try:
             looks.append(look_at(file))
         except MtpipeError:
@@ -150,7 +153,8 @@ def _first_positions(draft: Draft, film: Film, progress: NamedProgress) -> dict[
             except MtpipeError:
                 continue  # tables of beads that are not found
             why = "found beside the film; made of one bead, and beads differ"
-            draft.put("tracking", keys, why, guess=True)
+            for key, value in keys.items():
+                draft.put(f"tracking.{key}", value, why, guess=True)
             return found
     return first_positions(film, parse_setup(trial.content), progress)
 

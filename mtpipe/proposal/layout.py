@@ -233,6 +233,12 @@ def _put_clock(draft: Draft, found: FoundFiles) -> None:
         unit, why = _time_of(columns.time)
         table: dict[str, Any] = {"column": columns.time.told, "unit": unit}
         stamps = columns.time.seconds
+        if found.restarts and draft.get("camera.frame_rate_hz") is None:
+            seconds = (stamps[-1] - stamps[0]) * (
+                SECONDS_PER_UNIT[unit] if not columns.time.is_clock else 1
+            )
+            rate = float(f"{(len(stamps) - 1) / seconds:.6g}")
+            draft.put("camera.frame_rate_hz", rate, "from the first file's time stamps", guess=True)
         if np.any(np.diff(stamps[np.isfinite(stamps)]) == 0):
             table["rounded"] = True
         draft.put("source.time", table | restarts, why, guess=True)

@@ -58,7 +58,8 @@ class Column:
     def seconds(self) -> FloatArray:
         """Values as numbers; clock times in s since the first."""
         if not self.is_clock:
-            return np.asarray(self.values, dtype=np.float64)
+            values = np.asarray(self.values, dtype=np.float64)
+            return np.where(np.isfinite(values), values, np.nan)
         passed = (self.values - self.values[0]).astype(np.int64) / 1e9
         return np.where(np.isnat(self.values), np.nan, passed)
 

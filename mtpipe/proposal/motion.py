@@ -21,8 +21,8 @@ MOST_WINDOWS = 2000
 HIGH = 0.8
 # References move by less than this part of what the typical tethered bead does.
 FIXED_SHARE = 0.35
-# Among fixed beads tracking noise differs by less than this, and no tethered bead is so quiet.
-FIXED_ALIKE, QUIETEST_TETHER_NM = 3.0, 25.0
+# Among fixed beads tracking noise differs by less than this.
+FIXED_ALIKE = 3.0
 # Across the field the lever is longer by the radius, and the variance larger in proportion.
 ACROSS_SHARE = 1.05
 
@@ -69,7 +69,7 @@ def fixed_beads(motion: Motion) -> tuple[str, ...]:
         return ()
     for k in range(1, len(names)):
         typical = float(np.median(sizes[k:]))
-        alike = sizes[k - 1] <= FIXED_ALIKE * sizes[0] or sizes[k - 1] < QUIETEST_TETHER_NM / 5
+        alike = sizes[k - 1] <= FIXED_ALIKE * float(np.median(sizes[:k]))
         if not alike:
             return ()
         if sizes[k - 1] < FIXED_SHARE * typical and sizes[k] > 2 * sizes[k - 1]:

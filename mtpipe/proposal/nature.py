@@ -28,10 +28,10 @@ MOVING_SHARE = 0.8
 def nature_of(values: FloatArray) -> Nature:
     """What a column is by its values (n,), NaN where there is none."""
     known = values[np.isfinite(values)]
-    if len(known) < 2 or (len(known) < len(values) // 2 and not _is_climbing(known)):
-        return "dead" if len(known) < 2 else "motion"
+    if len(known) < 2:
+        return "dead"
     if known.min() == known.max():
-        return "dead" if known[0] == 0 else "constant"
+        return "dead" if known[0] == 0 or len(known) < len(values) / 2 else "constant"
     steps = np.diff(known)
     if _is_climbing(known):
         whole = bool(np.all(known == np.rint(known)))

@@ -102,7 +102,8 @@ def checked(setup_file: Path, film: Path | None) -> str:
     """
     if film is not None:
         setup = read_setup(setup_file)
-        if setup.camera.frame_rate_hz.value is None and open_stack(film).stamps is None:
+        timed = setup.tracking.times is None and open_stack(film).stamps is not None
+        if setup.camera.frame_rate_hz.value is None and not timed:
             raise SetupError(
                 "[camera] frame_rate_hz is unknown, and the film has no time stamps",
                 where=str(setup_file),
