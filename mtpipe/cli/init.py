@@ -39,12 +39,11 @@ def propose_and_write(
     folder = files[0] if files[0].is_dir() else files[0].parent
     place = setup or folder / SETUP_NAME
     asks = answers is None and sys.stdin.isatty() and sys.stdout.isatty()
-    if place.exists() and not overwrite:
-        if not (asks and typer.confirm(f"{visible(str(place))} is there. Replace it?")):
-            raise typer.BadParameter(
-                f"{visible(str(place))} is there already; --overwrite replaces it, --setup writes "
-                "another file."
-            )
+    if place.exists() and not overwrite and not (asks and _replace(place)):
+        raise typer.BadParameter(
+            f"{visible(str(place))} is there already; --overwrite replaces it, --setup writes "
+            "another file."
+        )
     known = {} if answers is None else read_answers(answers)
     if asks:
         say('Press Enter for what stands in brackets; "unknown" is an answer.')
@@ -68,6 +67,10 @@ def propose_and_write(
         left = str(error)
         say(f"Left for you: {left}", err=True)
     return Written(place, proposal.film or place, left, asks)
+
+
+def _replace(place: Path) -> bool:
+    return typer.confirm(f"{visible(str(place))} is there. Replace it?")
 
 
 def _ask(text: str, default: str) -> str:

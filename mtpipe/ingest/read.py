@@ -256,7 +256,10 @@ def _without(data: Collected, source: Source | None) -> dict[str, np.ndarray]:
     out = source.leave_out if source is not None else ()
     absent = [bead for bead in out if bead not in data.positions_nm]
     if absent:
-        raise SetupError(f"[source] leave_out names {absent[0]!r}, which is not in the recording")
+        raise SetupError(
+            f"[source] leave_out names {absent[0]!r}, which is not in the recording",
+            mend=f"It has: {', '.join(data.positions_nm)}.",
+        )
     return {bead: xyz for bead, xyz in data.positions_nm.items() if bead not in out}
 
 

@@ -14,7 +14,7 @@ Ask = Callable[[str, str], str]
 
 
 class Asking:
-    """Puts a person's answers into a draft; where there is nobody to ask, what was guessed stays."""
+    """Puts a person's answers into a draft; without anybody to ask, what was guessed stays."""
 
     def __init__(self, draft: Draft, ask: Ask | None) -> None:
         self.draft, self.ask = draft, ask

@@ -6,6 +6,7 @@ each bead if they hold one bead and the same rows.
 
 from __future__ import annotations
 
+import itertools
 import re
 from collections import Counter
 from collections.abc import Sequence
@@ -17,16 +18,17 @@ import numpy as np
 
 from mtpipe.ground.errors import RecordingError
 from mtpipe.ground.files import as_text
+from mtpipe.ground.types import FloatArray
 from mtpipe.ingest.data_files import data_files, natural_order
 from mtpipe.proposal.columns import Columns, columns_of
-from mtpipe.proposal.look import MOST_ROWS, Look, look_at
+from mtpipe.proposal.look import MOST_ROWS, Column, Look, look_at
 from mtpipe.tracking.stack import SUFFIXES
 from mtpipe.tracking.tiff import TIFF_MAGICS
 
 Together = Literal["one", "series", "beads"]
 # Of files whose names differ in their numbers alone, more than this many are not all looked at.
-MOST_LOOKED_AT = 30
-# From the end of one file to the beginning of the next a bead moves no farther than this many steps.
+MOST_LOOKED_AT, SPREAD_OVER = 30, 8
+# From the end of one file to the beginning of the next a bead moves by no more steps than this.
 FARTHEST_STEPS, EDGE_ROWS = 50.0, 20
 BEAD_WORDS = re.compile(r"bead|kugel|ref|tether|particle|perle|^[br]\d", re.IGNORECASE)
 
@@ -41,6 +43,7 @@ class FoundFiles:
     look, columns : of the first (of the first that moves, where one begins with zeros).
     together : how they belong together; `restarts` whether each begins its clock anew.
     logs : other files, as they were looked at.
+    seen : all files of the recording that were looked at.
     """
 
     folder: Path
@@ -50,6 +53,12 @@ class FoundFiles:
     together: Together = "one"
     restarts: bool = False
     logs: tuple[Look, ...] = ()
+    seen: tuple[Look, ...] = ()
+
+    def of_all(self, column: Column) -> FloatArray:
+        """Values of a column in all files that were looked at."""
+        found = [c.seconds for look in self.seen for c in look.columns if c.told == column.told]
+        return np.concatenate(found or [column.seconds])
 
 
 def is_film(paths: Sequence[Path]) -> bool:
@@ -111,10 +120,11 @@ def find_files(paths: Sequence[Path]) -> FoundFiles:
     usual = max(chosen, key=lambda path: alike[repr(chosen[path][1].entries)])
     look, columns = chosen[usual]
     logs = tuple(one for one in others if one.shape != shape)
+    seen = tuple(one for one, _ in chosen.values())
     if len(files) == 1:
-        return FoundFiles(folder, files, look, columns, logs=logs)
+        return FoundFiles(folder, files, look, columns, logs=logs, seen=seen)
     together, restarts = _together(files, chosen, columns)
-    return FoundFiles(folder, files, look, columns, together, restarts, logs)
+    return FoundFiles(folder, files, look, columns, together, restarts, logs, seen)
 
 
 def _given(paths: Sequence[Path]) -> tuple[Path, list[Path], list[Path]]:
@@ -140,13 +150,15 @@ def _is_alike(path: Path, files: Sequence[Path]) -> bool:
 
 
 def _representatives(files: Sequence[Path]) -> list[Path]:
-    """All files, or of many with like names the first two and the last."""
+    """All files, or of many with like names the first two and some of the others."""
     groups: dict[str, list[Path]] = {}
     for path in files:
         groups.setdefault(_skeleton(path), []).append(path)
     chosen = []
     for group in groups.values():
-        chosen += group if len(group) <= MOST_LOOKED_AT else [*group[:2], group[-1]]
+        if len(group) > MOST_LOOKED_AT:
+            group = [group[1], *group[:: len(group) // SPREAD_OVER]]
+        chosen += group
     return sorted(chosen, key=natural_order)
 
 
@@ -179,9 +191,7 @@ def _together(
         if first is None and all(BEAD_WORDS.search(as_text(p.stem)) for p in files):
             return "beads", False
     pairs = [
-        (a, b)
-        for a, b in zip(seen, seen[1:], strict=False)
-        if files.index(b[0]) == files.index(a[0]) + 1
+        (a, b) for a, b in itertools.pairwise(seen) if files.index(b[0]) == files.index(a[0]) + 1
     ]
     goes_on = [_goes_on(a[1], b[1], usual) for a, b in pairs]
     starts = [float(c.values[0].astype(np.float64)) for c in clocks if c is not None]

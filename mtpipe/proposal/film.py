@@ -8,6 +8,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -15,6 +16,7 @@ from mtpipe.ground.errors import MtpipeError, RecordingError
 from mtpipe.ground.processes import executor
 from mtpipe.ground.types import FloatArray, NamedProgress
 from mtpipe.ingest.agreement import PLACEHOLDER_HZ
+from mtpipe.ingest.clock import RATE_TOLERANCE
 from mtpipe.ingest.data_files import data_files
 from mtpipe.proposal.asking import Asking
 from mtpipe.proposal.beads import put_field, put_references
@@ -72,17 +74,7 @@ def propose_film(
     take = (draft.get("tracking") or {}).get("incomplete") == "take"
     channels = (draft.get("tracking") or {}).get("frames") == "channels"
     film = look_at_film(paths, Reading(channels, take), progress)
-    if film.rate_hz is not None:
-        draft.put(
-            "camera.frame_rate_hz", film.rate_hz, f"from the film: {film.rate_words}", guess=True
-        )
-    else:
-        asking.about(
-            "camera.frame_rate_hz",
-            asked_of("camera.frame_rate_hz"),
-            UNKNOWN,
-            "the film does not say it: write it here",
-        )
+    _put_rate(draft, asking, film)
     if film.pixel_nm is not None:
         draft.put(
             "camera.pixel_size_nm", film.pixel_nm, "as the film or its table says", guess=True
@@ -110,6 +102,22 @@ def propose_film(
     if not film.tables:
         seen.append("No look-up table beside it: z stays empty, and there is no force (mtpipe lut)")
     return film.path, seen
+
+
+def _put_rate(draft: Draft, asking: Asking, film: Film) -> None:
+    """Put the frame rate; where a person knows it better than the film, the film's is put aside."""
+    told = film.rate_hz
+    if told is not None and told != PLACEHOLDER_HZ:
+        why = f"from the film: {film.rate_words}"
+        draft.put("camera.frame_rate_hz", told, why, guess=True)
+    else:
+        question = asked_of("camera.frame_rate_hz")
+        why = "the film does not say it: write it here"
+        asking.about("camera.frame_rate_hz", question, UNKNOWN, why)
+    stated = draft.get("camera.frame_rate_hz")
+    if told is not None and (stated == UNKNOWN or abs(stated / told - 1) > RATE_TOLERANCE):
+        why = f"the film's own times make {told:g} frames per second ({film.rate_words})"
+        draft.put("tracking.times", "setup", why, guess=True)
 
 
 def _put_log(draft: Draft, film: Film) -> None:
@@ -144,7 +152,7 @@ def _first_positions(draft: Draft, film: Film, progress: NamedProgress) -> dict[
     if film.tables and not draft.states_some("tracking"):
         names = {bead: path.name for bead, path in film.tables.items()}
         first = next(iter(names.values()))
-        tries = [{"look_up_table_of": names}] if len(names) > 1 else []
+        tries: list[dict[str, Any]] = [{"look_up_table_of": names}] if len(names) > 1 else []
         for keys in [*tries, {"look_up_table": first}]:
             one = trial.copied()
             one.put("tracking", keys)

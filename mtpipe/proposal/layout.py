@@ -1,4 +1,4 @@
-"""The `[source]` table of files that were looked at, and what their remarks say of the experiment."""
+"""The `[source]` table of files that were looked at, and what their remarks say."""
 
 from __future__ import annotations
 
@@ -13,6 +13,7 @@ from typing import Any
 import numpy as np
 
 from mtpipe.ground.errors import MtpipeError
+from mtpipe.ground.types import FloatArray
 from mtpipe.ingest.columns import Names, canonical_columns
 from mtpipe.ingest.data_files import open_stream
 from mtpipe.ingest.text import TextTable
@@ -95,7 +96,7 @@ def put_layout(draft: Draft, found: FoundFiles, folder: Path) -> None:
     if columns.magnet is not None:
         _put_magnet(draft, columns.magnet)
     if columns.rotation is not None and columns.magnet is not None:
-        _put_rotation(draft, columns.rotation)
+        _put_rotation(draft, columns.rotation, found.of_all(columns.rotation))
     entries = columns.entries
     how = columns.how
     if found.together == "beads":
@@ -140,7 +141,7 @@ def put_log(
             content["header"] = False
     draft.put(f"{table}.magnet", content, f"{why}; {how}", guess=True)
     if log.rotation is not None and table == "source":
-        _put_rotation(draft, log.rotation, in_log=True)
+        _put_rotation(draft, log.rotation, log.rotation.seconds, in_log=True)
 
 
 def log_seconds(log: Log) -> Any:
@@ -269,8 +270,10 @@ def _put_magnet(draft: Draft, column: Column) -> None:
     draft.put("source.magnet", {"column": column.told, "unit": unit}, why, guess=True)
 
 
-def _put_rotation(draft: Draft, column: Column, *, in_log: bool = False) -> None:
-    unit, why = _unit_of(column, TURNS_PER_UNIT) or rotation_unit(column.name, column.seconds)
+def _put_rotation(
+    draft: Draft, column: Column, values: FloatArray, *, in_log: bool = False
+) -> None:
+    unit, why = _unit_of(column, TURNS_PER_UNIT) or rotation_unit(column.name, values)
     table: dict[str, Any] = {"column": column.told, "unit": unit}
     if in_log:
         table["in_log"] = True

@@ -30,7 +30,7 @@ from mtpipe.setup.source_table import Format, Layout
 
 # Enough to see motion, and read in a second or two.
 MOST_ROWS = 100_000
-ROWS_OF_WORDS = 2000
+ROWS_OF_WORDS = 500
 # What readers say of a file that is cut off and has whole rows.
 TAKE_WHAT_IS_WHOLE = 'incomplete = "take"'
 # A column of text has words in most rows, a bead that is sometimes lost in some.

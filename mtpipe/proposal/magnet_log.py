@@ -1,15 +1,15 @@
 """The magnets' log in a file of its own, and how its clock stands to the recording's.
 
 The log's columns are told by name, else by value. Two clocks that begin apart are brought together
-by the beads: their heights follow the magnets, so the offset is taken at which the magnets' position
-explains most of the heights.
+by the beads: their heights follow the magnets, so the offset is taken at which the magnets'
+position explains most of the heights.
 """
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Sequence
 from dataclasses import dataclass
-from os.path import commonprefix
 
 import numpy as np
 
@@ -30,7 +30,7 @@ EXPLAINS = 0.3
 
 @dataclass(frozen=True, eq=False)
 class Log:
-    """The log's columns; `rotation` None where it has none, `time` where rows are those of frames."""
+    """The log's columns; `rotation` None without any, `time` where rows are those of frames."""
 
     look: Look
     time: Column | None
@@ -69,8 +69,16 @@ def find_log(
         if log is not None and log.time is not None:
             found.append(log)
     named = [log for log in found if said_by(log.magnet.name).role == "magnet"]
-    return max(
-        named or found, key=lambda log: len(commonprefix([log.look.path.name, name])), default=None
+    return max(named or found, key=lambda log: _alike(log.look.path.name, name), default=None)
+
+
+def _alike(name: str, other: str) -> int:
+    """How many signs two names begin with alike."""
+    return sum(
+        1
+        for _ in itertools.takewhile(
+            lambda pair: pair[0] == pair[1], zip(name, other, strict=False)
+        )
     )
 
 
@@ -107,7 +115,7 @@ def clock_offset(
     Parameters
     ----------
     log_s, magnet : (n_log,) the log's own time and positions.
-    time_s : (n_frames,); heights_nm : z of tethered beads (or any), (n_frames,) each, NaN where lost.
+    time_s : (n_frames,); heights_nm : z of beads, (n_frames,) each, NaN where lost.
     """
     known = np.isfinite(log_s) & np.isfinite(magnet)
     log_s, magnet = log_s[known], magnet[known]

@@ -13,6 +13,8 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, get_args
 
+from pydantic import BaseModel
+
 from mtpipe.ground.errors import SetupError
 from mtpipe.proposal.draft import NOT_KNOWN, USUAL, Draft
 from mtpipe.setup.setup import (
@@ -31,7 +33,7 @@ from mtpipe.setup.source_table import PositionUnit, Source
 USUAL_EFFECTS = ["wall_drag", "rotation_coupling", "tracking_noise"]
 USUAL_PIXEL_NM = 100.0
 # Tables whose keys have names of their own, so that an answer needs no table.
-SECTIONS = {
+SECTIONS: dict[str, type[BaseModel]] = {
     "camera": Camera, "beads": Beads, "tether": Tether, "buffer": Buffer, "field": FieldAxis,
     "model": Model, "plateaus": Plateaus,
 }  # fmt: skip
@@ -93,7 +95,7 @@ def asked_of(key: str) -> str:
     return {
         "camera.frame_rate_hz": "How many frames did the camera take per second?",
         "camera.pixel_size_nm": "Size of a pixel in the sample, in nm? Usual: 50 to 200",
-        "field.direction": "Along which axis of the camera do the magnets' field lines run, x or y?",
+        "field.direction": "Along which axis of the camera do the magnets' field lines run? x or y",
         "beads.reference": "Which beads are fixed to the surface? Names with commas, or none",
         "source.units.x": "Unit of x? nm, um, mm, m or pixel",
         "source.units.y": "Unit of y?",

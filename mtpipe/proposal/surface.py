@@ -26,6 +26,8 @@ FEWEST_PLATEAUS = 3
 FEWEST_ROWS = 200
 # The lowest plateau touches if it is within this part of the chain's length from the surface.
 TOUCHING_SHARE = 0.3
+# Levels this close to the lowest, in parts of the range of heights, are as low.
+ALIKE_SHARE = 0.1
 # Where a bead comes down from a force, it is far lower there and moves far more.
 SMALLEST_REACH_NM = 100.0
 STIFFER = 5.0
@@ -73,7 +75,7 @@ def surface_of(recording: Recording, stretches: Sequence[Plateau]) -> Surface:
         if (level := _level(recording, beads, stage, start, stop)) is not None
     ]
     if len(levels) >= FEWEST_PLATEAUS:
-        lowest = min(levels, key=lambda level: float(np.median([*level.height_nm.values()])))
+        lowest = _down(levels)
         touching = [_touches(bead, levels, lowest) for bead in beads]
         if np.mean(touching) > 0.5:
             many = f"{sum(touching)} of {len(beads)} beads" if len(beads) > 1 else "the bead"
@@ -100,6 +102,16 @@ def surface_of(recording: Recording, stretches: Sequence[Plateau]) -> Surface:
     if -NEAR_NM < low < TALLEST_NM:
         return Surface({"value_nm": 0.0}, "z is taken for the height above the surface already")
     return Surface({"unknown": True}, "no bead comes down: neither extension nor force until known")
+
+
+def _down(levels: Sequence[Level]) -> Level:
+    """The longest level of those that are about as low as the lowest."""
+    heights = np.array([np.median([*level.height_nm.values()]) for level in levels])
+    low = heights.min() + ALIKE_SHARE * np.ptp(heights)
+    return max(
+        (level for level, height in zip(levels, heights, strict=True) if height <= low),
+        key=lambda level: level.stop - level.start,
+    )
 
 
 def _pieces(recording: Recording, stretches: Sequence[Plateau]) -> list[tuple[int, int]]:

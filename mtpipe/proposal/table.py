@@ -116,11 +116,10 @@ def _ask_about_columns(draft: Draft, asking: Asking) -> None:
     units = draft.get("source.units") or {}
     sizes = ("pixel_size_x_nm", "pixel_size_y_nm")
     pixels = "pixel" in units.values() or draft.get("source.preset") == SHON_TEXT
-    if pixels and not any(size in units for size in sizes):
-        if draft.get("camera.pixel_size_nm") is None:
-            asking.about(
-                "camera.pixel_size_nm", asked_of("camera.pixel_size_nm"), USUAL_PIXEL_NM, USUAL
-            )
+    stated = any(size in units for size in sizes) or draft.get("camera.pixel_size_nm") is not None
+    if pixels and not stated:
+        question = asked_of("camera.pixel_size_nm")
+        asking.about("camera.pixel_size_nm", question, USUAL_PIXEL_NM, USUAL)
     if draft.get("source.units.z") and "pixel" in units.values():
         draft.put(
             "source.scale.z",
@@ -157,7 +156,7 @@ def _put_rate(draft: Draft, asking: Asking, first: FirstReading) -> bool:
         return False
     question = asked_of("camera.frame_rate_hz")
     asking.about("camera.frame_rate_hz", question, UNKNOWN, "in none of the files: write it here")
-    return draft.get("camera.frame_rate_hz") != UNKNOWN
+    return bool(draft.get("camera.frame_rate_hz") != UNKNOWN)
 
 
 def _files_in_words(files: Sequence[Path], found: FoundFiles | None) -> str:

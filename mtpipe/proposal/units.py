@@ -42,7 +42,7 @@ def stated_unit(columns: Sequence[Column]) -> str | None:
 
 def is_plausible(columns: Sequence[Column], unit: str) -> bool:
     """Whether beads tremble in a stated unit as beads can."""
-    tremble = max((_tremble(c.seconds) for c in columns), default=0.0)
+    tremble = float(np.median([_tremble(c.seconds) for c in columns]))
     nm = tremble * NM_PER_UNIT.get(unit, 100.0)
     return tremble == 0 or POSSIBLE_NM[0] < nm < POSSIBLE_NM[1]
 
@@ -54,7 +54,7 @@ def position_unit(columns: Sequence[Column], axis: str) -> tuple[str, str]:
     ----------
     columns : of all beads.
     """
-    tremble = max(_tremble(c.seconds) for c in columns)
+    tremble = float(np.median([_tremble(c.seconds) for c in columns]))
     place = max(float(np.nanmax(np.abs(c.seconds), initial=0.0)) for c in columns)
     said = f"beads tremble by {_short(tremble)}"
     if axis != "z" and tremble < PIXEL_TREMBLE[1]:

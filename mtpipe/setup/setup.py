@@ -29,6 +29,7 @@ from mtpipe.setup.tracking_table import Tracking
 from mtpipe.setup.usual_errors import usual_stderr
 
 UNKNOWN = "unknown"
+PROPOSED = "`mtpipe init` looks at a recording and proposes one"
 # An effect is one file, called as it is; the files beside them are these.
 PACKAGE, ROOMS = Path(__file__).parents[1], ("effects", "corrections")
 NO_EFFECTS = ("__init__", "catalogue", "effect", "setup_sizes", "correction", "retraced")
@@ -332,7 +333,9 @@ def read_setup(path: Path | str) -> Setup:
         # Windows' editors put a byte-order mark first
         content = tomllib.loads(Path(path).read_text(encoding="utf-8-sig"))
     except FileNotFoundError:
-        raise NoSetupError("there is no such setup file", where=str(path)) from None
+        raise NoSetupError(
+            "there is no such setup file", where=str(path), mend=f"{PROPOSED}."
+        ) from None
     except IsADirectoryError:
         raise NoSetupError("is a folder, not a setup file", where=str(path)) from None
     except (OSError, UnicodeDecodeError) as error:
