@@ -30,13 +30,14 @@ class Asking:
         if self.ask is None or certain:
             return
         shown = ", ".join(guess) or "none" if isinstance(guess, list) else f"{guess}"
+        fault = ""
         while True:
-            answer = self.ask(text, shown)
+            answer = self.ask(f"{fault}{text}", shown)
             if answer.strip() == shown:
                 return
             try:
                 self.draft.fix({key: parsed(key, answer)}, "your answer")
             except MtpipeError as error:
-                text = f"{error}. {text}"
+                fault = f"{error}. "
                 continue
             return

@@ -22,14 +22,14 @@ from mtpipe.ground.types import FloatArray
 from mtpipe.ingest.data_files import data_files, natural_order
 from mtpipe.proposal.columns import Columns, columns_of
 from mtpipe.proposal.look import MOST_ROWS, Column, Look, look_at
-from mtpipe.tracking.stack import SUFFIXES
+from mtpipe.tracking.stack import SUFFIXES, is_pattern, named_like
 from mtpipe.tracking.tiff import TIFF_MAGICS
 
 Together = Literal["one", "series", "beads"]
 # Of files whose names differ in their numbers alone, more than this many are not all looked at.
 MOST_LOOKED_AT, SPREAD_OVER = 30, 8
 # From the end of one file to the beginning of the next a bead moves by no more steps than this.
-FARTHEST_STEPS, EDGE_ROWS = 50.0, 20
+FARTHEST_STEPS, EDGE_ROWS = 15.0, 20
 BEAD_WORDS = re.compile(r"bead|kugel|ref|tether|particle|perle|^[br]\d", re.IGNORECASE)
 
 
@@ -63,7 +63,7 @@ class FoundFiles:
 
 def is_film(paths: Sequence[Path]) -> bool:
     """Whether what is given is a film: an image file, or a folder that has images."""
-    for path in paths:
+    for path in (one for given in paths for one in _named(given)):
         if path.is_dir():
             if any(p.suffix.lower() in SUFFIXES for p in path.iterdir()):
                 return True
@@ -129,15 +129,21 @@ def find_files(paths: Sequence[Path]) -> FoundFiles:
 
 def _given(paths: Sequence[Path]) -> tuple[Path, list[Path], list[Path]]:
     """Folder, the files to be looked at, and those beside a single one."""
-    for path in paths:
-        if not path.exists():
-            raise RecordingError("there is no such file or folder", where=str(path))
+    paths = [one for given in paths for one in _named(given)]
     if len(paths) == 1 and paths[0].is_dir():
         return paths[0], data_files(paths[0]), []
     files = [p for path in paths for p in (data_files(path) if path.is_dir() else [path])]
     folder = files[0].parent if files else paths[0]
     beside = [p for p in data_files(folder) if p not in files] if len(files) == 1 else []
     return folder, sorted(files, key=natural_order), beside[:MOST_LOOKED_AT]
+
+
+def _named(path: Path) -> list[Path]:
+    """What is there under a name, or by a pattern."""
+    found = [path] if path.exists() else named_like(path) if is_pattern(path) else []
+    if not found:
+        raise RecordingError("there is no such file or folder", where=str(path))
+    return found
 
 
 def _skeleton(path: Path) -> str:

@@ -22,6 +22,8 @@ from mtpipe.proposal.draft import Draft
 from mtpipe.proposal.files import FoundFiles
 from mtpipe.proposal.look import Column, Look
 from mtpipe.proposal.magnet_log import Log
+from mtpipe.proposal.nature import lost_marks
+from mtpipe.proposal.questions import NUMBER, UNITS, parsed
 from mtpipe.proposal.units import (
     is_plausible,
     magnet_unit,
@@ -32,47 +34,42 @@ from mtpipe.proposal.units import (
 )
 from mtpipe.setup.source_table import NM_PER_UNIT, SECONDS_PER_UNIT, TURNS_PER_UNIT
 
-# A whole number that stands in several rows, farther from all others than they are from each other,
-# is a word for "lost".
-LOST_ROWS = 3
-LOST_SPANS = 5.0
 REMARK_LINES = 200
-NUMBER = r"([-+]?\d+(?:[.,]\d+)?(?:[eE][-+]?\d+)?)"
 
 
 @dataclass(frozen=True)
 class Remark:
-    """A key that a file's remarks may state: words, and units with what makes the key's of them."""
+    """A key that a file's remarks may state: words for it, and the range in which it can be.
+
+    `bare` : a number without a unit is taken in the key's own.
+    """
 
     key: str
     words: str
-    units: dict[str, float]
     range: tuple[float, float]
+    bare: bool = False
 
 
 REMARKS = (
     Remark(
         "camera.frame_rate_hz",
-        r"frame\s*rate|frames?\s*(?:per|/)\s*s\w*|\bfps\b|bildrate|abtastrate|sampl\w*\s*(?:rate|freq\w*)",
-        {"hz": 1.0, "khz": 1e3, "fps": 1.0, "": 1.0},
+        r"frame\s*rate|frames?\s*(?:per|/)\s*s\w*|\bfps|bildrate|abtastrate|"
+        r"sampl\w*\s*(?:rate|freq\w*)",
         (1.0, 1e5),
+        bare=True,
     ),
     Remark(
         "camera.exposure_s",
         r"exposure(?:\s*time)?|belichtung\w*|shutter(?:\s*time)?|integration\s*time",
-        {"s": 1.0, "ms": 1e-3, "us": 1e-6, "µs": 1e-6, "μs": 1e-6},
         (1e-6, 1.0),
     ),
     Remark(
         "camera.pixel_size_nm",
         r"pixel\s*(?:size|width|calibration)|pixelgr\w+",
-        {"nm": 1.0, "um": 1e3, "µm": 1e3, "μm": 1e3},
         (10.0, 1000.0),
     ),
-    Remark(
-        "buffer.temperature_K", r"temp\w*", {"k": 1.0}, (270.0, 350.0)
-    ),
-)  # fmt: skip
+    Remark("buffer.temperature_K", r"temp\w*", (270.0, 350.0)),
+)
 
 
 def put_layout(draft: Draft, found: FoundFiles, folder: Path) -> None:
@@ -172,7 +169,7 @@ def put_position_units(draft: Draft, columns: Columns) -> None:
             units[axis], reasons[axis] = units["x"], reasons["x"]  # one camera
         else:
             units[axis], reasons[axis] = position_unit(of_axis, axis)
-    if len(set(units.values())) == 1 and not any(draft.states_some("source.units") for _ in "x"):
+    if len(set(units.values())) == 1 and not draft.states_some("source.units"):
         why = next((r for r in reasons.values() if r), "as the file says")
         guessed = any(reasons.values())
         draft.put("source.units.position", next(iter(units.values())), why, guess=guessed)
@@ -197,21 +194,19 @@ def put_remarks(draft: Draft, look: Look) -> None:
         text = _remarks_of(look.path, look.table)
     text = text.replace("_", " ")
     for remark in REMARKS:
-        units = "|".join(re.escape(unit) for unit in sorted(remark.units, key=len, reverse=True))
-        pattern = (
-            rf"(?:{remark.words})\s*[(\[]?\s*({units})\s*[)\]]?[\s:;=,\t\"]*{NUMBER}\s*({units})"
-        )
+        known = {u.casefold(): u for u in UNITS[remark.key.rpartition("_")[2]]}
+        units = "|".join(re.escape(u) for u in sorted(known, key=len, reverse=True))
+        unit = rf"(?:[(\[]?\s*({units})\b\s*[)\]]?)?"
+        pattern = rf"(?:{remark.words})\s*{unit}[\s:;=,\t\"]*{NUMBER}\s*{unit}"
         for match in re.finditer(pattern, text, re.IGNORECASE):
-            unit = (match[1] or match[3] or "").casefold()
-            if unit not in remark.units:
+            said = match[1] or match[3]
+            if (said is None and not remark.bare) or draft.get(remark.key) is not None:
                 continue
-            value = float(match[2].replace(",", ".")) * remark.units[unit]
-            if remark.range[0] <= value <= remark.range[1] and draft.get(remark.key) is None:
-                line = match[0].strip()[:60]
-                draft.put(
-                    remark.key, float(f"{value:.8g}"), f"as the file says: {line!r}", guess=True
-                )
-                break
+            name = known[said.casefold()] if said else ""
+            value = parsed(remark.key, f"{match[2]} {name}")
+            if remark.range[0] <= value <= remark.range[1]:
+                why = f"as the file says: {match[0].strip()[:60]!r}"
+                draft.put(remark.key, value, why, guess=True)
 
 
 def _put_text(draft: Draft, look: Look, table: TextTable, canonical: bool) -> None:
@@ -286,21 +281,10 @@ def _put_lost(draft: Draft, look: Look, columns: Columns) -> None:
     zero = np.logical_and.reduce([values == 0 for values in positions])
     if np.count_nonzero(zero) > 1 and len(positions) > 1:
         draft.put("source.lost.all_zero_rows", True, "rows of zeros are no positions", guess=True)
-    marks: dict[float, int] = {}
-    for values in positions:
-        known = values[np.isfinite(values) & ~zero]
-        if len(known) < 2 * LOST_ROWS:
-            continue
-        for value in {known.min(), known.max()} & set(np.rint(known)):
-            others = known[known != value]
-            if len(others) < len(known) / 2 or np.count_nonzero(known == value) < LOST_ROWS:
-                continue
-            if np.min(np.abs(others - value)) > LOST_SPANS * np.ptp(others):
-                marks[float(value)] = marks.get(float(value), 0) + 1
+    marks = {mark for values in positions for mark in lost_marks(values[~zero])}
     if marks:
-        draft.put(
-            "source.lost.values", sorted(marks), "far from all positions, and repeated", guess=True
-        )
+        why = "far from all positions, and repeated"
+        draft.put("source.lost.values", sorted(marks), why, guess=True)
 
 
 def _is_canonical(look: Look) -> bool:

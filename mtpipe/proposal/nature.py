@@ -12,6 +12,9 @@ import numpy as np
 from mtpipe.ground.types import FloatArray
 
 Nature = Literal["dead", "constant", "count", "clock", "motor", "motion"]
+# A whole number in several rows, farther from all others than these are apart, means lost.
+LOST_ROWS = 3
+LOST_SPANS = 3.0
 # A count goes on by one from nearly every row to the next; cameras lose frames.
 COUNTED_SHARE = 0.9
 # A motor's set value repeats exactly, a tracker's positions hardly ever.
@@ -27,7 +30,8 @@ MOVING_SHARE = 0.8
 
 def nature_of(values: FloatArray) -> Nature:
     """What a column is by its values (n,), NaN where there is none."""
-    known = values[np.isfinite(values)]
+    marks = lost_marks(values)
+    known = values[np.isfinite(values) & ~np.isin(values, marks)]
     if len(known) < 2:
         return "dead"
     if known.min() == known.max():
@@ -40,6 +44,21 @@ def nature_of(values: FloatArray) -> Nature:
     if float(np.mean(steps == 0)) > REPEATED_SHARE or _rests_and_moves(known):
         return "motor"
     return "motion"
+
+
+def lost_marks(values: FloatArray) -> list[float]:
+    """Whole numbers that mean lost: in several rows, and far from all the others."""
+    known = values[np.isfinite(values)]
+    marks: list[float] = []
+    if len(known) < 2 * LOST_ROWS:
+        return marks
+    for value in {float(known.min()), float(known.max())}:
+        others = known[known != value]
+        repeated = LOST_ROWS <= len(known) - len(others) < len(known) / 2
+        far = len(others) > 0 and np.min(np.abs(others - value)) > LOST_SPANS * np.ptp(others)
+        if repeated and far and value == round(value):
+            marks.append(value)
+    return marks
 
 
 def _is_climbing(known: FloatArray) -> bool:

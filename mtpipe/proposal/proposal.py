@@ -80,11 +80,14 @@ def propose(
         film = None
         seen = propose_table(paths, setup_file.parent, draft, asking, say)
     for question in ALWAYS:
+        told = draft.get(question.key)  # by a file's remarks
+        if told is not None:
+            asking.about(question.key, question.text, told, draft.why[question.key])
+            continue
         asking.about(question.key, question.text, question.usual, question.why)
-    put_usual(draft)
-    for question in ALWAYS:  # open values are told by the setup, and are no guesses
         if question.key in draft.guessed:
-            draft.guessed.remove(question.key)
+            draft.guessed.remove(question.key)  # nothing was guessed, and the setup says so
+    put_usual(draft)
     files = ", ".join(as_text(path.name or str(path.resolve().name)) for path in paths[:3])
     return Proposal(
         setup_text(draft, HEAD.format(files=files)), tuple(said(draft)), tuple(seen), film

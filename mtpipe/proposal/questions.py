@@ -7,6 +7,7 @@ TOML file that is a part of a setup, in which the tables may be left out: `radiu
 from __future__ import annotations
 
 import difflib
+import re
 import tomllib
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -32,6 +33,14 @@ from mtpipe.setup.source_table import PositionUnit, Source
 
 USUAL_EFFECTS = ["wall_drag", "rotation_coupling", "tracking_noise"]
 USUAL_PIXEL_NM = 100.0
+NUMBER = r"([-+]?\d*[.,]?\d+(?:[eE][-+]?\d+)?)"
+# Units in which people answer, by the unit of the key: factor and what is added.
+UNITS: dict[str, dict[str, tuple[float, float]]] = {
+    "s": {"s": (1.0, 0.0), "ms": (1e-3, 0.0), "us": (1e-6, 0.0), "µs": (1e-6, 0.0)},
+    "nm": {"nm": (1.0, 0.0), "um": (1e3, 0.0), "µm": (1e3, 0.0)},
+    "hz": {"Hz": (1.0, 0.0), "fps": (1.0, 0.0), "kHz": (1e3, 0.0)},
+    "K": {"K": (1.0, 0.0), "C": (1.0, 273.15), "°C": (1.0, 273.15)},
+}
 # Tables whose keys have names of their own, so that an answer needs no table.
 SECTIONS: dict[str, type[BaseModel]] = {
     "camera": Camera, "beads": Beads, "tether": Tether, "buffer": Buffer, "field": FieldAxis,
@@ -96,12 +105,9 @@ def asked_of(key: str) -> str:
         "camera.frame_rate_hz": "How many frames did the camera take per second?",
         "camera.pixel_size_nm": "Size of a pixel in the sample, in nm? Usual: 50 to 200",
         "field.direction": "Along which axis of the camera do the magnets' field lines run? x or y",
+        "source.scale.z": "Factor on z? 1 if heights are corrected for refraction, 0.88 if not "
+        "(oil objective, bead in water)",
         "beads.reference": "Which beads are fixed to the surface? Names with commas, or none",
-        "source.units.x": "Unit of x? nm, um, mm, m or pixel",
-        "source.units.y": "Unit of y?",
-        "source.units.z": "Unit of z? nm, um, mm or m",
-        "source.scale.z": "Factor on z for refraction? 1 if it is corrected; an oil objective "
-        "without correction has 0.88",
     }[key]
 
 
@@ -126,10 +132,12 @@ def parsed(key: str, text: str) -> Any:
         return plain
     if word.casefold() in (UNKNOWN, "?", ""):
         return UNKNOWN
-    try:
-        return float(word.replace(",", "."))
-    except ValueError:
-        raise SetupError(f'a number or "{UNKNOWN}" is needed, got {word!r}') from None
+    match = re.fullmatch(rf"{NUMBER}\s*(.*)", word)
+    units = UNITS.get(key.rpartition("_")[2], {})
+    if match is None or match[2] not in ("", *units):
+        raise SetupError(f'a number or "{UNKNOWN}" is needed, got {word!r}')
+    factor, added = units.get(match[2], (1.0, 0.0))
+    return float(f"{float(match[1].replace(',', '.')) * factor + added:.10g}")
 
 
 def read_answers(path: Path) -> dict[str, Any]:

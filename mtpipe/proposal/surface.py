@@ -81,7 +81,7 @@ def surface_of(recording: Recording, stretches: Sequence[Plateau]) -> Surface:
             many = f"{sum(touching)} of {len(beads)} beads" if len(beads) > 1 else "the bead"
             return Surface(
                 {},
-                f"there {many} would be down on the surface, by height and lateral motion",
+                f"{many} seem to be down on the surface there, by height and lateral motion",
                 (lowest.start, lowest.stop),
             )
     references = [

@@ -108,11 +108,13 @@ def _put_found(found: FoundFiles, folder: Path, draft: Draft) -> Log | None:
 
 def _ask_about_columns(draft: Draft, asking: Asking) -> None:
     """Ask about units that were guessed, and the size of a pixel where there are any."""
-    for axis in ("position", "x", "y", "z"):
+    for axis, what in (("position", "the positions"), ("x", "x and y"), ("z", "z")):
         key = f"source.units.{axis}"
         if key in draft.guessed:
             unit, why = draft.get(key), draft.why[key]
-            asking.about(key, f"Unit of {'positions' if axis == 'position' else axis}?", unit, why)
+            asking.about(key, f"Unit of {what}? nm, um, mm, m or pixel", unit, why)
+            if axis == "x" and "source.units.y" in draft.guessed:  # one camera
+                draft.put("source.units.y", draft.get(key), draft.why[key])
     units = draft.get("source.units") or {}
     sizes = ("pixel_size_x_nm", "pixel_size_y_nm")
     pixels = "pixel" in units.values() or draft.get("source.preset") == SHON_TEXT
@@ -120,12 +122,11 @@ def _ask_about_columns(draft: Draft, asking: Asking) -> None:
     if pixels and not stated:
         question = asked_of("camera.pixel_size_nm")
         asking.about("camera.pixel_size_nm", question, USUAL_PIXEL_NM, USUAL)
-    if draft.get("source.units.z") and "pixel" in units.values():
-        draft.put(
-            "source.scale.z",
-            1.0,
-            f"{OIL_OBJECTIVE} if z is not corrected for refraction (oil objective)",
-        )
+    if draft.get("source.preset") is None and ("z" in units or "position" in units):
+        why = f"{OIL_OBJECTIVE} if z is not corrected for refraction (oil objective)"
+        asking.about("source.scale.z", asked_of("source.scale.z"), 1.0, why)
+        if "source.scale.z" in draft.guessed:
+            draft.guessed.remove("source.scale.z")
 
 
 def _offset(log: Log, recording: Recording) -> tuple[float, str]:
@@ -143,7 +144,7 @@ def _offset(log: Log, recording: Recording) -> tuple[float, str]:
         how = f"the beads' heights follow the magnets best so ({100 * found.explains:.0f} %)"
     else:
         how = "both are taken to begin together"
-    return found.seconds, f"{name}; its clock is {found.seconds:g} s behind: {how}"
+    return found.seconds, f"{name}; {found.seconds:g} s are added to its clock: {how}"
 
 
 def _put_rate(draft: Draft, asking: Asking, first: FirstReading) -> bool:
