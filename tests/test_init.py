@@ -9,12 +9,24 @@ import tifffile
 from typer.testing import CliRunner
 
 from mtpipe.cli.commands import app
-from mtpipe.ground.errors import RecordingError, SetupError
+from mtpipe.ground.errors import NoSetupError, RecordingError, SetupError
 from mtpipe.ingest import load
 from mtpipe.proposal.proposal import checked, propose
 from mtpipe.proposal.questions import as_setup_part, parsed
+from mtpipe.setup.presets import PRESETS
+from tests.ingest_recordings import (
+    N,
+    axes_of,
+    magscope_batches,
+    magscope_positions,
+    motion,
+    table,
+    write,
+    write_magscope,
+)
 from tests.laboratory_files import RATE, Laboratory
 from tests.stack_images import draw
+from tests.test_ingest_presets import write_calisto, write_calisto_hdf5, write_shon
 
 SAMPLE = Path(__file__).parents[1] / "sample_data" / "laboratory_text"
 SHARED = Path(__file__).resolve().parents[2] / "shared"
@@ -125,6 +137,56 @@ def test_recordings_that_do_not_go_on_are_not_joined(laboratory, tmp_path):
     np.savetxt(tmp_path / "r1.csv", table, "%.4f", ",", header=lines[0], comments="")
     with pytest.raises(RecordingError, match=r"recordings of their own.*Give one of them"):
         proposed(tmp_path)
+
+
+@pytest.mark.parametrize("name", [n for n in PRESETS if n != "columns"])
+def test_presets_are_found(tmp_path, name):
+    three = motion(N, beads=("M0", "M1", "R2"))
+    if name == "calisto-text":
+        write_calisto(tmp_path, three)
+    elif name == "calisto-hdf5":
+        write_calisto_hdf5(tmp_path / "r.h5", three)
+    elif name == "magscope-hdf5":
+        write_magscope(tmp_path / "t.h5", magscope_batches(magscope_positions()))
+    elif name == "dekker-text":
+        write(tmp_path / "a_motors.txt", ["3"] * N)
+        write(tmp_path / "a.txt", table(c / 1e3 for c in axes_of({"b1": three["M0"]})))
+    else:
+        write_shon(tmp_path, three)
+    rate = {"frame_rate_hz": 100.0} if name == "dekker-text" else {}
+    _, recording = proposed(tmp_path, {**rate, "minimum_s": 0.1, "pixel_size_nm": 80.0})
+    assert recording.setup.source.preset == name
+    assert np.isfinite(recording.positions_nm[recording.tethered[0]]).any()
+
+
+def test_what_cannot_be_read_yet_is_written_all_the_same(laboratory, tmp_path):
+    """A user who states a wrong unit has the rest of the setup, and is told."""
+    laboratory.columns(tmp_path / "r.csv", slice(None))
+    answers = tmp_path / "answers.toml"
+    answers.write_text('source.units.position = "mm"\n')
+    done = run(tmp_path / "r.csv", "--answers", answers)
+    assert done.exit_code == 1
+    assert "not a tethered bead, or not in nm" in done.output
+    text = (tmp_path / "setup.toml").read_text()
+    assert 'units = { position = "mm" }' in text
+    assert 'time = { column = "time"' in text
+
+
+def test_a_run_without_a_setup_points_to_init(laboratory, tmp_path):
+    laboratory.columns(tmp_path / "r.csv", slice(None))
+    with pytest.raises(NoSetupError, match="mtpipe init"):
+        load(tmp_path / "r.csv")
+
+
+def test_a_missing_column_lists_what_is_there(laboratory, tmp_path):
+    laboratory.columns(tmp_path / "r.csv", slice(None))
+    proposed(tmp_path)
+    text = (tmp_path / "setup.toml").read_text()
+    (tmp_path / "setup.toml").write_text(text.replace('column = "motor"', 'column = "moter"'))
+    with pytest.raises(
+        RecordingError, match=r"Did you mean motor\? There are: time, motor, r"
+    ):
+        load(tmp_path / "setup.toml")
 
 
 def test_long_tables_are_told(tmp_path):

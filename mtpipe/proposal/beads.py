@@ -15,7 +15,7 @@ from mtpipe.proposal.surface import surface_of
 from mtpipe.proposal.words import is_reference
 from mtpipe.recording.plateaus import find_plateaus
 from mtpipe.recording.recording import Plateau, Recording
-from mtpipe.setup.setup import Plateaus
+from mtpipe.setup.setup import UNKNOWN, Plateaus
 
 
 def put_references(
@@ -64,7 +64,11 @@ def put_field(
 
 def put_rest(draft: Draft, recording: Recording, *, log: bool) -> Sequence[Plateau]:
     """Put what counts as a plateau; the stretches of resting magnets, short ones too."""
+    lasts_s = float(recording.time_s[-1] - recording.time_s[0])
     if recording.magnet_mm is None:
+        if lasts_s < Plateaus().minimum_s:
+            shorter = float(f"{lasts_s / 2:.1g}")
+            draft.put("plateaus.minimum_s", shorter, f"it lasts {lasts_s:.3g} s", guess=True)
         return ()
     rest = rest_of(recording.time_s, recording.magnet_mm, log=log)
     for key, value in rest.choices.items():
@@ -87,3 +91,16 @@ def put_surface(draft: Draft, recording: Recording, stretches: Sequence[Plateau]
         draft.put("source.z_zero.touch_rows", rows, f"a guess: {surface.why}", guess=True)
     else:
         draft.put("source.z_zero", surface.z_zero, f"a guess: {surface.why}", guess=True)
+
+
+def put_without_reading(draft: Draft) -> None:
+    """Put what a setup must have, where the beads could not be looked at."""
+    for key, value in (
+        ("camera.frame_rate_hz", UNKNOWN),
+        ("beads.reference", []),
+        ("field.direction", "x"),
+    ):
+        if draft.get(key) is None:
+            draft.put(key, value, f"the beads could not be looked at; {USUAL}")
+    if draft.get("source.beads") is not None and draft.get("source.z_zero") is None:
+        draft.put("source.z_zero", {"unknown": True}, "the beads could not be looked at")

@@ -14,6 +14,7 @@ from mtpipe.setup.setup import Plateaus
 # Quiet stretches to take a motor's noise from; moves are the few wide ones.
 QUIET = 0.5
 NOISE_MARGIN = 3.0
+NOISE_SHARE = 0.1  # of the range of positions; more is no noise of a motor at rest
 WINDOW_S, WINDOW_ROWS = 0.3, 5
 SHORTEST_S = 0.5
 # Of the dwells that hold most of the recording, a plateau takes those that are no shorter than
@@ -44,7 +45,7 @@ def rest_of(time_s: FloatArray, magnet_mm: FloatArray, *, log: bool) -> Rest:
     choices: dict[str, float] = {}
     why: dict[str, str] = {}
     noise = _noise_mm(time_s, magnet_mm)
-    if noise > 0:
+    if 0 < noise < NOISE_SHARE * float(np.ptp(magnet_mm[np.isfinite(magnet_mm)])):
         choices["tolerance_mm"] = _rounded_up(NOISE_MARGIN * noise)
         why["tolerance_mm"] = f"the magnets' position scatters by {noise:.2g} mm while they rest"
     if log:

@@ -7,10 +7,17 @@ from pathlib import Path
 
 import numpy as np
 
+from mtpipe.ground.errors import MtpipeError
 from mtpipe.ground.files import as_text
 from mtpipe.ground.types import NamedProgress
 from mtpipe.proposal.asking import Asking
-from mtpipe.proposal.beads import put_field, put_references, put_rest, put_surface
+from mtpipe.proposal.beads import (
+    put_field,
+    put_references,
+    put_rest,
+    put_surface,
+    put_without_reading,
+)
 from mtpipe.proposal.draft import USUAL, Draft
 from mtpipe.proposal.files import FoundFiles, find_files
 from mtpipe.proposal.instrument import magscope_files, preset_of
@@ -50,8 +57,13 @@ def propose_table(
         log = _put_found(found, folder, draft)
     _ask_about_columns(draft, asking)
     say("reading", 0, 1)
-    first = first_reading(draft, folder)
     seen = [_files_in_words(files, found)]
+    try:
+        first = first_reading(draft, folder)
+    except MtpipeError as error:
+        # what the user has to decide; the rest stands, and the reading after writing says it
+        put_without_reading(draft)
+        return [*seen, f"Its beads could not be looked at: {error}"]
     if _put_rate(draft, asking, first):
         first = first_reading(draft, folder)
     if log is not None:
