@@ -6,6 +6,7 @@ number. What was decided by values and not by names is a guess, and says so.
 
 from __future__ import annotations
 
+import itertools
 import re
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
@@ -23,6 +24,8 @@ HERTZ = re.compile(r"\b[kM]?Hz\b")
 OF_BEAD = re.compile(r"bead|particle|kugel|track|^id$|label", re.IGNORECASE)
 NUMBER = re.compile(r"\d+")
 PLACE = "{n}"
+# Another number of columns per bead than three has to be so much better.
+CLEARLY, TINY = 0.5, 1e-30
 # Words that are good names of beads with a number; a group or a program's name is none.
 BEAD = re.compile(r"beads?|kugel|perle|bille|particle|tether|ref\w*|[bmrp]")
 
@@ -182,7 +185,14 @@ def _by_names(named: Sequence[Column], look: Look) -> _Found:
     for column in named:
         said = said_by(column.name)
         assert said.axis is not None
-        owners.setdefault(said.owner, {}).setdefault(said.axis, column)
+        # names that repeat, as below a line with the beads' names, are of one bead after another
+        times = itertools.count()
+        owner = next(
+            key
+            for k in times
+            if said.axis not in owners.get(key := (*said.owner, *([str(k)] if k else [])), {})
+        )
+        owners.setdefault(owner, {})[said.axis] = column
     together: dict[str, Column] = {}
     for axes in owners.values():
         together |= axes
@@ -290,16 +300,16 @@ def _by_values(
         roles["magnet"] = motors.pop(0)
     if motors and roles["rotation"] is None:
         roles["rotation"] = motors.pop(0)
-    order = {1: "x", 2: "xy", 3: "xyz"}[width]
+    order = "xyz"[: min(width, 3)]
     names = [f"b{k + 1}" for k in range(len(rest) // width)]
     beads = tuple(
-        Bead(name, dict(zip(order, rest[k * width : (k + 1) * width], strict=True)))
+        Bead(name, dict(zip(order, rest[k * width :], strict=False)))
         for k, name in enumerate(names)
     )
     how = f"the values of the columns, taken for {', '.join(order)} of each bead in turn"
     if len(beads) == 1:
         return _Found(beads, [_entry(beads[0])], how)
-    entry = {"first_column": rest[0].told, "order": order, "names": names}
+    entry = {"first_column": rest[0].told, "order": order.ljust(width, "_"), "names": names}
     return _Found(beads, [entry], how)
 
 
@@ -308,24 +318,27 @@ def _width(columns: Sequence[Column]) -> tuple[int, int]:
     n = len(columns)
     if n <= 3:
         return max(n, 1), 0
-    if n % 3 == 0:
-        # six columns are two beads in x, y, z or three in x, y: heights are on a scale of their own
-        return (2, 0) if n % 2 == 0 and _alike_in_pairs(columns) else (3, 0)
-    if n % 2 == 0 and _alike_in_pairs(columns):
-        return 2, 0
-    return 3, n % 3
+    mixed = {w: _mixed(columns, w) for w in (3, 2, 4, 5) if n % w == 0 and n > w}
+    if not mixed:
+        return 3, n % 3
+    best = min(mixed, key=lambda width: mixed[width])
+    clearly = 3 not in mixed or mixed[best] < CLEARLY * mixed[3]
+    return (best if clearly else 3), 0
 
 
-def _alike_in_pairs(columns: Sequence[Column]) -> bool:
-    """Whether all columns fluctuate on one scale, as x and y do and z in general does not."""
-    spread = [np.nanstd(np.diff(c.seconds)) for c in columns]
-    whole = [np.nanmedian(np.abs(c.seconds)) for c in columns]
-    third = np.array(whole[2::3])
-    others = np.array([w for k, w in enumerate(whole) if k % 3 != 2])
-    apart = third.max() < 0.5 * others.min() or np.max(spread[2::3]) < 0.3 * np.min(
-        [s for k, s in enumerate(spread) if k % 3 != 2]
-    )
-    return not apart and len(columns) % 3 != 0
+def _mixed(columns: Sequence[Column], width: int) -> float:
+    """How unlike the places of one axis are among beads, over those of all columns.
+
+    Small for the right width: x, y and z are each on a scale of their own. 1 for places that
+    count from each bead's own.
+    """
+    place = np.array([np.nanmedian(np.abs(c.seconds)) for c in columns])
+    spread = np.array([np.nanstd(c.seconds) for c in columns])
+    if np.median(place) < 3 * np.median(spread):
+        return 1.0
+    logs = np.log(place + TINY)
+    within = np.mean([np.var(logs[k::width]) for k in range(width)])
+    return float(within / max(np.var(logs), TINY))
 
 
 def _of_three_axes(base: str, members: Sequence[Column]) -> _Found:

@@ -5,6 +5,7 @@ What the setup leaves open is tried: the decimal mark of text, and words that me
 
 from __future__ import annotations
 
+import io
 from collections import Counter
 from collections.abc import Sequence
 from dataclasses import dataclass, field
@@ -21,6 +22,7 @@ from mtpipe.ingest.arrays import ArrayTable
 from mtpipe.ingest.cells import is_no_number, is_number
 from mtpipe.ingest.collect import OpenTable
 from mtpipe.ingest.column_attributes import Stated
+from mtpipe.ingest.data_files import open_stream
 from mtpipe.ingest.instants import is_instant
 from mtpipe.ingest.kinds import kind_of
 from mtpipe.ingest.read import open_table
@@ -128,12 +130,18 @@ def _looked_at(path: Path, kind: Format, layout: dict[str, Any]) -> Look:
         )
         if not usable:
             raise RecordingError("holds no column of numbers", where=str(path))
-    table = open_table(path, Layout.model_validate(layout), tokens)
+    chosen = Layout.model_validate(layout)
+    table = open_table(path, chosen, tokens)
+    if isinstance(table, TextTable) and not table.has_names:
+        table = open_table(path, chosen, tokens, _names_in_remark(table))
     if kind != "text":
         usable = list(range(len(table.names)))
     # of a file that is cut off all columns are one table, as far as all are whole
     apart = "incomplete" not in layout
     lengths = table.lengths if isinstance(table, ArrayTable) and apart else (0,) * len(table.names)
+    # what has no name, or another's, is told by number
+    once = Counter(table.names)
+    named = {k for k, name in enumerate(table.names) if table.has_names and once[name] == 1}
     groups = []
     for length in dict.fromkeys(lengths[k] for k in usable):
         together = [k for k in usable if lengths[k] == length]
@@ -141,7 +149,7 @@ def _looked_at(path: Path, kind: Format, layout: dict[str, Any]) -> Look:
         groups.append(
             tuple(
                 Column(
-                    table.names[k] if table.has_names else k + 1,
+                    table.names[k] if k in named else k + 1,
                     table.names[k],
                     value,
                     table.stated[k],
@@ -186,3 +194,18 @@ def _numeric(path: Path, layout: dict[str, Any]) -> tuple[list[int], tuple[str, 
     # a number with another decimal mark is a fault of the file, and no word
     found = dict.fromkeys(word for k in usable for word in words[k])
     return usable, tuple(word for word in found if not any(c.isdigit() for c in word))
+
+
+def _names_in_remark(table: TextTable) -> tuple[str, ...]:
+    """Names of the columns in a remark before the numbers, as numpy.savetxt writes them."""
+    with open_stream(table.path) as stream:
+        text = io.TextIOWrapper(stream, encoding=table.encoding, errors="replace")
+        lines = [line.strip() for line in islice(text, table.skip)]
+    remarks = [line for line in lines if table.comment and line.startswith(table.comment)]
+    for line in reversed(remarks):
+        bare = line.removeprefix(table.comment).strip()
+        for cells in (bare.split(), *(bare.split(mark) for mark in "\t;,")):
+            words = [cell for cell in cells if not is_number(cell, table.decimal)]
+            if len(cells) == len(table.names) and len(words) == len(cells):
+                return tuple(cell.strip() for cell in cells)
+    return ()

@@ -27,7 +27,7 @@ FEWEST_ROWS = 200
 # The lowest plateau touches if it is within this part of the chain's length from the surface.
 TOUCHING_SHARE = 0.3
 # Levels this close to the lowest, in parts of the range of heights, are as low.
-ALIKE_SHARE = 0.1
+ALIKE_SHARE, GAP_ROWS = 0.1, 400
 # Where a bead comes down from a force, it is far lower there and moves far more.
 SMALLEST_REACH_NM = 100.0
 STIFFER = 5.0
@@ -36,6 +36,12 @@ NEAR_NM = 150.0
 TALLEST_NM = 20_000.0
 PIECES = 40
 SHORTEST_PIECE_S = 2.0
+
+
+TAKEN_FOR_HEIGHT = (
+    "z is taken for the height above the surface already. If it is not, forces are wrong in "
+    "proportion"
+)
 
 
 @dataclass(frozen=True)
@@ -75,14 +81,16 @@ def surface_of(recording: Recording, stretches: Sequence[Plateau]) -> Surface:
         if (level := _level(recording, beads, stage, start, stop)) is not None
     ]
     if len(levels) >= FEWEST_PLATEAUS:
-        lowest = _down(levels)
+        first, last = _down(levels)
+        lowest = min(levels[first : last + 1], key=_median_height)
         touching = [_touches(bead, levels, lowest) for bead in beads]
         if np.mean(touching) > 0.5:
-            many = f"{sum(touching)} of {len(beads)} beads" if len(beads) > 1 else "the bead"
+            many = f"{sum(touching)} of {len(beads)} beads seem"
+            many = many if len(beads) > 1 else "the bead seems"
             return Surface(
                 {},
-                f"{many} seem to be down on the surface there, by height and lateral motion",
-                (lowest.start, lowest.stop),
+                f"{many} to be down on the surface there, by height and lateral motion",
+                (levels[first].start, levels[last].stop),
             )
     references = [
         float(np.nanmedian(recording.positions_nm[b][:FEWEST_ROWS, 2]))
@@ -96,22 +104,30 @@ def surface_of(recording: Recording, stretches: Sequence[Plateau]) -> Surface:
             return Surface({"value_nm": 0.0}, "reference beads are at z = 0")
         return Surface(
             {"value_nm": float(f"{place:.5g}")},
-            "no bead comes down: the height of the reference beads, which beads of other sizes "
-            "and tables have elsewhere",
+            "no bead comes down; reference beads are at this height. If it is not that of the "
+            "surface, forces are wrong in proportion",
         )
     if -NEAR_NM < low < TALLEST_NM:
-        return Surface({"value_nm": 0.0}, "z is taken for the height above the surface already")
+        return Surface({"value_nm": 0.0}, TAKEN_FOR_HEIGHT)
     return Surface({"unknown": True}, "no bead comes down: neither extension nor force until known")
 
 
-def _down(levels: Sequence[Level]) -> Level:
-    """The longest level of those that are about as low as the lowest."""
-    heights = np.array([np.median([*level.height_nm.values()]) for level in levels])
-    low = heights.min() + ALIKE_SHARE * np.ptp(heights)
-    return max(
-        (level for level, height in zip(levels, heights, strict=True) if height <= low),
-        key=lambda level: level.stop - level.start,
-    )
+def _median_height(level: Level) -> float:
+    return float(np.median([*level.height_nm.values()]))
+
+
+def _down(levels: Sequence[Level]) -> tuple[int, int]:
+    """First and last of the longest row of levels that are about as low as the lowest."""
+    heights = np.array([_median_height(level) for level in levels])
+    low = heights <= heights.min() + ALIKE_SHARE * np.ptp(heights)
+    runs: list[tuple[int, int]] = []
+    for k in np.flatnonzero(low).tolist():
+        together = runs and runs[-1][1] == k - 1
+        if together and levels[k].start - levels[k - 1].stop < GAP_ROWS:
+            runs[-1] = (runs[-1][0], k)
+        else:
+            runs.append((k, k))
+    return max(runs, key=lambda run: levels[run[1]].stop - levels[run[0]].start)
 
 
 def _pieces(recording: Recording, stretches: Sequence[Plateau]) -> list[tuple[int, int]]:

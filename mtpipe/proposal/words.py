@@ -18,7 +18,10 @@ Role = Literal["time", "frame", "magnet", "rotation", "other"]
 # In this order: a magnet's rotation is a rotation, a magnet's z is no bead's.
 ROLES: tuple[tuple[Role, re.Pattern[str]], ...] = (
     ("rotation", re.compile(r"rot|turn|dreh|winkel|angle|revol|windung|theta$|phi$")),
-    ("magnet", re.compile(r"z?mag(?!nif|nit)|motor|mot$|aimant|translation|actuator|aktuator")),
+    (
+        "magnet",
+        re.compile(r"z?mag(?!nif|nit|scope|track)|motor|mot$|aimant|translation|actuator|aktuator"),
+    ),
     (
         "time",
         re.compile(r"time|zeit|t$|ts$|temps|tiempo|stamp|clock|uhr|second|sekund|elapsed|dat"),
@@ -57,7 +60,10 @@ def said_by(name: str) -> Said:
     own = words_of(name.rpartition("/")[2]) or words
     for candidates in (own, words):
         for role, pattern in ROLES:
-            if any(pattern.match(word) for word in candidates) and not _is_axis_alone(own):
+            # `frame/x` is a position all the same, `magnet/z` none of a bead
+            if _is_axis_alone(own) and role in ("time", "frame"):
+                continue
+            if any(pattern.match(word) for word in candidates):
                 return Said(role=role)
     places = [k for k, word in enumerate(words) if AXIS.fullmatch(word)]
     if not places:
