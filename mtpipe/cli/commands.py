@@ -122,7 +122,7 @@ def init(
 
     done = propose_and_write(files, setup, answers, overwrite=overwrite)
     folder = out or done.setup.parent / "results"
-    command = f"mtpipe run {quoted(done.target)} --out {quoted(folder)}"
+    command = f"mtpipe run {done.in_words} --out {quoted(folder)}"
     if done.left:
         raise typer.Exit(1)
     if not (run_it or done.wants_run()):

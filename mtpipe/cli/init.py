@@ -9,7 +9,7 @@ from pathlib import Path
 
 import typer
 
-from mtpipe.cli.terminal import progress_bar
+from mtpipe.cli.terminal import progress_bar, quoted
 from mtpipe.ground.errors import MtpipeError, writing
 from mtpipe.ground.files import write_atomically
 from mtpipe.ground.streams import say, visible
@@ -26,6 +26,14 @@ class Written:
     target: Path
     left: str
     asked: bool
+
+    @property
+    def in_words(self) -> str:
+        """Arguments of `mtpipe run`."""
+        home = self.target if self.target.is_dir() else self.target.parent
+        if self.setup in (self.target, home / SETUP_NAME):
+            return quoted(self.target)
+        return f"{quoted(self.target)} --setup {quoted(self.setup)}"
 
     def wants_run(self) -> bool:
         """Whether a person at the terminal wants a first run now."""

@@ -9,7 +9,7 @@ from mtpipe.ground.types import FloatArray
 from mtpipe.proposal.asking import Asking
 from mtpipe.proposal.draft import USUAL, Draft
 from mtpipe.proposal.motion import field_axis, fixed_beads, motion_of
-from mtpipe.proposal.questions import asked_of
+from mtpipe.proposal.questions import ASKED
 from mtpipe.proposal.rest import SHORTEST_S, rest_of
 from mtpipe.proposal.surface import surface_of
 from mtpipe.proposal.words import is_reference
@@ -43,7 +43,7 @@ def put_references(
     if len(found) == len(positions_nm):
         found, why = [], "all seem to be fixed: say which are"
     alone = len(positions_nm) == 1
-    question = asked_of("beads.reference")
+    question = ASKED["beads.reference"]
     asking.about(
         "beads.reference", question, found, "there is one bead" if alone else why, certain=alone
     )
@@ -59,7 +59,7 @@ def put_field(
     else:
         guess = axis[0]
         why = f"a guess: along it beads move less ({axis[1]:.2g} times less variance)"
-    asking.about("field.direction", asked_of("field.direction"), guess, why)
+    asking.about("field.direction", ASKED["field.direction"], guess, why)
 
 
 def put_rest(draft: Draft, recording: Recording, *, log: bool) -> Sequence[Plateau]:

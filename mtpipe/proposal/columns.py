@@ -21,6 +21,8 @@ from mtpipe.proposal.words import is_reference, said_by
 
 ARRAY = re.compile(r"(?P<base>.*)\[(?P<index>\d+(?:,\d+)*)\]")
 HERTZ = re.compile(r"\b[kM]?Hz\b")
+# In a table with a row for each bead in each frame, frames repeat and beads are few.
+REPEATING_SHARE, MOST_BEADS_SHARE = 0.4, 0.1
 OF_BEAD = re.compile(r"bead|particle|kugel|track|^id$|label", re.IGNORECASE)
 NUMBER = re.compile(r"\d+")
 PLACE = "{n}"
@@ -129,11 +131,12 @@ def _is_long(group: Sequence[Column]) -> bool:
     if not frames or not ids:
         return False
     known = ids[0][np.isfinite(ids[0])]
-    repeats = float(np.mean(np.diff(frames[0]) == 0))
-    few = len(np.unique(known)) < max(2, len(known) // 10)
-    return bool(np.all(known == np.rint(known)) and few and repeats > 0.4) or bool(
-        np.any(np.diff(frames[0]) < 0) and few and np.all(np.diff(known) >= 0)
-    )
+    steps = np.diff(frames[0])
+    if not np.all(known == np.rint(known)) or len(np.unique(known)) > len(known) * MOST_BEADS_SHARE:
+        return False
+    frame_by_frame = float(np.mean(steps == 0)) > REPEATING_SHARE
+    bead_by_bead = bool(np.any(steps < 0) and np.all(np.diff(known) >= 0))
+    return frame_by_frame or bead_by_bead
 
 
 def _skips_nothing(frame: Column) -> bool:
@@ -288,9 +291,9 @@ def _by_values(
                 roles[role] = column
             rest.remove(column)
     # motors stand before the beads, and so does what never had a value
-    while rest and natures[id(rest[0])] != "motion" and len(rest) > 1:
+    while rest and natures[id(rest[0])] != "motion":
         before.append(rest.pop(0))
-    if natures[id(rest[0])] != "motion" if rest else True:
+    if not rest:
         return _Found((), [], "")
     width, extra = _width(rest)
     before += rest[:extra]

@@ -24,7 +24,7 @@ from mtpipe.proposal.draft import USUAL, Draft
 from mtpipe.proposal.layout import put_log
 from mtpipe.proposal.look import look_at
 from mtpipe.proposal.magnet_log import find_log
-from mtpipe.proposal.questions import USUAL_PIXEL_NM, asked_of, put_usual
+from mtpipe.proposal.questions import ASKED, USUAL_PIXEL_NM, put_usual
 from mtpipe.setup.setup import UNKNOWN, Setup, parse_setup
 from mtpipe.tracking.chunks import Work, tracked_chunks
 from mtpipe.tracking.lookup_table import LookUpTable
@@ -80,9 +80,7 @@ def propose_film(
             "camera.pixel_size_nm", film.pixel_nm, "as the film or its table says", guess=True
         )
     else:
-        asking.about(
-            "camera.pixel_size_nm", asked_of("camera.pixel_size_nm"), USUAL_PIXEL_NM, USUAL
-        )
+        asking.about("camera.pixel_size_nm", ASKED["camera.pixel_size_nm"], USUAL_PIXEL_NM, USUAL)
     _put_log(draft, film)
     positions = _first_positions(draft, film, progress)
     rate = draft.get("camera.frame_rate_hz")
@@ -91,8 +89,7 @@ def propose_film(
     fixed = draft.get("beads.reference") or []
     put_field(draft, asking, {b: p for b, p in positions.items() if b not in fixed}, rate)
     if film.tables and not draft.states_some("source"):
-        low = "write the stretch in which beads touch the surface: touch_time_s = [0.0, 30.0]"
-        draft.put("source.z_zero", {"unknown": True}, f"no force until it is known; {low}")
+        _put_surface(draft, [positions[bead][:, 2] for bead in fixed if bead in positions])
     seen = [
         f"Film: {film.stack.name}, {film.stack.frames} frames of {film.stack.width} × "
         f"{film.stack.height} pixels",
@@ -104,6 +101,17 @@ def propose_film(
     return film.path, seen
 
 
+def _put_surface(draft: Draft, heights_nm: Sequence[FloatArray]) -> None:
+    """Put where z = 0 is, by the heights of the reference beads in the look-up table."""
+    known = [float(np.nanmedian(z)) for z in heights_nm if np.isfinite(z).any()]
+    if known:
+        why = "a guess: reference beads have this height in the look-up table"
+        draft.put("source.z_zero.value_nm", float(f"{np.mean(known):.5g}"), why, guess=True)
+        return
+    low = "the stretch in which beads touch the surface: touch_time_s = [0.0, 30.0]"
+    draft.put("source.z_zero", {"unknown": True}, f"no force until it is known; write {low}")
+
+
 def _put_rate(draft: Draft, asking: Asking, film: Film) -> None:
     """Put the frame rate; where a person knows it better than the film, the film's is put aside."""
     told = film.rate_hz
@@ -111,7 +119,7 @@ def _put_rate(draft: Draft, asking: Asking, film: Film) -> None:
         why = f"from the film: {film.rate_words}"
         draft.put("camera.frame_rate_hz", told, why, guess=True)
     else:
-        question = asked_of("camera.frame_rate_hz")
+        question = ASKED["camera.frame_rate_hz"]
         why = "the film does not say it: write it here"
         asking.about("camera.frame_rate_hz", question, UNKNOWN, why)
     stated = draft.get("camera.frame_rate_hz")

@@ -99,16 +99,15 @@ ALWAYS = (
 )
 
 
-def asked_of(key: str) -> str:
-    """What a person is asked about a key that the files leave open."""
-    return {
-        "camera.frame_rate_hz": "How many frames did the camera take per second?",
-        "camera.pixel_size_nm": "Size of a pixel in the sample, in nm? Usual: 50 to 200",
-        "field.direction": "Along which axis of the camera do the magnets' field lines run? x or y",
-        "source.scale.z": "Factor on z? 1 if heights are corrected for refraction, 0.88 if not "
-        "(oil objective, bead in water)",
-        "beads.reference": "Which beads are fixed to the surface? Names with commas, or none",
-    }[key]
+# What a person is asked about keys that the files may leave open.
+ASKED = {
+    "camera.frame_rate_hz": "How many frames did the camera take per second?",
+    "camera.pixel_size_nm": "Size of a pixel in the sample, in nm? Usual: 50 to 200",
+    "field.direction": "Along which axis of the camera do the magnets' field lines run? x or y",
+    "source.scale.z": "Factor on z? 1 if heights are corrected for refraction, 0.88 if not "
+    "(oil objective, bead in water)",
+    "beads.reference": "Which beads are fixed to the surface? Names with commas, or none",
+}
 
 
 def parsed(key: str, text: str) -> Any:

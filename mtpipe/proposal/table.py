@@ -31,7 +31,7 @@ from mtpipe.proposal.layout import (
     put_time_unit,
 )
 from mtpipe.proposal.magnet_log import Log, clock_offset, find_log
-from mtpipe.proposal.questions import USUAL_PIXEL_NM, asked_of
+from mtpipe.proposal.questions import ASKED, USUAL_PIXEL_NM
 from mtpipe.proposal.trial import STAND_IN_HZ, FirstReading, first_reading
 from mtpipe.recording.recording import Recording
 from mtpipe.setup.presets import CALISTO_TEXT, COLUMNS, MAGSCOPE_HDF5, SHON_TEXT
@@ -79,19 +79,16 @@ def propose_table(
             draft.why["source.magnet"] = f"{why}: call mtpipe init again once that is known"
     recording = first.recording
     rate_hz = recording.setup.camera.frame_rate_hz.value or STAND_IN_HZ
-    put_references(
-        draft, asking, recording.positions_nm, recording.setup.camera.frame_rate_hz.value or 1.0
-    )
-    tethered = [b for b in recording.positions_nm if b not in (draft.get("beads.reference") or [])]
-    put_field(
-        draft,
-        asking,
-        {b: recording.positions_nm[b] for b in tethered},
-        rate_hz,
-    )
+    put_references(draft, asking, recording.positions_nm, rate_hz)
+    fixed = draft.get("beads.reference") or []
+    tethered = {b: xyz for b, xyz in recording.positions_nm.items() if b not in fixed}
+    put_field(draft, asking, tethered, rate_hz)
     stretches = put_rest(draft, recording, log=log is not None and log.time is not None)
     if draft.get("source.beads") is not None or draft.get("source.preset") is not None:
         put_surface(draft, recording, stretches)
+    unused = [c.name or "(empty)" for c in found.columns.unused] if found is not None else []
+    if unused and draft.get("source.beads") is not None:
+        seen.append(f"Columns that are not used: {_few(unused)}")
     seen.append(
         f"{len(recording.positions_nm)} beads ({_few(list(recording.positions_nm))}), "
         f"{len(recording.time_s)} frames"
@@ -132,11 +129,11 @@ def _ask_about_columns(draft: Draft, asking: Asking) -> None:
     pixels = "pixel" in units.values() or draft.get("source.preset") == SHON_TEXT
     stated = any(size in units for size in sizes) or draft.get("camera.pixel_size_nm") is not None
     if pixels and not stated:
-        question = asked_of("camera.pixel_size_nm")
+        question = ASKED["camera.pixel_size_nm"]
         asking.about("camera.pixel_size_nm", question, USUAL_PIXEL_NM, USUAL)
     if draft.get("source.preset") is None and ("z" in units or "position" in units):
         why = f"{OIL_OBJECTIVE} if z is not corrected for refraction (oil objective)"
-        asking.about("source.scale.z", asked_of("source.scale.z"), 1.0, why)
+        asking.about("source.scale.z", ASKED["source.scale.z"], 1.0, why)
         if "source.scale.z" in draft.guessed:
             draft.guessed.remove("source.scale.z")
 
@@ -167,7 +164,7 @@ def _put_rate(draft: Draft, asking: Asking, first: FirstReading) -> bool:
         rate = first.recording.setup.camera.frame_rate_hz.value
         draft.put("camera.frame_rate_hz", float(f"{rate:.6g}"), first.rate_words, guess=True)
         return False
-    question = asked_of("camera.frame_rate_hz")
+    question = ASKED["camera.frame_rate_hz"]
     asking.about("camera.frame_rate_hz", question, UNKNOWN, "in none of the files: write it here")
     return bool(draft.get("camera.frame_rate_hz") != UNKNOWN)
 
