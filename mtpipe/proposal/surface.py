@@ -28,6 +28,8 @@ FEWEST_ROWS = 200
 TOUCHING_SHARE = 0.3
 # Levels this close to the lowest, in parts of the range of heights, are as low.
 ALIKE_SHARE, GAP_ROWS = 0.1, 400
+# With the magnets at one place, to this part of their range, heights agree better than this.
+SAME_PLACE, CONTRADICTED = 0.02, 0.3
 # Where a bead comes down from a force, it is far lower there and moves far more.
 SMALLEST_REACH_NM = 100.0
 STIFFER = 5.0
@@ -46,10 +48,14 @@ TAKEN_FOR_HEIGHT = (
 
 @dataclass(frozen=True)
 class Level:
-    """Heights and lateral variances of the tethered beads in one stretch of rows."""
+    """Heights and lateral variances of the tethered beads in one stretch of rows.
+
+    `magnet_mm` is None where the magnets' place is not known.
+    """
 
     start: int
     stop: int
+    magnet_mm: float | None
     height_nm: dict[str, float]
     variance_nm2: dict[str, float]
 
@@ -77,9 +83,10 @@ def surface_of(recording: Recording, stretches: Sequence[Plateau]) -> Surface:
     stage = _stage_nm(recording)
     levels = [
         level
-        for start, stop in _pieces(recording, stretches)
-        if (level := _level(recording, beads, stage, start, stop)) is not None
+        for piece in _pieces(recording, stretches)
+        if (level := _level(recording, beads, stage, piece)) is not None
     ]
+    levels = _without_contradicted(levels)
     if len(levels) >= FEWEST_PLATEAUS:
         first, last = _down(levels)
         lowest = min(levels[first : last + 1], key=_median_height)
@@ -130,15 +137,30 @@ def _down(levels: Sequence[Level]) -> tuple[int, int]:
     return max(runs, key=lambda run: levels[run[1]].stop - levels[run[0]].start)
 
 
-def _pieces(recording: Recording, stretches: Sequence[Plateau]) -> list[tuple[int, int]]:
+def _without_contradicted(levels: Sequence[Level]) -> list[Level]:
+    """Levels without those that are far below others with the magnets at the same place.
+
+    Rings of a bead out of focus are taken for those on the other side of it at times.
+    """
+    heights = np.array([_median_height(level) for level in levels])
+    places = np.array([np.nan if one.magnet_mm is None else one.magnet_mm for one in levels])
+    if len(levels) == 0 or np.isnan(places).any() or np.ptp(places) == 0:
+        return list(levels)
+    same = np.abs(places[:, None] - places) < SAME_PLACE * np.ptp(places)
+    above = heights - heights[:, None] > CONTRADICTED * np.ptp(heights)
+    wrong = (same & above).any(axis=1)
+    return [level for level, one in zip(levels, wrong, strict=True) if not one]
+
+
+def _pieces(recording: Recording, stretches: Sequence[Plateau]) -> list[Plateau]:
     """Rows of stretches to compare: where the magnets rest, else equal parts of the time."""
-    long_enough = [(p.start, p.stop) for p in stretches if p.stop - p.start >= FEWEST_ROWS]
+    long_enough = [one for one in stretches if one.stop - one.start >= FEWEST_ROWS]
     if len(long_enough) >= FEWEST_PLATEAUS:
         return long_enough
     n = len(recording.time_s)
     frame_s = float(np.median(np.diff(recording.time_s)))
     rows = max(FEWEST_ROWS, round(SHORTEST_PIECE_S / frame_s), n // PIECES)
-    return [(k, k + rows) for k in range(0, n - rows + 1, rows)]
+    return [Plateau(0, k, k + rows, None) for k in range(0, n - rows + 1, rows)]
 
 
 def _stage_nm(recording: Recording) -> FloatArray:
@@ -159,8 +181,9 @@ def _height(recording: Recording, bead: str, stage: FloatArray) -> FloatArray:
 
 
 def _level(
-    recording: Recording, beads: Sequence[str], stage: FloatArray, start: int, stop: int
+    recording: Recording, beads: Sequence[str], stage: FloatArray, piece: Plateau
 ) -> Level | None:
+    start, stop = piece.start, piece.stop
     height, variance = {}, {}
     for bead in beads:
         xyz = recording.positions_nm[bead][start:stop]
@@ -170,7 +193,7 @@ def _level(
         height[bead] = float(np.median(xyz[known, 2] - stage[start:stop][known]))
         lateral = [float(np.nanvar(xyz[:, a])) for a in (0, 1) if np.isfinite(xyz[:, a]).any()]
         variance[bead] = min(lateral, default=np.nan)
-    return Level(start, stop, height, variance)
+    return Level(start, stop, piece.magnet_mm, height, variance)
 
 
 def _touches(bead: str, levels: Sequence[Level], lowest: Level) -> bool:
