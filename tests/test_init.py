@@ -183,9 +183,7 @@ def test_a_missing_column_lists_what_is_there(laboratory, tmp_path):
     proposed(tmp_path)
     text = (tmp_path / "setup.toml").read_text()
     (tmp_path / "setup.toml").write_text(text.replace('column = "motor"', 'column = "moter"'))
-    with pytest.raises(
-        RecordingError, match=r"Did you mean motor\? There are: time, motor, r"
-    ):
+    with pytest.raises(RecordingError, match=r"Did you mean motor\? There are: time, motor, r"):
         load(tmp_path / "setup.toml")
 
 

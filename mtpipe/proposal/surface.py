@@ -165,15 +165,15 @@ def _pieces(recording: Recording, stretches: Sequence[Plateau]) -> list[Plateau]
 
 def _stage_nm(recording: Recording) -> FloatArray:
     """Motion along z that the reference beads share, 0 at the beginning; 0 without any."""
+    rows = np.arange(len(recording.time_s))
     found = []
     for bead in recording.references:
         z = recording.positions_nm[bead][:, 2]
-        if np.isfinite(z).any():
-            found.append(z - np.nanmedian(z[np.flatnonzero(np.isfinite(z))][:FEWEST_ROWS]))
-    if not found:
-        return np.zeros(len(recording.time_s))
-    mean = np.mean(found, axis=0)
-    return np.where(np.isfinite(mean), mean, 0.0)
+        known = np.flatnonzero(np.isfinite(z))
+        if len(known):
+            # frames in which the reference was lost are bridged
+            found.append(np.interp(rows, known, z[known]) - np.median(z[known[:FEWEST_ROWS]]))
+    return np.mean(found, axis=0) if found else np.zeros(len(rows))
 
 
 def _height(recording: Recording, bead: str, stage: FloatArray) -> FloatArray:
