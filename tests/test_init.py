@@ -241,8 +241,9 @@ def test_answers_in_the_units_of_people():
     assert parsed("beads.radius_nm", "unknown") == "unknown"
     with pytest.raises(SetupError):
         parsed("field.direction", "z")
-    with pytest.raises(SetupError, match="did you mean radius_nm"):
-        as_setup_part({"radius": 500.0}, "answers.toml")
+    for wrong in ({"radius": 500.0}, {"beads": {"radius": 500.0}}):
+        with pytest.raises(SetupError, match="Did you mean radius_nm"):
+            as_setup_part(wrong, "answers.toml")
 
 
 def run(*arguments):

@@ -9,7 +9,7 @@ from __future__ import annotations
 import difflib
 import re
 import tomllib
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, get_args
@@ -179,11 +179,18 @@ def as_setup_part(content: Mapping[str, Any], where: str) -> dict[str, Any]:
         elif key in Source.model_fields:
             part.setdefault("source", {})[key] = value
         else:
-            known = [*homes, *tables]
-            near = difflib.get_close_matches(key, known, n=1)
-            hint = f"did you mean {near[0]}?" if near else "Answers are keys of a setup."
-            raise SetupError(f"{key!r} is no key of a setup", where=where, mend=hint)
+            raise _no_key(key, [*homes, *tables], where)
+    for table, values in part.items():
+        for key in values if table in SECTIONS and table != "model" else ():
+            if homes.get(key) != table:
+                raise _no_key(key, [one for one, home in homes.items() if home == table], where)
     return part
+
+
+def _no_key(key: str, known: Sequence[str], where: str) -> SetupError:
+    near = difflib.get_close_matches(key, known, n=1)
+    hint = f"Did you mean {near[0]}?" if near else "Answers are keys of a setup."
+    return SetupError(f"{key!r} is no key of a setup", where=where, mend=hint)
 
 
 def put_usual(draft: Draft) -> None:
