@@ -237,7 +237,7 @@ def test_what_cannot_be_used_is_listed_with_its_shape_and_type(tmp_path):
     with pytest.raises(RecordingError) as caught:
         load(tmp_path / "r.h5", five_setup(("Time", "Magnet", "x_pos", "Y", "Z")))
     for told in ("film (60 × 200 × 300 uint8", "phase (400 complex)", "notes (2 text",
-                 "gain (a single float64)", "none (empty)"):  # fmt: skip
+                 "gain (a single float64 (3.0))", "none (empty)"):  # fmt: skip
         assert told in caught.value.mend
     with pytest.raises(RecordingError, match=r"'phase' .*is there, but is no column .*400 complex"):
         load(tmp_path / "r.h5", five_setup(("Time", "Magnet", "phase", "Y", "Z")))

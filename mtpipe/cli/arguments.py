@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import math
 from pathlib import Path
+from typing import Annotated
 
 import typer
 
@@ -96,3 +97,46 @@ def region_of(text: str, option: str) -> tuple[float, float, int]:
             param_hint=option,
         )
     return values[0], values[1], round(values[2])
+
+
+Recording = Annotated[
+    Path,
+    typer.Argument(
+        metavar="RECORDING",
+        help="Recording (CSV, Parquet, or a laboratory's own file), a folder with a series of "
+        "files, a setup.toml whose [source] names its files, or an image stack (as for `mtpipe "
+        "track`), which is tracked first.",
+        callback=existing,
+    ),
+]
+Stack = Annotated[
+    Path,
+    typer.Argument(
+        metavar="STACK",
+        help="Images: a TIFF file of many pages, a folder with a series of files, or a pattern of "
+        'their names (in quotes: "film_*.tif").',
+        callback=existing,
+    ),
+]
+SetupFile = Annotated[
+    Path | None,
+    typer.Option(
+        "--setup",
+        help="Setup; default: setup.toml beside the recording or stack.",
+        exists=True,
+        dir_okay=False,
+    ),
+]
+Seed = Annotated[int, typer.Option(help="Seed of posteriors and simulations.", min=0)]
+Workers = Annotated[int | None, typer.Option(help="Processes; default: one per core.", min=1)]
+
+
+Methods = Annotated[
+    list[str] | None,
+    typer.Option(
+        "--method",
+        help="Another method of the field by which each trace is calibrated too, for comparison: "
+        "equipartition, arctangent, allan, hadamard, … May be given several times.",
+        callback=lambda names: known_methods(names or []),
+    ),
+]

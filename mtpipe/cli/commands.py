@@ -14,7 +14,7 @@ import typer
 
 from mtpipe.cli import arguments as given
 from mtpipe.cli.batch import batch
-from mtpipe.cli.terminal import progress_bar, summary
+from mtpipe.cli.terminal import progress_bar, quoted, summary
 from mtpipe.ground.errors import writing
 from mtpipe.ground.streams import say
 from mtpipe.ground.version import VERSION
@@ -26,48 +26,6 @@ app = typer.Typer(
     rich_markup_mode=None,
     help="Force calibration for magnetic tweezers: from tracked beads to forces you can defend.",
 )
-
-Recording = Annotated[
-    Path,
-    typer.Argument(
-        metavar="RECORDING",
-        help="Recording (CSV, Parquet, or a laboratory's own file), a folder with a series of "
-        "files, a setup.toml whose [source] names its files, or an image stack (as for `mtpipe "
-        "track`), which is tracked first.",
-        callback=given.existing,
-    ),
-]
-Stack = Annotated[
-    Path,
-    typer.Argument(
-        metavar="STACK",
-        help="Images: a TIFF file of many pages, a folder with a series of files, or a pattern of "
-        'their names (in quotes: "film_*.tif").',
-        callback=given.existing,
-    ),
-]
-SetupFile = Annotated[
-    Path | None,
-    typer.Option(
-        "--setup",
-        help="Setup; default: setup.toml beside the recording.",
-        exists=True,
-        dir_okay=False,
-    ),
-]
-Seed = Annotated[int, typer.Option(help="Seed of posteriors and simulations.", min=0)]
-Workers = Annotated[int | None, typer.Option(help="Processes; default: one per core.", min=1)]
-
-
-Methods = Annotated[
-    list[str] | None,
-    typer.Option(
-        "--method",
-        help="Another method of the field by which each trace is calibrated too, for comparison: "
-        "equipartition, arctangent, allan, hadamard, … May be given several times.",
-        callback=lambda names: given.known_methods(names or []),
-    ),
-]
 
 
 @app.callback(invoke_without_command=True)
@@ -82,12 +40,12 @@ def about(
 
 @app.command()
 def run(
-    recording: Recording,
+    recording: given.Recording,
     out: Annotated[Path, typer.Option("--out", help="Folder to write.", file_okay=False)],
-    setup: SetupFile = None,
-    seed: Seed = 0,
-    workers: Workers = None,
-    method: Methods = None,
+    setup: given.SetupFile = None,
+    seed: given.Seed = 0,
+    workers: given.Workers = None,
+    method: given.Methods = None,
     crosscheck: Annotated[
         bool,
         typer.Option(
@@ -125,8 +83,63 @@ app.command()(batch)
 
 
 @app.command()
+def init(
+    files: Annotated[
+        list[Path],
+        typer.Argument(
+            metavar="FILE…",
+            help="A laboratory's recording: a file, several files, their folder, or a film. The "
+            "magnets' log is found beside it.",
+            callback=lambda paths: [given.existing(path) for path in paths],
+        ),
+    ],
+    setup: Annotated[
+        Path | None,
+        typer.Option(
+            "--setup", help="Setup to write; default: setup.toml beside the files.", dir_okay=False
+        ),
+    ] = None,
+    answers: Annotated[
+        Path | None,
+        typer.Option(
+            help="TOML file with keys of a setup that you know (radius_nm = 1400.0); nothing is "
+            "asked then.",
+            exists=True,
+            dir_okay=False,
+        ),
+    ] = None,
+    overwrite: Annotated[
+        bool, typer.Option("--overwrite", help="Replace a setup that is there.")
+    ] = False,
+    run_it: Annotated[
+        bool, typer.Option("--run", help="Run it then, without cross-check, for a first look.")
+    ] = False,
+    out: Annotated[
+        Path | None,
+        typer.Option(
+            "--out", help="Folder of that run; default: results beside the setup.", file_okay=False
+        ),
+    ] = None,
+    workers: given.Workers = None,
+) -> None:
+    """Propose a setup for a laboratory's files: look at them, ask for the rest, and write it."""
+    from mtpipe.cli.init import propose_and_write
+
+    done = propose_and_write(files, setup, answers, overwrite=overwrite)
+    folder = out or done.setup.parent / "results"
+    command = f"mtpipe run {done.in_words} --out {quoted(folder)}"
+    if done.left:
+        raise typer.Exit(1)
+    if not (run_it or done.wants_run()):
+        say(f"Next: {command}")
+        return
+    run(done.target, folder, done.setup, workers=workers, crosscheck=False)
+    say(f"With the comparison that tells whether the forces can be believed: {command}")
+
+
+@app.command()
 def track(
-    stack: Stack,
+    stack: given.Stack,
     out: Annotated[
         Path,
         typer.Option(
@@ -135,16 +148,8 @@ def track(
             dir_okay=False,
         ),
     ],
-    setup: Annotated[
-        Path | None,
-        typer.Option(
-            "--setup",
-            help="Setup; default: setup.toml beside the stack.",
-            exists=True,
-            dir_okay=False,
-        ),
-    ] = None,
-    workers: Workers = None,
+    setup: given.SetupFile = None,
+    workers: given.Workers = None,
 ) -> None:
     """Track the beads of an image stack: TIFF in, a recording for `mtpipe run` out."""
     from mtpipe.tracking.track import track as track_stack
@@ -161,7 +166,7 @@ def track(
 
 @app.command()
 def lut(
-    stack: Stack,
+    stack: given.Stack,
     z: Annotated[
         Path,
         typer.Option(
@@ -364,7 +369,7 @@ def demo(
     out: Annotated[Path, typer.Option("--out", help="Folder to write.", file_okay=False)] = Path(
         "mtpipe-demo"
     ),
-    workers: Workers = None,
+    workers: given.Workers = None,
     film: Annotated[
         bool, typer.Option("--film", help="Begin with images: a film is rendered and tracked.")
     ] = False,

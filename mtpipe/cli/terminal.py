@@ -8,6 +8,7 @@ from __future__ import annotations
 import io
 import math
 import multiprocessing
+import shlex
 import signal
 import sys
 from collections.abc import Iterator, Mapping, Sequence
@@ -20,6 +21,7 @@ from rich.console import Console
 from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn
 from rich.table import Table
 
+from mtpipe.ground.files import as_text
 from mtpipe.ground.streams import visible
 
 if TYPE_CHECKING:
@@ -90,6 +92,11 @@ def progress_bar() -> Iterator[NamedProgress]:
             bar.update(task, description=visible(step), completed=done, total=max(total, 1))
 
         yield advance
+
+
+def quoted(path: Path) -> str:
+    """A path as it is written in a shell."""
+    return shlex.quote(as_text(str(path)))
 
 
 def summary(out: Path) -> None:

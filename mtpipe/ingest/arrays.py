@@ -36,13 +36,15 @@ class ArrayTable:
     """A file of arrays seen as a table.
 
     `names`, `has_names`, `stated`, `unusable` and `remarks` as in `collect.OpenTable`; nothing
-    about it is guessed. `take`: of columns of different length the rows that all have are taken.
+    about it is guessed. `lengths` are the columns' numbers of rows. `take`: of columns of different
+    length the rows that all have are taken.
     `as_stated`: values are scaled, and lost, as the file says.
     """
 
     path: Path
     names: tuple[str, ...]
     kind: Format
+    lengths: tuple[int, ...] = ()
     stated: tuple[Stated, ...] = ()
     unusable: Mapping[str, str] = field(default_factory=dict)
     take: bool = False
@@ -116,6 +118,7 @@ def open_arrays(path: Path, kind: Format, layout: Layout | None = None) -> Array
     take = layout is not None and layout.incomplete is not None
     try:
         with _open(path, kind, take) as contents:
+            lengths = tuple(array.rows for array, _ in contents.columns())
             columns = [column for _, column in contents.columns()]
             unusable, cut = contents.unusable, contents.cut
     except RecordingError:
@@ -135,6 +138,7 @@ def open_arrays(path: Path, kind: Format, layout: Layout | None = None) -> Array
         path=path,
         names=tuple(column.name for column in columns),
         kind=kind,
+        lengths=lengths,
         stated=tuple(column.stated for column in columns),
         unusable=unusable,
         take=take,

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Collection
+from functools import cache
 
 import numpy as np
 import pyarrow as pa
@@ -43,8 +44,12 @@ def is_no_number(cell: str, lost_tokens: Collection[str] = ()) -> bool:
 
 def is_number(cell: str, decimal: str) -> bool:
     """Whether a cell is a finite number as it is read with this decimal mark."""
-    word = cell.strip().replace(MINUS_SIGN, "-")
-    return re.match(NUMBER.replace("{mark}", re.escape(decimal)), word) is not None
+    return _number(decimal).match(cell.strip().replace(MINUS_SIGN, "-")) is not None
+
+
+@cache
+def _number(decimal: str) -> re.Pattern[str]:
+    return re.compile(NUMBER.replace("{mark}", re.escape(decimal)))
 
 
 def is_value(cell: str, decimal: str, lost_tokens: Collection[str] = ()) -> bool:

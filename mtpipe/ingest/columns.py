@@ -100,6 +100,7 @@ class Names:
                 raise RecordingError(
                     f"column {column} ({what}) is asked for, but there are {len(self.names)}",
                     where=self.where,
+                    mend=f"There are: {_some(self.names)}." if self.has_names else None,
                 )
             return column - 1
         matches = [i for i, name in enumerate(self.names) if name == column]
@@ -140,11 +141,12 @@ class Names:
                 where=self.where,
                 mend=f"Name one of them: {_some(inner)}.",
             )
-        near = difflib.get_close_matches(column, self.names, n=3, cutoff=0.5)
+        near = difflib.get_close_matches(column, self.names, n=1, cutoff=0.5)
+        hint = f"Did you mean {near[0]}? " if near else ""
         return RecordingError(
             f"there is no column {column!r} ({what})",
             where=self.where,
-            mend=f"There are: {_some(tuple(near) or self.names)}.{more}",
+            mend=f"{hint}There are: {_some(self.names)}.{more}",
         )
 
 

@@ -100,7 +100,7 @@ class Contents:
         whole_rows : number of rows before the place where the file is cut off.
         """
         if not shape or 0 in shape:
-            self.unusable[name] = "empty" if 0 in shape else f"a single {_kind(dtype)}"
+            self.unusable[name] = "empty" if 0 in shape else _single(dtype, get)
             return
         side = int(np.argmax(shape))
         across = shape[:side] + shape[side + 1 :]
@@ -231,6 +231,12 @@ def values_of(raw: NDArray[Any], column: Column, stated: Stated) -> NDArray[Any]
     if raw.dtype.kind == "m":
         return np.where(np.isnat(raw), np.nan, raw.astype("timedelta64[ns]").astype(float) / 1e9)
     return stated.physical(raw)
+
+
+def _single(dtype: np.dtype[Any], get: Callable[[Any], Any]) -> str:
+    """What a single value is, a number with its value."""
+    number = f" ({float(get(()))!r})" if dtype.kind in NUMERIC else ""
+    return f"a single {_kind(dtype)}{number}"
 
 
 def _told(shape: tuple[int, ...], dtype: np.dtype[Any]) -> str:

@@ -34,6 +34,7 @@ from mtpipe.ingest.magnets import read_magnets
 from mtpipe.ingest.magscope import open_magscope
 from mtpipe.ingest.parquet import open_parquet
 from mtpipe.ingest.repeats import without_repeats
+from mtpipe.ingest.side_by_side import is_file_per_bead, side_by_side
 from mtpipe.ingest.surface import find_surface
 from mtpipe.ingest.text import TextTable, open_text
 from mtpipe.ingest.tracked import read_tracked
@@ -54,6 +55,11 @@ def read_recording(path: Path, setup: Path | str | Setup | None) -> Recording:
     source = found.setup.source
     lost = source.lost if source is not None else Lost()
     tables = _open(found.files, source)
+    if source is not None and is_file_per_bead(source):
+        joined, source = side_by_side(tables, source, found.folder)
+        tables = [joined]
+        setup = found.setup.model_copy(update={"source": source})
+        found = dataclasses.replace(found, setup=setup)
     plans = [_assign(found.setup, table) for table in tables]
     checked = [check_columns(t, plan, source) for t, plan in zip(tables, plans, strict=True)]
     rows = RowChoice(source.keep_rows, source.skip_rows) if source is not None else RowChoice()
@@ -255,7 +261,10 @@ def _without(data: Collected, source: Source | None) -> dict[str, np.ndarray]:
     out = source.leave_out if source is not None else ()
     absent = [bead for bead in out if bead not in data.positions_nm]
     if absent:
-        raise SetupError(f"[source] leave_out names {absent[0]!r}, which is not in the recording")
+        raise SetupError(
+            f"[source] leave_out names {absent[0]!r}, which is not in the recording",
+            mend=f"It has: {', '.join(data.positions_nm)}.",
+        )
     return {bead: xyz for bead, xyz in data.positions_nm.items() if bead not in out}
 
 

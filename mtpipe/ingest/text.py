@@ -112,7 +112,7 @@ class TextTable:
 
     def line_of(self, row: int) -> int:
         """Number of the line (from 1) in which a row of numbers (from 0) stands."""
-        for number, _ in self._rows():
+        for number, _ in self.rows():
             if row == 0:
                 return number
             row -= 1
@@ -177,8 +177,8 @@ class TextTable:
         self.remarks.append(f"{self.path.name}: its last row {fault.said} and is left out")
         return block.slice(0, at) if at else None
 
-    def _rows(self) -> Iterator[tuple[int, str]]:
-        """Lines that hold rows, with their numbers from 1."""
+    def rows(self) -> Iterator[tuple[int, str]]:
+        """Yield the lines that hold rows, with their numbers from 1."""
         with open_stream(self.path) as stream:
             text = io.TextIOWrapper(stream, encoding=self.encoding, errors="replace")
             for number, line in enumerate(_lines(text, self.path), start=1):
@@ -188,7 +188,7 @@ class TextTable:
     def _located(self, wanted: Sequence[int], rows: int) -> RecordingError:
         """Go through the lines after `rows` good rows to find the one at fault."""
         try:
-            for number, line in self._rows():
+            for number, line in self.rows():
                 rows -= 1
                 if rows < 0 and (fault := self._fault(line, wanted)) is not None:
                     place, message, mend = fault

@@ -34,6 +34,8 @@ from mtpipe.setup.tracking_table import Tracking
 if TYPE_CHECKING:
     import pandas as pd
 
+PROPOSED = "`mtpipe init` looks at a recording and proposes one"
+
 
 class Setup(BaseModel):
     """A whole setup."""
@@ -136,7 +138,9 @@ def read_setup(path: Path | str) -> Setup:
         # Windows' editors put a byte-order mark first
         content = tomllib.loads(Path(path).read_text(encoding="utf-8-sig"))
     except FileNotFoundError:
-        raise NoSetupError("there is no such setup file", where=str(path)) from None
+        raise NoSetupError(
+            "there is no such setup file", where=str(path), mend=f"{PROPOSED}."
+        ) from None
     except IsADirectoryError:
         raise NoSetupError("is a folder, not a setup file", where=str(path)) from None
     except (OSError, UnicodeDecodeError) as error:

@@ -1,0 +1,1 @@
+"""Looking at a laboratory's files and proposing a setup for them."""

@@ -1,0 +1,179 @@
+"""A small recording as laboratories of different habits would have written it."""
+
+import numpy as np
+
+RATE = 100.0
+KT = 4.09
+LENGTH_NM, LATERAL = 1500.0, "xy"
+# Magnets far away first: the beads lie on the surface. Forces of the dwells that follow, pN.
+FORCES = (0.4, 1.0, 2.5, 6.0)
+MAGNET_MM = (15.0, 6.0, 5.0, 4.0, 3.0)
+DWELL_S, MOVE_S = 12.0, 1.0
+FOCUS_NM = 3200.0
+PLACES_NM = {"ref": (80_600.0, 34_900.0), "b1": (72_800.0, 17_800.0), "b2": (48_000.0, 23_600.0)}
+LOG_STARTS_S = 33.4
+
+
+class Laboratory:
+    """Two tethered beads and one on the surface; magnets that step from far to near.
+
+    Attributes
+    ----------
+    positions_nm : (n, 3) of each bead, z above the focus. down_rows : rows in which beads lie on
+        the surface. height_nm : of the tethered beads in the dwells that follow.
+    """
+
+    def __init__(self):
+        random = np.random.default_rng(7)
+        dwell, move = round(DWELL_S * RATE), round(MOVE_S * RATE)
+        magnet, force = [], []
+        for k, place in enumerate(MAGNET_MM):
+            if k:
+                magnet.append(np.linspace(MAGNET_MM[k - 1], place, move))
+                force.append(np.full(move, FORCES[max(k - 2, 0)] if k > 1 else 0.05))
+            magnet.append(np.full(dwell, place))
+            force.append(np.full(dwell, FORCES[k - 1] if k else 0.0))
+        self.magnet_mm, force = np.concatenate(magnet), np.concatenate(force)
+        n = len(force)
+        self.time_s = np.arange(n) / RATE
+        # a chain's height at high force: L (1 - (kT / 4 F P)^(1/2)), 50 nm of persistence length
+        with np.errstate(divide="ignore"):
+            height = LENGTH_NM * np.clip(1 - np.sqrt(KT / (4 * force * 50.0)), 0.0, 1.0)
+        lateral = np.sqrt(KT * np.maximum(height, 300.0) / np.maximum(force, 0.03))
+        self.down_rows = dwell
+        self.height_nm = [float(height[(k + 1) * (dwell + move)]) for k in range(len(FORCES))]
+        self.positions_nm = {}
+        for bead, place in PLACES_NM.items():
+            still = bead == "ref"
+            xyz = random.normal(0, 1.5, (n, 3))
+            if not still:
+                xyz[:, 0] += lateral * coloured(n, random)
+                xyz[:, 1] += 1.3 * lateral * coloured(n, random)
+                xyz[:, 2] += height + np.abs(np.where(force > 0.1, 8.0, 60.0) * coloured(n, random))
+            xyz += (*place, FOCUS_NM)
+            lost = random.random(n) < 0.002
+            xyz[lost] = np.nan
+            self.positions_nm[bead] = xyz
+
+    def holds(self, recording, names):
+        """The recording has these beads, at these places, z up to where its zero is."""
+        assert set(recording.positions_nm) == set(names)
+        for name, bead in names.items():
+            away = recording.positions_nm[name] - self.positions_nm[bead]
+            away[:, 2] -= np.nanmedian(away[:, 2])
+            assert np.nanmax(np.abs(away)) < 1.0, name
+        np.testing.assert_allclose(
+            recording.time_s - recording.time_s[0], self.time_s, atol=0.2 / RATE
+        )
+
+    def rests(self, recording):
+        """The magnets' dwells are its plateaus."""
+        found = [round(plateau.magnet_mm, 1) for plateau in recording.plateaus]
+        assert found == list(MAGNET_MM)
+
+    def rows_of(self, dwell):
+        """The first row of a dwell."""
+        number = range(len(MAGNET_MM))[dwell]
+        return number * (self.down_rows + round(MOVE_S * RATE))
+
+    def log(self):
+        """The magnets at 20 Hz with some noise of their readout, from before to after."""
+        random = np.random.default_rng(3)
+        time_s = np.arange(-3.0, self.time_s[-1] + 3.0, 0.05)
+        magnet = np.interp(time_s, self.time_s, self.magnet_mm)
+        return time_s, magnet + random.normal(0, 0.001, len(time_s))
+
+    def german(self, folder):
+        """Semicolons, decimal commas, Windows' letters, and a log with a clock of its own."""
+        heads = {"ref": "Ref", "b1": "Kugel1", "b2": "Kugel2"}
+        lines = ["Messprogramm 4.2", "Bildrate: 100 Hz", "Belichtungszeit (ms): 8,0", ""]
+        names = [f"{heads[bead]} {axis.upper()} (µm)" for bead in heads for axis in "xyz"]
+        lines.append(";".join(["Bild", "Zeit (ms)", *names]))
+        table = np.hstack([self.positions_nm[bead] for bead in heads]) / 1e3
+        for k, row in enumerate(table):
+            cells = ["" if np.isnan(v) else comma(v, 5) for v in row]
+            lines.append(";".join([str(k), comma(1e3 * self.time_s[k], 1), *cells]))
+        (folder / "Messung 12.txt").write_bytes("\r\n".join([*lines, ""]).encode("cp1252"))
+        lines = ["Zeit (s);Magnetposition (mm)"]
+        time_s, magnet = self.log()
+        lines += [
+            f"{comma(t - LOG_STARTS_S, 3)};{comma(m, 4)}"
+            for t, m in zip(time_s, magnet, strict=True)
+        ]
+        (folder / "Motor 12.txt").write_bytes("\r\n".join([*lines, ""]).encode("cp1252"))
+
+    def columns(self, path, rows):
+        """One table with names, in nm, the magnets among them."""
+        names = [f"{bead}.{axis}" for bead in self.positions_nm for axis in "xyz"]
+        table = [self.time_s, self.magnet_mm, *np.hstack([*self.positions_nm.values()]).T]
+        head = ",".join(["time", "motor", *names])
+        np.savetxt(path, np.column_stack(table)[rows], "%.4f", ",", header=head, comments="")
+
+    def per_bead(self, folder):
+        """A file for each bead in µm, and the log."""
+        for name, bead in (("ref1", "ref"), ("bead1", "b1"), ("bead2", "b2")):
+            table = np.column_stack([self.time_s, self.positions_nm[bead] / 1e3])
+            np.savetxt(folder / f"{name}.txt", table, "%.6f", header="t x y z", comments="")
+        log = np.column_stack(self.log())
+        np.savetxt(folder / "motor.csv", log, "%.4f", ",", header="time_s,magnet_mm", comments="")
+
+    def hdf5(self, path, *, axes_first):
+        """An array of frames × beads × axes, or × axes × beads, and the motor's group."""
+        import h5py
+
+        array = np.stack([*self.positions_nm.values()], axis=2 if axes_first else 1)
+        time_s, magnet = self.log()
+        with h5py.File(path, "w") as file:
+            file["tracking/positions"] = array / 1e3
+            file["tracking/time"] = self.time_s
+            file["motor/time"], file["motor/position"] = time_s, magnet
+
+    def tdms(self, path):
+        """Groups of the tracker and of the motor, units in the names."""
+        from nptdms import ChannelObject, TdmsWriter
+
+        channels = [ChannelObject("Tracking", "Time (ms)", 1e3 * self.time_s)]
+        for k, xyz in enumerate(self.positions_nm.values()):
+            channels += [
+                ChannelObject("Tracking", f"{axis}{k} (nm)", xyz[:, a])
+                for a, axis in enumerate("XYZ")
+            ]
+        time_s, magnet = self.log()
+        channels += [
+            ChannelObject("Motor", "Time (ms)", 1e3 * time_s),
+            ChannelObject("Motor", "Magnet (mm)", magnet),
+        ]
+        with TdmsWriter(path) as file:
+            file.write_segment(channels)
+
+    def plain(self, path):
+        """Columns without names; x and y in pixels of 100 nm, z in µm, -1 for lost."""
+        table = [np.arange(len(self.time_s)), 1e3 * self.time_s, self.magnet_mm]
+        table.append(np.zeros(len(self.time_s)))
+        table += [xyz[:, a] / (100.0 if a < 2 else 1e3) for xyz in self.positions_nm.values()
+                  for a in range(3)]  # fmt: skip
+        np.savetxt(path, np.nan_to_num(np.column_stack(table), nan=-1), "%.6f")
+
+    def series(self, folder):
+        """Five files, each with a clock that begins at 0."""
+        names = [f"{bead}.{axis}" for bead in self.positions_nm for axis in "xyz"]
+        table = np.column_stack(
+            [self.time_s, self.magnet_mm, *np.hstack([*self.positions_nm.values()]).T]
+        )
+        for k, piece in enumerate(np.array_split(table, 5)):
+            piece[:, 0] -= piece[0, 0]
+            head = ",".join(["time", "motor", *names])
+            np.savetxt(folder / f"part{k}.csv", piece, "%.4f", ",", header=head, comments="")
+
+
+def coloured(n, random):
+    """Motion of variance 1 that lasts some frames."""
+    from scipy.signal import lfilter
+
+    keep = 0.5
+    return lfilter([np.sqrt(1 - keep**2)], [1, -keep], random.normal(size=n))
+
+
+def comma(value, digits):
+    """A number as it is written in German."""
+    return f"{value:.{digits}f}".replace(".", ",")

@@ -1,0 +1,320 @@
+"""`mtpipe init`: a setup proposed for a laboratory's files, read by the readers as any setup."""
+
+import shutil
+from pathlib import Path
+
+import numpy as np
+import pytest
+import tifffile
+from typer.testing import CliRunner
+
+from mtpipe.cli.commands import app
+from mtpipe.ground.errors import NoSetupError, RecordingError, SetupError
+from mtpipe.ingest import load
+from mtpipe.proposal.proposal import checked, propose
+from mtpipe.proposal.questions import as_setup_part, parsed
+from mtpipe.setup.presets import PRESETS
+from tests.ingest_recordings import (
+    N,
+    axes_of,
+    magscope_batches,
+    magscope_positions,
+    motion,
+    table,
+    write,
+    write_magscope,
+)
+from tests.laboratory_files import RATE, Laboratory
+from tests.stack_images import draw
+from tests.test_ingest_presets import write_calisto, write_calisto_hdf5, write_shon
+
+SAMPLE = Path(__file__).parents[1] / "sample_data" / "laboratory_text"
+SHARED = Path(__file__).resolve().parents[2] / "shared"
+
+
+@pytest.fixture(scope="module")
+def laboratory():
+    return Laboratory()
+
+
+def proposed(folder, answers=None, name=None):
+    """The proposal of a folder or a file in it, written, and the recording read with it."""
+    setup = folder / "setup.toml"
+    paths = [folder if name is None else folder / name]
+    proposal = propose(paths, setup, answers=as_setup_part(answers or {}, "answers"))
+    setup.write_text(proposal.text, encoding="utf-8")
+    return proposal, load(setup)
+
+
+def test_german_text_with_its_own_magnet_log(laboratory, tmp_path):
+    laboratory.german(tmp_path)
+    proposal, recording = proposed(tmp_path, name="Messung 12.txt")
+    laboratory.holds(recording, {"ref": "ref", "kugel1": "b1", "kugel2": "b2"})
+    assert recording.references == ("ref",)
+    assert recording.setup.camera.frame_rate_hz.value == RATE  # "Bildrate: 100 Hz"
+    assert recording.setup.camera.exposure_s.value == pytest.approx(0.008)
+    assert recording.setup.source.magnet.file == "Motor 12.txt"
+    # the log's clock began 33.4 s later; the beads tell it
+    assert recording.setup.source.magnet.clock_offset_s == pytest.approx(33.4, abs=1.0)
+    assert any("clock_offset_s" in guess for guess in proposal.guesses)
+    laboratory.rests(recording)
+
+
+def test_the_surface_is_where_beads_lie_down(laboratory, tmp_path):
+    laboratory.german(tmp_path)
+    _, recording = proposed(tmp_path, name="Messung 12.txt")
+    first, last = recording.setup.source.z_zero.touch_rows
+    assert last <= laboratory.down_rows + RATE
+    assert last - first > 0.6 * laboratory.down_rows
+    z = recording.positions_nm["kugel1"][:, 2]
+    assert np.nanmedian(z[-500:]) == pytest.approx(laboratory.height_nm[-1], abs=40)
+
+
+def test_no_surface_where_no_bead_comes_down(laboratory, tmp_path):
+    """Recordings at high force alone have no stretch to take z = 0 from."""
+    rows = slice(laboratory.rows_of(-1), None)
+    laboratory.columns(tmp_path / "r.csv", rows)
+    _, recording = proposed(tmp_path)
+    assert recording.setup.source.z_zero.touch_rows is None
+
+
+def test_one_file_for_each_bead(laboratory, tmp_path):
+    laboratory.per_bead(tmp_path)
+    _, recording = proposed(tmp_path)
+    laboratory.holds(recording, {"ref1": "ref", "bead1": "b1", "bead2": "b2"})
+    assert recording.references == ("ref1",)
+    laboratory.rests(recording)
+
+
+def test_files_of_beads_have_to_be_of_one_recording(laboratory, tmp_path):
+    laboratory.per_bead(tmp_path)
+    proposed(tmp_path)
+    text = (tmp_path / "bead2.txt").read_text().splitlines()
+    (tmp_path / "bead2.txt").write_text("\n".join(text[:-5]) + "\n")
+    with pytest.raises(RecordingError, match=r"same rows; they have bead1.txt: \d+, bead2.txt"):
+        load(tmp_path / "setup.toml")
+
+
+@pytest.mark.parametrize("axes_first", [False, True])
+def test_hdf5_with_an_array_of_three_axes(laboratory, tmp_path, axes_first):
+    laboratory.hdf5(tmp_path / "run7.h5", axes_first=axes_first)
+    _, recording = proposed(tmp_path)
+    laboratory.holds(recording, {"b1": "ref", "b2": "b1", "b3": "b2"})
+    assert recording.references == ("b1",)  # by its motion
+    laboratory.rests(recording)
+
+
+def test_tdms_with_a_group_for_the_motor(laboratory, tmp_path):
+    laboratory.tdms(tmp_path / "exp.tdms")
+    _, recording = proposed(tmp_path)
+    laboratory.holds(recording, {"b0": "ref", "b1": "b1", "b2": "b2"})
+    assert recording.setup.source.magnet.column == "Motor/Magnet (mm)"
+    laboratory.rests(recording)
+
+
+def test_numbers_without_names(laboratory, tmp_path):
+    """Frame, time in ms, magnet, rotation, then pixels and µm; -1 means lost."""
+    laboratory.plain(tmp_path / "data001.txt")
+    _, recording = proposed(tmp_path, {"pixel_size_nm": 100.0})
+    laboratory.holds(recording, {"b1": "ref", "b2": "b1", "b3": "b2"})
+    assert recording.setup.source.units.x == "pixel"
+    assert recording.setup.source.lost.values == (-1.0,)
+    laboratory.rests(recording)
+
+
+def test_series_whose_clock_begins_anew(laboratory, tmp_path):
+    laboratory.series(tmp_path)
+    _, recording = proposed(tmp_path)
+    laboratory.holds(recording, {"ref": "ref", "b1": "b1", "b2": "b2"})
+    assert recording.setup.source.time.restarts
+
+
+def test_recordings_that_do_not_go_on_are_not_joined(laboratory, tmp_path):
+    laboratory.columns(tmp_path / "r0.csv", slice(0, 1500))
+    lines = (tmp_path / "r0.csv").read_text().splitlines()
+    table = np.loadtxt(lines[1:], delimiter=",")
+    table[:, 2:] += 9000.0  # other beads, at the same times
+    np.savetxt(tmp_path / "r1.csv", table, "%.4f", ",", header=lines[0], comments="")
+    with pytest.raises(RecordingError, match=r"recordings of their own.*Give one of them"):
+        proposed(tmp_path)
+
+
+@pytest.mark.parametrize("name", [n for n in PRESETS if n != "columns"])
+def test_presets_are_found(tmp_path, name):
+    three = motion(N, beads=("M0", "M1", "R2"))
+    if name == "calisto-text":
+        write_calisto(tmp_path, three)
+    elif name == "calisto-hdf5":
+        write_calisto_hdf5(tmp_path / "r.h5", three)
+    elif name == "magscope-hdf5":
+        write_magscope(tmp_path / "t.h5", magscope_batches(magscope_positions()))
+    elif name == "dekker-text":
+        write(tmp_path / "a_motors.txt", ["3"] * N)
+        write(tmp_path / "a.txt", table(c / 1e3 for c in axes_of({"b1": three["M0"]})))
+    else:
+        write_shon(tmp_path, three)
+    rate = {"frame_rate_hz": 100.0} if name == "dekker-text" else {}
+    _, recording = proposed(tmp_path, {**rate, "minimum_s": 0.1, "pixel_size_nm": 80.0})
+    assert recording.setup.source.preset == name
+    assert np.isfinite(recording.positions_nm[recording.tethered[0]]).any()
+
+
+def test_what_cannot_be_read_yet_is_written_all_the_same(laboratory, tmp_path):
+    """A user who states a wrong unit has the rest of the setup, and is told."""
+    laboratory.columns(tmp_path / "r.csv", slice(None))
+    answers = tmp_path / "answers.toml"
+    answers.write_text('source.units.position = "mm"\n')
+    done = run(tmp_path / "r.csv", "--answers", answers)
+    assert done.exit_code == 1
+    assert "not a tethered bead, or not in nm" in done.output
+    text = (tmp_path / "setup.toml").read_text()
+    assert 'units = { position = "mm" }' in text
+    assert 'time = { column = "time"' in text
+
+
+def test_a_run_without_a_setup_points_to_init(laboratory, tmp_path):
+    laboratory.columns(tmp_path / "r.csv", slice(None))
+    with pytest.raises(NoSetupError, match="mtpipe init"):
+        load(tmp_path / "r.csv")
+
+
+def test_a_missing_column_lists_what_is_there(laboratory, tmp_path):
+    laboratory.columns(tmp_path / "r.csv", slice(None))
+    proposed(tmp_path)
+    text = (tmp_path / "setup.toml").read_text()
+    (tmp_path / "setup.toml").write_text(text.replace('column = "motor"', 'column = "moter"'))
+    with pytest.raises(RecordingError, match=r"Did you mean motor\? There are: time, motor, r"):
+        load(tmp_path / "setup.toml")
+
+
+def test_long_tables_are_told(tmp_path):
+    lines = ["frame,particle,x,y"]
+    lines += [f"{k},{bead},{k % 7},{k % 5}" for k in range(300) for bead in (0, 1, 2)]
+    (tmp_path / "tracks.csv").write_text("\n".join(lines))
+    with pytest.raises(RecordingError, match="a row for each bead in each frame"):
+        proposed(tmp_path)
+
+
+def test_answers_stand_and_nothing_is_guessed_over_them(laboratory, tmp_path):
+    laboratory.columns(tmp_path / "r.csv", slice(None))
+    answers = {
+        "radius_nm": 525.0,
+        "beads": {"reference": []},
+        "source": {"z_zero": {"value_nm": 7.0}},
+    }
+    _, recording = proposed(tmp_path, answers)
+    assert recording.setup.beads.radius_nm.value == 525.0
+    assert recording.references == ()
+    assert recording.setup.source.z_zero.value_nm == 7.0
+
+
+def test_what_nobody_answers_is_usual_or_unknown_and_says_so(laboratory, tmp_path):
+    laboratory.columns(tmp_path / "r.csv", slice(None))
+    proposal, recording = proposed(tmp_path)
+    line = next(x for x in proposal.text.splitlines() if x.startswith("persistence_length_nm"))
+    assert "usual value, not measured: change it" in line
+    for value in (recording.setup.camera.exposure_s, recording.setup.tether.contour_length_nm):
+        assert not value.known
+
+
+def test_answers_of_a_person(laboratory, tmp_path):
+    """Enter takes what stands in brackets; a wrong answer is asked again."""
+    laboratory.columns(tmp_path / "r.csv", slice(None))
+    said = iter(["sheep", "5 ms"])
+    asked = []
+
+    def ask(text, default):
+        asked.append(text)
+        return next(said) if "shutter" in text else default
+
+    setup = tmp_path / "setup.toml"
+    setup.write_text(propose([tmp_path], setup, ask=ask).text, encoding="utf-8")
+    assert load(setup).setup.camera.exposure_s.value == pytest.approx(0.005)
+    assert sum("shutter" in text for text in asked) == 2
+    assert any("a number" in text and "'sheep'" in text for text in asked)
+
+
+def test_answers_in_the_units_of_people():
+    assert parsed("camera.exposure_s", "6,5 ms") == pytest.approx(0.0065)
+    assert parsed("buffer.temperature_K", "22 °C") == pytest.approx(295.15)
+    assert parsed("beads.reference", "ref1, ref2") == ["ref1", "ref2"]
+    assert parsed("beads.radius_nm", "unknown") == "unknown"
+    with pytest.raises(SetupError):
+        parsed("field.direction", "z")
+    for wrong in ({"radius": 500.0}, {"beads": {"radius": 500.0}}):
+        with pytest.raises(SetupError, match="Did you mean radius_nm"):
+            as_setup_part(wrong, "answers.toml")
+
+
+def run(*arguments):
+    return CliRunner().invoke(app, ["init", *map(str, arguments)])
+
+
+def test_the_command_writes_and_never_overwrites(laboratory, tmp_path):
+    laboratory.columns(tmp_path / "r.csv", slice(None))
+    done = run(tmp_path / "r.csv")
+    assert done.exit_code == 0, done.output
+    assert "Done: mtpipe reads 2 tethered and 1 reference beads" in done.output
+    assert "beads.reference = [" in done.output
+    assert "Next: mtpipe run" in done.output
+    before = (tmp_path / "setup.toml").read_text()
+    (tmp_path / "setup.toml").write_text(before + "# mine\n")
+    refused = run(tmp_path / "r.csv")
+    assert refused.exit_code == 2
+    assert (tmp_path / "setup.toml").read_text().endswith("# mine\n")
+    assert run(tmp_path / "r.csv", "--overwrite").exit_code == 0
+    assert (tmp_path / "setup.toml").read_text() == before
+
+
+def test_the_command_says_what_is_left(tmp_path):
+    """The bundled text has no clock: without its frame rate the log's cannot be found."""
+    for file in SAMPLE.iterdir():
+        if file.suffix in (".gz", ".txt"):
+            shutil.copy(file, tmp_path)
+    done = run(tmp_path / "chip3_r012.txt.gz")
+    assert done.exit_code == 1
+    assert "Left for you:" in done.output
+    assert "the frame rate is unknown" in done.output
+    answers = tmp_path / "answers.toml"
+    answers.write_text("frame_rate_hz = 150.0\npixel_size_nm = 108.3\nscale.z = 0.88\n")
+    done = run(tmp_path / "chip3_r012.txt.gz", "--answers", answers, "--overwrite")
+    assert done.exit_code == 0, done.output
+    found, true = load(tmp_path / "setup.toml"), load(SAMPLE / "setup.toml")
+    assert found.references == ("b1",)
+    assert found.setup.source.magnet.clock_offset_s == pytest.approx(87.25, abs=1.0)
+    for bead, other in (("b2", "b1"), ("b3", "b2")):
+        away = found.positions_nm[bead] - true.positions_nm[other]
+        assert np.nanmax(np.abs(away[:, :2])) < 0.01
+        assert abs(np.nanmedian(away[:, 2])) < 15  # z = 0 from the same stretch
+
+
+def test_film(tmp_path):
+    random = np.random.default_rng(1)
+    moving = (120 + random.normal(0, 0.8, 60), 40 + random.normal(0, 0.8, 60), 0.0)
+    frames = draw((81, 162), [(40.0, 40.0, 0.0), moving])
+    tifffile.imwrite(
+        tmp_path / "film.tif", frames, imagej=True, metadata={"finterval": 0.01, "axes": "TYX"}
+    )
+    setup = tmp_path / "setup.toml"
+    proposal = propose([tmp_path / "film.tif"], setup)
+    setup.write_text(proposal.text, encoding="utf-8")
+    assert "frame_rate_hz = 100.0" in proposal.text
+    assert 'reference = ["bead1"]' in proposal.text
+    assert checked(setup, proposal.film) == "the film"
+
+
+@pytest.mark.skipif(not SHARED.is_dir(), reason="../shared is not beside this checkout")
+@pytest.mark.parametrize(
+    "case",
+    ["excel_sep_line", "header_cp1252", "lost_word_padded", "matlab_struct", "numpy_npy",
+     "pandas_hdf_table", "parquet_clock_time", "row_ends_with_delimiter", "scale_attribute",
+     "tdms_clock_time_channel", "tdms_rate_unknown", "units_row_under_header", "utf16_with_mark"],
+)  # fmt: skip
+def test_files_of_many_kinds_are_read_as_their_setups_say(case, tmp_path):
+    folder = SHARED / "cases" / "files" / case
+    (file,) = (f for f in folder.iterdir() if f.stem == "rec")
+    shutil.copy(file, tmp_path)
+    _, recording = proposed(tmp_path)
+    true = load(file)
+    np.testing.assert_allclose(recording.positions_nm["b1"], true.positions_nm["b1"], atol=1e-6)
+    np.testing.assert_allclose(recording.time_s, true.time_s, atol=1e-9)
