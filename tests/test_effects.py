@@ -186,7 +186,7 @@ KNOWN = [
     Known("lateral_scale", (LN(1.04), LN(0.93)), (0.0, 0.0), which=3),
     Known("z_crosstalk", (0.2, -0.1), (0.0, 0.0)),
     Known("bead_turning", (150.0,), (0.0,)),
-    Known("z_response", (1.0, -1.0, 1.0, -1.0, 1.0, -1.0, 1.0, 0.3), (0.0,) * 8, which=2),
+    Known("z_response", (*(1.0, -1.0, 1.0, -1.0, 1.0, -1.0, 1.0, 0.3), 1.0), (0.0,) * 9, which=2),
     Known("bead_rocking", (0.4, LN(1.5e3), 0.6), (0.0, LN(1e12), 0.0), which=1),
 ]  # fmt: skip
 each_effect = pytest.mark.parametrize(

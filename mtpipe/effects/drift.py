@@ -13,7 +13,8 @@ from mtpipe.experiment.parameter import Parameter
 LARGEST_NM_PER_ROOT_S = 300.0
 
 
-def _along(axis: int, name: str) -> Parameter:
+def along(axis: int, name: str) -> Parameter:
+    """The random walk of one axis, as its variance per second."""
     change = partial(_change, axis)
     return variance(f"walk along {name}", "nm/√s", 1.0, LARGEST_NM_PER_ROOT_S, change)
 
@@ -27,7 +28,7 @@ def _change(axis: int, experiment: Experiment, per_s: float) -> Experiment:
 def _hypotheses(experiment: Experiment, evidence: Evidence) -> list[Hypothesis]:
     if evidence.reference_moves:
         return []
-    return [Hypothesis(experiment, tuple(_along(i, name) for i, name in enumerate("xyz")))]
+    return [Hypothesis(experiment, tuple(along(i, name) for i, name in enumerate("xyz")))]
 
 
 def _cause(experiment: Experiment) -> str:

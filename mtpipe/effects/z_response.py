@@ -9,20 +9,19 @@ moved, as a line that is wrong all along is a wrong scale (`axial_scale`).
 from __future__ import annotations
 
 import functools
-import math
 from dataclasses import dataclass, replace
 from typing import ClassVar
 
 import numpy as np
 
-from mtpipe.effects.effect import Effect, Evidence, Hypothesis, variance
+from mtpipe.effects.drift import along
+from mtpipe.effects.effect import Effect, Evidence, Hypothesis
 from mtpipe.experiment.changes import step_of, with_step
 from mtpipe.experiment.description import Experiment
 from mtpipe.experiment.parameter import Parameter
 from mtpipe.experiment.step import Place, Seen
 from mtpipe.ground.types import FloatArray
 from mtpipe.physics.camera import Camera
-from mtpipe.physics.langevin import simulate_mode
 
 # Slopes of the error, nm per nm, as real tables have them: off by up to a third.
 SLOPE = 0.15
@@ -30,37 +29,27 @@ SLOPE = 0.15
 LENGTHS_NM = (60.0, 150.0, 400.0, 1000.0)
 # What is common to all heights of one focus: the references have errors of their own.
 COMMON_NM = 100.0
+# A bead sees a stretch of the curve, which is not straight: what its mean and its slope there are
+# off by, each by itself.
+BENT_NM, BENT_SLOPE = 3.0, 0.02
 # Heights and scales of a plateau are not known better; what is less uncertain is no matter.
 LEAST_NM, LEAST_SLOPE = 0.5, 0.005
 # Standard deviations of the prior.
 BOUND = 6.0
-# The stage's motion is taken off with another slope than it is recorded with. What is left is a
-# random walk, here as a mode that relaxes in far more than a plateau.
-WALK_S, LARGEST_WALK_NM = 1000.0, 30.0
 
 
 @dataclass(frozen=True)
 class OnePlateau:
-    """z of a plateau is recorded `scale` times as large about its mean, which is off, and walks."""
+    """z of a plateau is recorded `scale` times as large about its mean, which is off."""
 
     place: ClassVar[Place] = "optics"
     offset_nm: float
     scale: float
-    walk_nm_per_root_s: float
 
     def expected(self, seen: Seen, force_pN: float, thermal_energy_pN_nm: float) -> Seen:
         """Power of z, what it has in common with x and y, and its mean."""
         scaled = seen.through(np.diag([1.0, 1.0, self.scale]))
-        scaled = replace(scaled, height_nm=seen.height_nm + self.offset_nm)
-        if self.walk_nm_per_root_s == 0:
-            return scaled
-        walk = np.diag([0.0, 0.0, self.walk_nm2])
-        return scaled.with_modes(np.array([WALK_S]), walk[None])
-
-    @property
-    def walk_nm2(self) -> float:
-        """Variance of the walk, as a mode that spreads as it does."""
-        return self.walk_nm_per_root_s**2 * WALK_S / 2
+        return replace(scaled, height_nm=seen.height_nm + self.offset_nm)
 
     def played(
         self,
@@ -74,8 +63,6 @@ class OnePlateau:
         scaled = position_nm.copy()
         mean = position_nm[:, 2].mean()
         scaled[:, 2] = mean + self.offset_nm + self.scale * (position_nm[:, 2] - mean)
-        if self.walk_nm_per_root_s > 0:
-            scaled[:, 2] += simulate_mode(self.walk_nm2, WALK_S, camera, len(scaled), random)
         return scaled
 
 
@@ -87,19 +74,16 @@ class Response:
     ----------
     shapes : offset and slope of each plateau in turn, in each of the independent forms that a
         smooth curve has there. sizes : of these forms.
-    walk_nm_per_root_s : of z, what is left of the stage's motion that is taken off with another
-        slope.
     """
 
     place: ClassVar[Place] = "optics"
     shapes: tuple[tuple[float, ...], ...]
     sizes: tuple[float, ...]
-    walk_nm_per_root_s: float = 0.0
 
     def in_plateau(self, plateau: int) -> OnePlateau:
         """What it is in one plateau."""
         offset, slope = np.asarray(self.shapes[2 * plateau : 2 * plateau + 2]) @ self.sizes
-        return OnePlateau(float(offset), 1.0 + float(slope), self.walk_nm_per_root_s)
+        return OnePlateau(float(offset), 1.0 + float(slope))
 
     @property
     def each(self) -> list[OnePlateau]:
@@ -129,12 +113,6 @@ def _sized(experiment: Experiment, value: float, *, form: int) -> Experiment:
     return with_step(experiment, replace(step, sizes=sizes))
 
 
-def _walking(experiment: Experiment, square: float) -> Experiment:
-    step = step_of(experiment, Response)
-    assert step is not None
-    return with_step(experiment, replace(step, walk_nm_per_root_s=math.sqrt(max(square, 0.0))))
-
-
 def smooth_curves(heights_nm: FloatArray, focus: tuple[int, ...], length_nm: float) -> FloatArray:
     """(2n, 2n) covariance of offset (nm) and slope of a smooth curve in each of n plateaus, a curve
     of its own for each focus.
@@ -162,7 +140,9 @@ def _hypotheses(experiment: Experiment, evidence: Evidence | None) -> list[Hypot
 def _hypothesis(experiment: Experiment, evidence: Evidence, length_nm: float) -> Hypothesis:
     heights = np.array(evidence.heights_nm)
     unit = np.tile([LEAST_NM, LEAST_SLOPE], len(heights))
-    covariance = smooth_curves(heights, evidence.focus, length_nm) / np.outer(unit, unit)
+    bent = np.diag(np.tile([BENT_NM, BENT_SLOPE], len(heights)) ** 2)
+    covariance = smooth_curves(heights, evidence.focus, length_nm) + bent
+    covariance /= np.outer(unit, unit)
     spread, forms = np.linalg.eigh(covariance)
     there = spread > 1
     shapes = unit[:, None] * forms[:, there] * np.sqrt(spread[there])
@@ -177,7 +157,8 @@ def _hypothesis(experiment: Experiment, evidence: Evidence, length_nm: float) ->
     )  # fmt: skip
     return Hypothesis(
         with_step(experiment, step),
-        (*parameters, variance("walk beside z response", "nm²/s", 0.3, LARGEST_WALK_NM, _walking)),
+        # the stage's motion is subtracted with another slope than it is recorded with: some is left
+        (*parameters, along(2, "z")),
         chosen_from=len(LENGTHS_NM),
         given=count,
         learned_nats=0.5 * float(np.log(spread[there]).sum()),
