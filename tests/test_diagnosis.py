@@ -256,7 +256,8 @@ def test_a_bead_that_cannot_be_simulated_is_refused_in_words():
     assert found.beads == {}
     assert "b1" in found.refused["b1"]
     assert found.as_dict()["beads"] == {}
-    assert steps == [("b1: comparing with simulations", 0, 1)]
+    assert any("b1: comparing with simulations" in step for step, _, _ in steps)
+    assert steps[-1][1:] == (1, 1)
 
 
 @pytest.mark.parametrize("whose", ["reference", "bead"])

@@ -325,6 +325,13 @@ EFFECTS = (
         unit="s",
     ),
     Effect(
+        "z_response",
+        "height",
+        spoil=spoiled_traces.respond,
+        sizes={"faint": (0.02, 0.04), "moderate": (0.06, 0.12), "clear": (0.15, 0.3)},
+        unit="nm per nm",
+    ),
+    Effect(
         "pixel_locking",
         "pixel",
         spoil=spoiled_traces.lock,

@@ -48,6 +48,22 @@ def _smooth(position_nm: FloatArray, frames: int) -> FloatArray:
     return np.asarray(uniform_filter1d(np.column_stack(whole), frames, axis=0))
 
 
+def respond(
+    raw: Recording, experiment: Experiment, slope: float, random: np.random.Generator
+) -> Recording:
+    """The focus moves between two plateaus, and every bead's table answers in a way of its own."""
+    moved_at = raw.plateaus[int(random.integers(1, len(raw.plateaus)))].start - 1
+    move_nm = float(random.choice([-1.0, 1.0]) * random.uniform(300.0, 900.0))
+    answered = {}
+    for bead, xyz in raw.positions_nm.items():
+        length_nm, phase = random.uniform(80.0, 300.0), random.uniform(0, 2 * np.pi)
+        focused = xyz[:, 2] - np.where(np.arange(len(xyz)) < moved_at, 0.0, move_nm)
+        # a sine of this size has slopes of the size asked for, root mean square
+        error = np.sqrt(2) * slope * length_nm * np.sin(focused / length_nm + phase)
+        answered[bead] = np.column_stack([xyz[:, :2], focused + error])
+    return replace(raw, positions_nm=answered)
+
+
 def lock(
     raw: Recording, experiment: Experiment, amplitude_nm: float, _: np.random.Generator
 ) -> Recording:

@@ -46,7 +46,10 @@ def untold(recording: Recording) -> Recording:
 
 
 def cut_out(recording: Recording, plateaus: Sequence[Plateau]) -> Recording:
-    """The rows from the first of the plateaus to the last; plateaus are numbered from 0."""
+    """The rows from the first of the plateaus to the last; plateaus are numbered from 0.
+
+    Heights stay as they are: the rows that tell z = 0 need not be among these.
+    """
     start, stop = plateaus[0].start, plateaus[-1].stop
     rows = slice(start, stop)
     moved = tuple(
@@ -62,6 +65,7 @@ def cut_out(recording: Recording, plateaus: Sequence[Plateau]) -> Recording:
         )
     return dataclasses.replace(
         recording,
+        setup=recording.setup.model_copy(update={"source": None}),
         time_s=recording.time_s[rows],
         frame=recording.frame[rows],
         positions_nm={bead: xyz[rows] for bead, xyz in recording.positions_nm.items()},
