@@ -22,6 +22,8 @@ from mtpipe.report.run_folder import told
 from tests.simulated import bead_nm, recording
 from tests.test_pipeline import command, write
 
+pytestmark = pytest.mark.slow
+
 SERIES = '[source]\nfiles = ["trace*.csv"]\n'
 
 

@@ -40,6 +40,8 @@ from mtpipe.setup.setup import parse_setup
 from mtpipe.simulation.simulate import simulate_experiment
 from tests.simulated import RADIUS_NM, VISCOSITY_MPA_S, setup_content
 
+pytestmark = pytest.mark.slow
+
 PENALTY = 5.0
 SHARED = {"exposure", "dropped_frames", "viscosity", "lateral_scale", "field_rotation"}
 

@@ -31,6 +31,8 @@ from mtpipe.simulation.springs import simulate_path, simulate_springs
 from mtpipe.simulation.steps import divide_frame, emulate_camera
 from tests.simulated import setup_content
 
+pytestmark = pytest.mark.slow
+
 KT = float(thermal_energy_pN_nm(293.15))
 FRAME_S = 1 / 120
 SIGMAS = 4.0

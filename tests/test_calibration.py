@@ -18,6 +18,8 @@ from mtpipe.verdicts.verdict import bead_verdict, bead_verdicts
 from tests import simulated
 from tests.simulated import CHAIN, RATE_HZ, bead_nm, recording, setup_content
 
+pytestmark = pytest.mark.slow
+
 
 def calibrated(*args, **options):
     return calibrate(mtpipe.subtract_drift(recording(*args, **options)))

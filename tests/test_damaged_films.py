@@ -11,6 +11,8 @@ from mtpipe.ground.errors import MtpipeError
 from mtpipe.tracking.stack import open_stack
 from mtpipe.tracking.stack_look import Reading
 
+pytestmark = pytest.mark.slow
+
 FRAMES = np.random.default_rng(3).integers(1, 200, (12, 16, 20)).astype(np.uint8)
 GREY = {"photometric": "minisblack"}
 CARRIERS = {

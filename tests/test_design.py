@@ -31,6 +31,8 @@ from mtpipe.physics.modes import SINGLE_MODE
 from mtpipe.setup.setup import Setup, parse_setup
 from mtpipe.setup.usual_errors import exact
 
+pytestmark = pytest.mark.slow
+
 ROOT = Path(__file__).parents[1]
 SETUP = """schema = 1
 [camera]

@@ -37,6 +37,8 @@ from mtpipe.setup.setup import parse_setup
 from mtpipe.simulation.simulate import simulate_experiment
 from tests.simulated import VISCOSITY_MPA_S, setup_content
 
+pytestmark = pytest.mark.slow
+
 FORCES_PN, FRAMES = (0.8, 3.0, 10.0), 4096
 SETUP = parse_setup(
     setup_content(model={"effects": ["wall_drag", "rotation_coupling", "tracking_noise"]})

@@ -63,6 +63,8 @@ from mtpipe.simulation.readout import (
 )
 from tests.simulated import setup_content
 
+pytestmark = pytest.mark.slow
+
 FORCES_PN, FRAMES, RATE_HZ = (0.5, 2.0, 6.0, 15.0), 4096, 120.0
 BASE = Experiment(
     chain=Chain(1200.0, 50.0, 298.15, "marko-siggia"),

@@ -22,6 +22,8 @@ from mtpipe.ground.errors import FitError
 from mtpipe.physics.buffer import thermal_energy_pN_nm
 from mtpipe.physics.tether import VALIDITY, Chain, force_pN
 
+pytestmark = pytest.mark.slow
+
 CHALLENGE = Path(__file__).parents[2] / "shared" / "challenge"
 ASSAY = Assay(298.0)
 BOUCHIAT = Chain(2700.0, 50.0, 298.0)

@@ -9,6 +9,8 @@ from mtpipe.ground.errors import RecordingError
 from mtpipe.tracking.find_beads import find_beads, in_reading_order
 from tests.stack_images import draw
 
+pytestmark = pytest.mark.slow
+
 RECORDINGS = Path(__file__).parents[1].parent / "shared" / "recordings"
 PLACES = [(150.3, 40.2), (40.0, 45.6), (60.7, 120.0), (200.5, 130.5)]
 

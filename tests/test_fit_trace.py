@@ -15,6 +15,8 @@ from mtpipe.physics.langevin import simulate_axis
 from mtpipe.physics.modes import rotating_bead
 from mtpipe.spectra.spectrum import periodogram
 
+pytestmark = pytest.mark.slow
+
 RATE, TEMPERATURE, FRICTION = 120.0, 298.15, 2.3e-5
 KT = float(thermal_energy_pN_nm(TEMPERATURE))
 

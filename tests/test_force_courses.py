@@ -36,6 +36,8 @@ from mtpipe.physics.tether import Chain
 from mtpipe.simulation.linear import simulate_motion
 from mtpipe.simulation.readout import force_pieces, height_within_pieces, recorded
 
+pytestmark = pytest.mark.slow
+
 FORCES_PN, FRAMES, FRAME_S = (0.5, 2.0, 8.0), 4096, 1 / 100
 STEADY = Experiment(
     chain=Chain(2700.0, 50.0, 298.15, "marko-siggia"),

@@ -37,6 +37,8 @@ from tests.ingest_recordings import five_setup
 from tests.report_beads import RUN
 from tests.report_folder import write_run_folder
 
+pytestmark = pytest.mark.slow
+
 STUDY = Path(__file__).parents[1] / "workflows" / "fuzz" / "study.py"
 
 

@@ -28,6 +28,8 @@ from tests.laboratory_files import RATE, Laboratory
 from tests.stack_images import draw
 from tests.test_ingest_presets import write_calisto, write_calisto_hdf5, write_shon
 
+pytestmark = pytest.mark.slow
+
 SAMPLE = Path(__file__).parents[1] / "sample_data" / "laboratory_text"
 SHARED = Path(__file__).resolve().parents[2] / "shared"
 

@@ -16,6 +16,8 @@ from mtpipe.report import crosscheck_words
 from mtpipe.setup.tables import Magnet
 from tests.small_case import FORCES_PN, case, generator, raw, setup
 
+pytestmark = pytest.mark.slow
+
 ROUNDS = (26,)
 
 

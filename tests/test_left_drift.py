@@ -32,6 +32,8 @@ from tests.simulated import recording, setup_content
 from tests.small_case import setup
 from tests.stage import RATE_HZ, ou, recording_of
 
+pytestmark = pytest.mark.slow
+
 CHECKOUT = Path(__file__).parents[1]
 SPANS_S = np.array([(0.0, 40.0), (42.0, 60.0), (75.0, 150.0)])
 FRAME_S = 1 / 60

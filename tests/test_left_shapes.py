@@ -23,6 +23,8 @@ from mtpipe.diagnosis.unexplained_content import content_of
 from mtpipe.drift import subtract_drift
 from tests.small_case import case, generator, raw
 
+pytestmark = pytest.mark.slow
+
 ALONG_X = 0
 
 

@@ -17,6 +17,8 @@ from mtpipe.tracking.matching import normalized
 from mtpipe.tracking.positions import locate
 from tests import rendered
 
+pytestmark = pytest.mark.slow
+
 
 def between_planes(table, step_nm, sensor_seed=3):
     """Errors of z at ten places between planes, (planes, 10), the same places in x and y."""

@@ -23,6 +23,8 @@ from tests.report_page import Page
 from tests.simulated import recording
 from tests.test_pipeline import write
 
+pytestmark = pytest.mark.slow
+
 BEAD, OTHER = "more1", "more2"
 
 

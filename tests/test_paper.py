@@ -7,6 +7,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+pytestmark = pytest.mark.slow
+
 CHECKOUT = Path(__file__).parents[1]
 WORKFLOW = CHECKOUT / "workflows" / "paper"
 PAGE = CHECKOUT / "docs" / "paper.md"

@@ -16,6 +16,8 @@ import mtpipe
 from mtpipe.setup.setup import parse_setup
 from tests.simulated import RATE_HZ, recording, setup_content
 
+pytestmark = pytest.mark.slow
+
 CHECKOUT = Path(__file__).parents[1]
 
 

@@ -18,6 +18,8 @@ from mtpipe.tracking.measured import LOST_REASONS, METHODS
 from mtpipe.tracking.positions import locate
 from tests import rendered
 
+pytestmark = pytest.mark.slow
+
 
 def reasons(positions) -> set[str]:
     return {LOST_REASONS[code] for code in positions.lost if code}

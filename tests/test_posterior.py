@@ -10,6 +10,8 @@ from mtpipe.fit.sampling import split_r_hat
 from mtpipe.ground.errors import FitError
 from tests.test_fit_trace import FRICTION, fit, simulate, stiffness_at
 
+pytestmark = pytest.mark.slow
+
 
 def test_posterior_is_that_of_the_grid():
     """Mean and standard deviation of ln k against direct integration of the posterior."""

@@ -20,6 +20,8 @@ from mtpipe.effects.catalogue import OWN
 from mtpipe.experiment.description import Line
 from mtpipe.setup.setup import parse_setup
 
+pytestmark = pytest.mark.slow
+
 CHECKOUT = Path(__file__).parents[1]
 CONCEALED = CHECKOUT / "sample_data" / "concealed"
 

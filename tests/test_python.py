@@ -17,6 +17,8 @@ from mtpipe.ground.estimate import Estimate
 from mtpipe.ground.progress import by_name, of_step
 from tests.stack_images import draw
 
+pytestmark = pytest.mark.slow
+
 ROOT = Path(__file__).parents[1]
 SAMPLE = ROOT / "sample_data" / "clean_short_tether"
 FRAMES = 640

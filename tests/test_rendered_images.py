@@ -16,6 +16,8 @@ from mtpipe.simulation.images import Sensor, optics_of, parts_of, render_stack
 from mtpipe.tracking.library import optics
 from tests import rendered
 
+pytestmark = pytest.mark.slow
+
 SETUP = f"{rendered.SETUP}[source]\nz_zero = {{ value_nm = 0.0 }}\n"
 
 

@@ -15,6 +15,8 @@ from mtpipe.report.browser import figures_of
 from mtpipe.report.export import write_figures, write_pdf, write_tables
 from tests.report_folder import NASTY, write_run_folder
 
+pytestmark = pytest.mark.slow
+
 chromium = pytest.mark.skipif(
     not any(map(shutil.which, browser.NAMES)), reason="there is no chromium on this machine"
 )

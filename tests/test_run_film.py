@@ -10,6 +10,8 @@ import mtpipe
 from mtpipe.calibration.free_fits import NOISE_FACTOR
 from mtpipe.pipeline.demo_film import FORCES_PN, film_run
 
+pytestmark = pytest.mark.slow
+
 # in reading order, and as they were simulated
 SIMULATED = {"bead1": "bead1", "bead2": "b1"}
 

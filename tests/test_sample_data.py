@@ -31,6 +31,8 @@ from mtpipe.pipeline.demo import (
 )
 from mtpipe.recording.recording import Recording
 
+pytestmark = pytest.mark.slow
+
 CHECKOUT = Path(__file__).parents[1]
 SHARED = CHECKOUT.parent / "shared"
 FOLDERS = sorted(p.parent for p in (CHECKOUT / "sample_data").glob("*/setup.toml"))

@@ -38,6 +38,8 @@ from tests.simulated import (
     setup_content,
 )
 
+pytestmark = pytest.mark.slow
+
 KT = float(thermal_energy_pN_nm(TEMPERATURE_K))
 FRAME_S = 1 / RATE_HZ
 ISSUE_FORCES = tuple(np.geomspace(0.3, 20.0, 8).tolist())

@@ -13,6 +13,8 @@ from mtpipe.drift import subtract_drift
 from mtpipe.effects.catalogue import OWN
 from tests.small_case import generator, raw
 
+pytestmark = pytest.mark.slow
+
 NAMES = ("z_crosstalk", "lateral_scale", "viscosity", "axial_scale")
 
 

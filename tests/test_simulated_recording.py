@@ -20,6 +20,8 @@ from mtpipe.simulation.simulate import free_names, simulate, timetable
 from mtpipe.simulation.written import canonical_csv, simulate_to_folder
 from tests.simulated import setup_content
 
+pytestmark = pytest.mark.slow
+
 SETUP = """# a comment that stays
 schema = 1
 [camera]

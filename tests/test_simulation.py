@@ -30,6 +30,8 @@ from mtpipe.simulation.linear import _end_of_stretch, _stretch, simulate_motion
 from mtpipe.simulation.simulate import SPACING_NM, simulate_experiment
 from tests.simulated import setup_content
 
+pytestmark = pytest.mark.slow
+
 STANDARD_ERRORS = 5.0
 
 

@@ -14,6 +14,8 @@ from mtpipe.tracking.stack import check_unchanged, is_stack, open_stack
 from mtpipe.tracking.stack_times import frame_times
 from tests.stack_images import setup_text
 
+pytestmark = pytest.mark.slow
+
 FRAMES = np.random.default_rng(0).integers(0, 4096, (20, 32, 40)).astype(np.uint16)
 GREY = {"photometric": "minisblack", "metadata": None}
 

@@ -17,6 +17,8 @@ from mtpipe.ground.script_guard import check_guard
 from mtpipe.ground.spreadsheets import as_csv
 from mtpipe.ground.streams import visible
 
+pytestmark = pytest.mark.slow
+
 posix = pytest.mark.skipif(os.name == "nt", reason="signals and descriptors as POSIX has them")
 PRINTS = """
 import sys

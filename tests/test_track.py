@@ -21,6 +21,8 @@ from mtpipe.tracking.track_files import RecordingWriter
 from tests.stack_images import draw, setup_text
 from tests.tracked_film import FIXED, FOCUS_NM, SHAPE, write
 
+pytestmark = pytest.mark.slow
+
 
 def test_positions_are_those_that_were_drawn(tracked):
     folder, truth, done = tracked

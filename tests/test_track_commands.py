@@ -2,6 +2,7 @@
 
 import numpy as np
 import pandas as pd
+import pytest
 from typer.testing import CliRunner
 
 import mtpipe
@@ -9,6 +10,8 @@ from mtpipe.cli.commands import app
 from mtpipe.ground.errors import RecordingError
 from mtpipe.tracking.track import track
 from tests.stack_images import setup_text
+
+pytestmark = pytest.mark.slow
 
 
 def test_processes_and_carriers_change_nothing(tracked, tmp_path):

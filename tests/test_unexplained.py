@@ -25,6 +25,8 @@ from mtpipe.drift import subtract_drift
 from mtpipe.effects.catalogue import OWN
 from tests.small_case import FORCES_PN, case, generator, raw
 
+pytestmark = pytest.mark.slow
+
 ALONG_Y, SIZE, MIDDLE_HZ, WIDTH = 1, 0.5, 2.0, 1.3
 FRAME_S = 1 / 120
 

@@ -3,6 +3,7 @@
 import dataclasses
 
 import numpy as np
+import pytest
 
 import mtpipe
 from mtpipe.effects.catalogue import OWN
@@ -10,6 +11,8 @@ from mtpipe.effects.effect import Evidence
 from mtpipe.effects.z_response import smooth_curves
 from mtpipe.simulation.setup_experiment import stated_experiment
 from tests.test_states import SETUP, simulated
+
+pytestmark = pytest.mark.slow
 
 (EFFECT,) = [one for one in OWN if one.name == "z_response"]
 FORCES_PN = (0.5, 1.0, 2.0, 4.0, 8.0, 3.0)
