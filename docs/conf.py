@@ -1,0 +1,51 @@
+"""The site: `sphinx-build -W docs DIR` (CONTRIBUTING.md), pages in MyST, functions by autodoc."""
+
+from __future__ import annotations
+
+import re
+import sys
+from pathlib import Path
+
+HERE = Path(__file__).parent
+sys.path.insert(0, str(HERE.parent))
+
+from mtpipe.ground.version import VERSION
+
+project = "mtpipe"
+author = "the mtpipe developers"
+copyright = author  # noqa: A001 (Sphinx's own name)
+version = release = VERSION
+
+extensions = ["myst_nb", "sphinx.ext.autodoc", "sphinx.ext.napoleon"]
+exclude_patterns = ["_build"]
+
+# Pages link to headings of others as GitHub names them.
+myst_heading_anchors = 4
+nb_execution_mode = "auto"
+nb_execution_raise_on_error = True
+nb_execution_timeout = 120
+
+autodoc_typehints = "none"
+napoleon_use_ivar = True
+
+html_theme = "pydata_sphinx_theme"
+html_title = f"mtpipe {VERSION}"
+html_show_sourcelink = False
+
+_LINK = re.compile(r"\[([^\]]+)\]\((\.\./[^)]+)\)")
+
+
+def without_links_to_the_repository(app, page, source):
+    """A link that leaves docs/ works in the repository, but not on the site: its words stay."""
+    folder = (HERE / page).parent
+
+    def kept(link):
+        target = (folder / link[2]).resolve()
+        return link[0] if target.is_relative_to(HERE) else link[1]
+
+    source[0] = _LINK.sub(kept, source[0])
+
+
+def setup(app):
+    """Sphinx's hook."""
+    app.connect("source-read", without_links_to_the_repository)
