@@ -3,14 +3,11 @@
 from __future__ import annotations
 
 import re
-import sys
 from pathlib import Path
-
-HERE = Path(__file__).parent
-sys.path.insert(0, str(HERE.parent))
 
 from mtpipe.ground.version import VERSION
 
+HERE = Path(__file__).parent
 project = "mtpipe"
 author = "the mtpipe developers"
 copyright = author  # noqa: A001 (Sphinx's own name)

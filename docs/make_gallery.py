@@ -1,7 +1,8 @@
 """Writes docs/gallery.md and its pictures: `python -m docs.make_gallery`.
 
-Each effect is shown as tests/test_effects.py has it, where its expectation is held to its simulation:
-the expected record of one bead with and without it, at the force and axis at which it shows most.
+Each effect is shown as tests/test_effects.py has it, where its expectation is held to its
+simulation: the expected record of one bead with and without it, at the force and axis at which it
+shows most.
 """
 
 from __future__ import annotations
@@ -16,7 +17,7 @@ import numpy as np
 
 from mtpipe.corrections.catalogue import REMEDIES
 from mtpipe.report.remedies import remedy
-from tests.test_effects import BASE, KNOWN, forces_of, model_of
+from tests.test_effects import KNOWN, forces_of, model_of
 
 DOCS = Path(__file__).parent
 PAGE, PICTURES = DOCS / "gallery.md", DOCS / "images" / "gallery"
@@ -25,13 +26,18 @@ SEEN = 0.02
 WIDTH, HEIGHT, LEFT, BOTTOM = 340, 200, 46, 36
 HEAD = """# Gallery of mismatches
 
-What each effect of the [catalogue](effects.md) does to a recording: the expected record of one bead with it (solid) and
-without it (dashed). It is drawn for the force and the axis at which it shows most.
+What each effect of the [catalogue](effects.md) does to a recording: the expected record of one
+bead with it (solid) and without it (dashed). It is drawn for the force and the axis at which it
+shows most.
 
-`mtpipe run` names these effects where a recording has them and its setup does not list them. The sentence is the one
-that the report says.
+`mtpipe run` names these effects where a recording has them and its setup does not list them. The
+sentence is the one that the report says; the numbers in it are those of the picture.
 
 Written by `python -m docs.make_gallery`.
+"""
+TRACES = """## Found in the traces
+
+These do not change a spectrum in a simple way. They are found by their mark in the traces.
 """
 
 
@@ -57,7 +63,6 @@ def panel_of(known):
     best, found, heights = SEEN, None, []
     for plateau, force in enumerate(forces):
         spectrum = model.data[plateau].spectrum
-        # an effect that is there or not changes the base; the others come on top of it
         before, after = (
             model.expected(experiment, plateau, force) for experiment in (known.base, known.changed)
         )

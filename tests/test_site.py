@@ -80,7 +80,7 @@ def test_notebooks_run(name, monkeypatch):
     names = {}
     cells = CELL.findall(text_of(DOCS / "notebooks" / f"{name}.md"))
     for cell in cells:
-        exec(compile(ast.parse(cell), name, "exec"), names)  # noqa: S102
+        exec(compile(ast.parse(cell), name, "exec"), names)
     assert len(cells) >= 4
     if name == "concealed":
         assert names["bead"].verdict == "explained"
