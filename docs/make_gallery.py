@@ -21,8 +21,6 @@ from tests.test_effects import KNOWN, forces_of, model_of
 
 DOCS = Path(__file__).parent
 PAGE, PICTURES = DOCS / "gallery.md", DOCS / "images" / "gallery"
-# Powers that differ by less do so by nothing that an eye could see: heights are shown instead.
-SEEN = 0.02
 WIDTH, HEIGHT, LEFT, BOTTOM = 340, 200, 46, 36
 HEAD = """# Gallery of mismatches
 
@@ -43,13 +41,12 @@ These do not change a spectrum in a simple way. They are found by their mark in 
 
 @dataclass(frozen=True, eq=False)
 class Panel:
-    """Two curves: without the effect, and with it."""
+    """Two spectra: without the effect, and with it."""
 
-    x: np.ndarray
+    frequency_hz: np.ndarray
     without: np.ndarray
     with_it: np.ndarray
-    across: str
-    up: str
+    words: str
 
 
 @functools.cache
@@ -58,31 +55,23 @@ def _model(base):
 
 
 def panel_of(known):
-    """Where an effect shows most: a spectrum, or else the mean heights."""
-    model, forces = _model(known.base), forces_of(known.base)
-    best, found, heights = SEEN, None, []
-    for plateau, force in enumerate(forces):
+    """The spectrum in which an effect shows most."""
+    model, largest, found = _model(known.base), 0.0, None
+    for plateau, force in enumerate(forces_of(known.base)):
         spectrum = model.data[plateau].spectrum
-        before, after = (
-            model.expected(experiment, plateau, force) for experiment in (known.base, known.changed)
-        )
-        heights.append((before.extension_nm, after.extension_nm))
+        both = [model.expected(each, plateau, force) for each in (known.base, known.changed)]
         for axis in range(3):
-            powers = [each.power[:, axis, axis] / spectrum.gain(axis) for each in (before, after)]
+            powers = [each.power[:, axis, axis] / spectrum.gain(axis) for each in both]
             size = float(np.max(np.abs(np.log(powers[1] / powers[0]))))
-            if size > best:
-                best = size
+            if size > largest:
                 words = f"power of {'xyz'[axis]} at {force:g} pN (nm²/Hz)"
-                found = Panel(spectrum.frequency_hz, *powers, "frequency (Hz)", words)
-    if found is None:
-        before, after = np.array(heights).T
-        found = Panel(np.array(forces), before, after, "force (pN)", "mean height (nm)")
+                largest, found = size, Panel(spectrum.frequency_hz, *powers, words)
     return found
 
 
 def svg(panel):
     """A small picture with logarithmic axes."""
-    x = np.log10(panel.x)
+    x = np.log10(panel.frequency_hz)
     curves = np.log10([panel.without, panel.with_it])
     low, high = float(curves.min()), float(curves.max())
     low, high = low - 0.06 * (high - low), high + 0.06 * (high - low)
@@ -99,8 +88,8 @@ def svg(panel):
         f'height="{HEIGHT}" font-family="sans-serif" font-size="11" fill="#333">',
         f'<rect width="{WIDTH}" height="{HEIGHT}" fill="#fff"/>',
         f'<path d="M{LEFT} {top}V{HEIGHT - BOTTOM}H{right}" stroke="#333" fill="none"/>',
-        f'<text x="6" y="14">{panel.up}</text>',
-        f'<text x="{right}" y="{HEIGHT - 6}" text-anchor="end">{panel.across}</text>',
+        f'<text x="6" y="14">{panel.words}</text>',
+        f'<text x="{right}" y="{HEIGHT - 6}" text-anchor="end">frequency (Hz)</text>',
     ]
     for value in _ticks(float(x[0]), float(x[-1])):
         at = f"{across(math.log10(value)):.1f}"
@@ -125,7 +114,7 @@ def _ticks(low, high):
             if low <= math.log10(kind) + decade <= high
         ]
         if len(found) >= 2:
-            return found[: 4 * (len(found) // 4 + 1) : len(found) // 4 + 1]
+            return found[:: len(found) // 4 + 1]
     return [float(f"{10**low:.3g}"), float(f"{10**high:.3g}")]
 
 
