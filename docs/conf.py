@@ -28,7 +28,11 @@ napoleon_use_ivar = True
 html_theme = "pydata_sphinx_theme"
 html_title = f"mtpipe {VERSION}"
 html_show_sourcelink = False
+# All pages stand in the sidebar, under the captions of docs/index.md.
+html_sidebars = {"**": ["globaltoc.html"]}
+html_theme_options = {"navbar_center": []}
 
+_ATTRIBUTE = re.compile(r"(\w[\w, ]*) : (.+)")
 _LINK = re.compile(r"\[([^\]]+)\]\((\.\./[^)]+)\)")
 
 
@@ -43,6 +47,21 @@ def without_links_to_the_repository(app, page, source):
     source[0] = _LINK.sub(kept, source[0])
 
 
+def as_napoleon_reads(app, what, name, obj, options, lines):
+    """Docstrings here say `name : words`, and napoleon takes for a type what is behind a colon."""
+    if what == "module":
+        lines.clear()
+    if what == "property" and lines:
+        lines[0] = f": {lines[0]}"
+    lines[:] = [part for line in lines for part in _parted(line)]
+
+
+def _parted(line):
+    found = _ATTRIBUTE.fullmatch(line)
+    return (found[1], f"    {found[2]}") if found else (line,)
+
+
 def setup(app):
     """Sphinx's hook."""
+    app.connect("autodoc-process-docstring", as_napoleon_reads, priority=400)
     app.connect("source-read", without_links_to_the_repository)
