@@ -51,8 +51,6 @@ def as_napoleon_reads(app, what, name, obj, options, lines):
     """Docstrings here say `name : words`, and napoleon takes for a type what is behind a colon."""
     if what == "module":
         lines.clear()
-    if what == "property" and lines:
-        lines[0] = f": {lines[0]}"
     lines[:] = [part for line in lines for part in _parted(line)]
 
 
