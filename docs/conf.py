@@ -1,0 +1,65 @@
+"""The site: `sphinx-build -W docs DIR` (CONTRIBUTING.md), pages in MyST, functions by autodoc."""
+
+from __future__ import annotations
+
+import re
+from pathlib import Path
+
+from mtpipe.ground.version import VERSION
+
+HERE = Path(__file__).parent
+project = "mtpipe"
+author = "the mtpipe developers"
+copyright = author  # noqa: A001 (Sphinx's own name)
+version = release = VERSION
+
+extensions = ["myst_nb", "sphinx.ext.autodoc", "sphinx.ext.napoleon"]
+exclude_patterns = ["_build"]
+
+# Pages link to headings of others as GitHub names them.
+myst_heading_anchors = 4
+nb_execution_mode = "auto"
+nb_execution_raise_on_error = True
+nb_execution_timeout = 120
+
+autodoc_typehints = "none"
+napoleon_use_ivar = True
+
+html_theme = "pydata_sphinx_theme"
+html_title = f"mtpipe {VERSION}"
+html_show_sourcelink = False
+# All pages stand in the sidebar, under the captions of docs/index.md.
+html_sidebars = {"**": ["globaltoc.html"]}
+html_theme_options = {"navbar_center": []}
+
+_ATTRIBUTE = re.compile(r"(\w[\w, ]*) : (.+)")
+_LINK = re.compile(r"\[([^\]]+)\]\((\.\./[^)]+)\)")
+
+
+def without_links_to_the_repository(app, page, source):
+    """A link that leaves docs/ works in the repository, but not on the site: its words stay."""
+    folder = (HERE / page).parent
+
+    def kept(link):
+        target = (folder / link[2]).resolve()
+        return link[0] if target.is_relative_to(HERE) else link[1]
+
+    source[0] = _LINK.sub(kept, source[0])
+
+
+def as_napoleon_reads(app, what, name, obj, options, lines):
+    """Docstrings here say `name : words`, and napoleon takes for a type what is behind a colon."""
+    if what == "module":
+        lines.clear()
+    lines[:] = [part for line in lines for part in _parted(line)]
+
+
+def _parted(line):
+    found = _ATTRIBUTE.fullmatch(line)
+    return (found[1], f"    {found[2]}") if found else (line,)
+
+
+def setup(app):
+    """Sphinx's hook."""
+    app.connect("autodoc-process-docstring", as_napoleon_reads, priority=400)
+    app.connect("source-read", without_links_to_the_repository)
