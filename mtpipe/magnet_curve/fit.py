@@ -116,9 +116,7 @@ def _theta(
 ) -> FloatArray:
     ends = [
         least_squares(
-            lambda theta: whitened(
-                forces, spread, forces.log_force - form.value(theta, distance)
-            ),
+            lambda theta: whitened(forces, spread, forces.log_force - form.value(theta, distance)),
             np.maximum(start, np.where(np.isfinite(form.lower), form.lower + 1e-9, start)),
             jac=lambda theta: -whitened(forces, spread, form.jacobian(theta, distance)),
             bounds=(form.lower, np.inf),

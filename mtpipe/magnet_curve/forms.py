@@ -128,4 +128,3 @@ def _spline(distinct: FloatArray, knots: int, log_force: FloatArray) -> Form:
         lambda theta, distance: jacobian(theta, distance) @ theta,
         jacobian,
     )
-

@@ -82,7 +82,9 @@ def measured_forces(tables: Iterable[tuple[str, pd.DataFrame]]) -> Forces:
     parts = [pd.DataFrame(columns=columns)]
     for name, table in tables:
         mine = table[(table["force_status"] == "ok") & table["magnet_believed"].astype(bool)]
-        mine = mine.drop_duplicates(["bead", "plateau"]).rename(columns={"magnet_mm": "position_mm"})
+        mine = mine.drop_duplicates(["bead", "plateau"]).rename(
+            columns={"magnet_mm": "position_mm"}
+        )
         parts.append(mine.assign(recording=name)[columns])
     every = pd.concat([part for part in parts if len(part)] or parts, ignore_index=True)
     numbers = every[columns[2:]].to_numpy(np.float64)

@@ -32,8 +32,10 @@ def whitened(forces: Forces, spread: float, values: FloatArray) -> FloatArray:
 def deviance(forces: Forces, spread: float, residuals: FloatArray) -> float:
     """−2 ln L of residuals of ln F, (n,), about a given curve."""
     n = len(residuals)
-    return float(np.sum(whitened(forces, spread, residuals) ** 2)) + _log_det(forces, spread) + (
-        n * float(np.log(2 * np.pi))
+    return (
+        float(np.sum(whitened(forces, spread, residuals) ** 2))
+        + _log_det(forces, spread)
+        + (n * float(np.log(2 * np.pi)))
     )
 
 
