@@ -1,4 +1,4 @@
-"""The curve of a magnet: its fit without outlying beads, and what it says of beads and positions."""
+"""The curve of a magnet, fitted without outlying beads, and what it says of others."""
 
 from __future__ import annotations
 

@@ -14,7 +14,7 @@ from mtpipe.magnet_curve.measured import Forces
 from mtpipe.magnet_curve.spread import deviance, most_likely_spread, whitened
 
 # Curve and spread in turn, until the spread moves by less than this share of it.
-ROUNDS, SETTLED = 20, 1e-3
+ROUNDS, SETTLED = 6, 1e-2
 # A parameter nearer to its bound is at it: it is known to be there, and has no error.
 AT_BOUND = 1e-6
 
@@ -121,6 +121,7 @@ def _theta(
             jac=lambda theta: -whitened(forces, spread, form.jacobian(theta, distance)),
             bounds=(form.lower, np.inf),
             x_scale="jac",
+            max_nfev=100,
         )
         for start in starts
     ]

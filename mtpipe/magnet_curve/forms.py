@@ -90,10 +90,9 @@ def _double(height: float, rate: float, distinct: FloatArray) -> Form:
 
     starts = []
     for ratio in (1.5, 3.0):
-        for crossing in np.quantile(distinct, (0.25, 0.5, 0.75)):
-            fast, slow = rate * ratio, rate / ratio
-            at = height - rate * crossing - np.log(2)
-            starts.append(np.array([at + fast * crossing, fast, at + slow * crossing, slow]))
+        fast, slow, crossing = rate * ratio, rate / ratio, float(np.median(distinct))
+        at = height - rate * crossing - np.log(2)
+        starts.append(np.array([at + fast * crossing, fast, at + slow * crossing, slow]))
     return Form(
         "double exponential",
         ("log_force_steep", "rate_steep", "log_force_flat", "rate_flat"),

@@ -1,8 +1,8 @@
 """What beads differ by: one factor each on all forces, ln-normal, of a width that is estimated.
 
-Given the curve all is Gaussian: the forces of a bead have covariance D + s² 1 1ᵀ, with D of their own
-errors. s is estimated by restricted maximum likelihood (Patterson & Thompson 1971), which allows
-for the parameters of the curve that the same beads pay for.
+Given the curve all is Gaussian: the forces of a bead have covariance D + s² 1 1ᵀ, with D of their
+own errors. s is estimated by restricted maximum likelihood (Patterson & Thompson 1971), which
+allows for the parameters of the curve that the same beads pay for.
 """
 
 from __future__ import annotations

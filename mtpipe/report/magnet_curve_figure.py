@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from mtpipe.ground.types import FloatArray
-
 from mtpipe.magnet_curve.curve import MagnetCurve
 from mtpipe.report.plotly_json import (
     GREY,
