@@ -54,10 +54,8 @@ def forms(distance_mm: FloatArray, log_force: FloatArray) -> list[Form]:
     found = [_single(float(height), rate)]
     if len(distinct) > 4:
         found.append(_double(float(height), rate, distinct))
-    for knots in range(MOST_KNOTS + 1):
-        if len(distinct) > knots + CUBIC + 1:
-            found.append(_spline(distinct, knots, log_force))
-    return found
+    knots = range(min(MOST_KNOTS, len(distinct) - CUBIC - 2) + 1)
+    return found + [_spline(distinct, number, log_force) for number in knots]
 
 
 def _single(height: float, rate: float) -> Form:
