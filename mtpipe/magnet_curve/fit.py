@@ -52,7 +52,7 @@ class FormFit:
     def variance(self, position_mm: FloatArray) -> FloatArray:
         """Of the curve's ln F, (n,)."""
         jacobian = self.jacobian(position_mm)
-        return np.einsum("ij,jk,ik->i", jacobian, self.covariance, jacobian)
+        return np.asarray(np.einsum("ij,jk,ik->i", jacobian, self.covariance, jacobian))
 
     def _distance(self, position_mm: FloatArray) -> FloatArray:
         return self.sign * (np.asarray(position_mm, dtype=np.float64) - self.origin_mm)
@@ -114,15 +114,23 @@ def _fit(form: Form, forces: Forces, origin_mm: float, sign: int) -> FormFit:
 def _theta(
     form: Form, forces: Forces, distance: FloatArray, spread: float, starts: tuple[FloatArray, ...]
 ) -> FloatArray:
+    def residuals(theta: FloatArray) -> FloatArray:
+        return whitened(forces, spread, forces.log_force - form.value(theta, distance))
+
+    def slopes(theta: FloatArray) -> FloatArray:
+        return -whitened(forces, spread, form.jacobian(theta, distance))
+
+    # fits begin inside their bounds
+    inside = np.where(np.isfinite(form.lower), form.lower + 1e-9, form.lower)
     ends = [
         least_squares(
-            lambda theta: whitened(forces, spread, forces.log_force - form.value(theta, distance)),
-            np.maximum(start, np.where(np.isfinite(form.lower), form.lower + 1e-9, start)),
-            jac=lambda theta: -whitened(forces, spread, form.jacobian(theta, distance)),
+            residuals,
+            np.maximum(start, inside),
+            jac=slopes,
             bounds=(form.lower, np.inf),
             x_scale="jac",
             max_nfev=100,
         )
         for start in starts
     ]
-    return np.asarray(min(ends, key=lambda end: end.cost).x)
+    return np.asarray(min(ends, key=lambda end: float(end.cost)).x)

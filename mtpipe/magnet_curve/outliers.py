@@ -64,7 +64,7 @@ def against(fit: FormFit, forces: Forces) -> Beads:
     scatter = forces.sums(weight * (residuals - straight) ** 2)
 
     def of_curve(rows: FloatArray) -> FloatArray:
-        return np.einsum("ij,jk,ik->i", rows, fit.covariance, rows)
+        return np.asarray(np.einsum("ij,jk,ik->i", rows, fit.covariance, rows))
 
     return Beads(
         factor, 1 / total, slope, 1 / lever, np.where(freedom > 0, scatter, np.nan),
@@ -113,7 +113,7 @@ def p_values(fit: FormFit, beads: Beads, kept: NDArray[np.bool_]) -> FloatArray:
 def error_factor(beads: Beads) -> float:
     """By how much forces scatter more than their errors say, in the middle of all beads; else 1."""
     there = np.isfinite(beads.scatter)
-    p = stats.chi2.sf(beads.scatter[there], beads.freedom[there])
+    p = np.asarray(stats.chi2.sf(beads.scatter[there], beads.freedom[there]))
     if len(p) < FEWEST_TO_JUDGE_ERRORS or np.median(p) > UNLIKELY:
         return 1.0
     return float(np.sqrt(np.median(beads.scatter[there] / stats.chi2.median(beads.freedom[there]))))
