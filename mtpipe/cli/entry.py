@@ -8,6 +8,7 @@ import traceback
 
 # their commands join the others
 from mtpipe.cli import explain as _explain  # noqa: F401
+from mtpipe.cli import magnet_curve as _magnet_curve  # noqa: F401
 from mtpipe.cli import reports as _reports  # noqa: F401
 from mtpipe.cli.commands import app
 from mtpipe.cli.terminal import stopped_in_one_line

@@ -24,6 +24,7 @@ from mtpipe.ground.errors import MtpipeError, unforeseen
 from mtpipe.ground.processes import Workers
 from mtpipe.ground.steps import Steps, side_by_side
 from mtpipe.pipeline.identity import Asked, identity
+from mtpipe.pipeline.magnet_curve import told_magnet_curve
 from mtpipe.pipeline.recordings_below import Aside, There, recordings_below
 from mtpipe.pipeline.results import Run
 from mtpipe.pipeline.run import CHECKED_BEADS, KEPT_BEADS, running
@@ -93,7 +94,7 @@ def batch(
         for works in (day.calibrations, day.checks):
             for one, result in side_by_side(works(spread, workers), AHEAD * workers):
                 day.ended(one, result)
-    return day.write()
+    return day.with_curve()
 
 
 @dataclass
@@ -104,6 +105,7 @@ class _Day:
     ----------
     content : what each has to be a run of. failures : why there is none. rows : of the summary.
     beads : how many there are. checked : how many of them are. kept : how many were before.
+    magnet : what is said of the magnet's curve.
     """
 
     out: Path
@@ -118,6 +120,7 @@ class _Day:
     checked: dict[str, int] = field(default_factory=dict)
     kept: dict[str, int] = field(default_factory=dict)
     began: float = 0.0
+    magnet: str = ""
 
     def calibrations(self, pool: Executor, workers: int) -> Iterator[tuple[There, Steps[Run]]]:
         """Works of the recordings of whose content there are no forces yet."""
@@ -166,13 +169,19 @@ class _Day:
             self.watch.counted("recordings calibrated", len(self.rows), len(self.there), None)
         self.write()
 
+    def with_curve(self) -> Summary:
+        """Write the magnet's curve of all runs that are there, and the summary with it."""
+        runs = {one.name: self.out / one.name for one in self.there if self._told(one)}
+        self.magnet = told_magnet_curve(self.out, runs)
+        return self.write()
+
     def write(self) -> Summary:
         """Write the summary as it is now."""
         rows = [
             self.rows.get(one.name) or rows_of(one.name, self.out, {}, "") for one in self.there
         ]
         aside = tuple((one.name, one.why) for one in self.aside)
-        summary = Summary(self.out, tuple(row for some in rows for row in some), aside)
+        summary = Summary(self.out, tuple(row for some in rows for row in some), aside, self.magnet)
         write_summary(summary)
         return summary
 

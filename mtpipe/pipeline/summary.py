@@ -60,12 +60,13 @@ class Summary:
     Attributes
     ----------
     out : its folder. rows : of all beads.
-    aside : (file, why) of files that are no recordings.
+    aside : (file, why) of files that are no recordings. magnet : of the magnet's curve, a sentence.
     """
 
     out: Path
     rows: tuple[Row, ...]
     aside: tuple[tuple[str, str], ...]
+    magnet: str = ""
 
     @property
     def failed(self) -> tuple[Row, ...]:
@@ -115,4 +116,4 @@ def write_summary(summary: Summary) -> None:
     """Write `summary.csv` and `index.html`."""
     rows = [asdict(row) for row in summary.rows]
     write_atomically(summary.out / SUMMARY, as_csv(pd.DataFrame(rows)))
-    write_atomically(summary.out / PAGE, batch_page(rows, summary.aside))
+    write_atomically(summary.out / PAGE, batch_page(rows, summary.aside, summary.magnet))

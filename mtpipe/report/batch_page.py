@@ -13,12 +13,15 @@ from mtpipe.report import words
 from mtpipe.report.pages import templates
 
 
-def batch_page(beads: Sequence[Mapping[str, Any]], aside: Sequence[tuple[str, str]]) -> str:
+def batch_page(
+    beads: Sequence[Mapping[str, Any]], aside: Sequence[tuple[str, str]], magnet: str = ""
+) -> str:
     """`index.html` of a batch, in one file that loads nothing.
 
     Parameters
     ----------
     beads : rows of `summary.csv`. aside : (file, why) of files that are no recordings.
+    magnet : what is said of the magnet's curve, if anything.
     """
     static = resources("mtpipe.report") / "static"
     page: str = (
@@ -30,6 +33,7 @@ def batch_page(beads: Sequence[Mapping[str, Any]], aside: Sequence[tuple[str, st
             statuses=Counter(bead["status"] for bead in beads),
             verdicts=Counter(bead["verdict"] or "none" for bead in beads),
             aside=aside,
+            magnet=magnet,
             words=words,
             version=VERSION,
             link=quote,
