@@ -43,7 +43,11 @@ def table(seed, bad=BAD, beads=BEADS):
 
 
 def test_intervals_hold_the_truth_and_bad_beads_are_named():
-    """12 days: of 84 intervals of 68 %, with days in common, at least half hold it."""
+    """12 days: of 84 intervals of 68 %, seven of each day, at least 40 % hold it.
+
+    The share of a day scatters by 0.31, that of 12 by 0.09: three standard errors, one choice of
+    seeds in 700. workflows/magnet_curve measures the share itself.
+    """
     held, named, sound = [], 0, 0
     for seed in range(12):
         curve = magnet_curve(measured_forces([("r", table(seed))]))
@@ -56,7 +60,7 @@ def test_intervals_hold_the_truth_and_bad_beads_are_named():
         ])  # fmt: skip
         named += int((~curve.kept[:BAD]).sum())
         sound += int((~curve.kept[BAD:]).sum())
-    assert np.mean(held) > 0.5, np.mean(held, axis=0)
+    assert np.mean(held) > 0.4, np.mean(held, axis=0)
     assert named == 12 * BAD
     assert sound <= 2
 
