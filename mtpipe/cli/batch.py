@@ -103,7 +103,7 @@ class Lines:
             self._bar.update(self._task, what=visible(what))
 
     def counted(self, what: str, done: int, total: int, left_s: float | None) -> None:
-        """So many are done of so many, and about so much time is left."""
+        """`done` of `total` beads or recordings are done; `left_s`: seconds left, if known."""
         left = "" if left_s is None else f"about {_duration(left_s)} left"
         line = f"{done} of {total} {what}{', ' if left else ''}{left}"
         if self._bar.disable and self._counted.partition(",")[0] != line.partition(",")[0]:

@@ -11,7 +11,8 @@ from mtpipe.fit.errors_in_both import signed_distances
 from mtpipe.fit.points import ExtensionPoints
 from mtpipe.ground.types import FloatArray
 
-# A model is followed through so many forces, over all that the points may truly have.
+# Forces at which a model is evaluated, evenly over all that the points may truly have; between
+# them its heights are interpolated.
 GRID = 64
 
 

@@ -50,7 +50,7 @@ class Kept(Executor):
         return future
 
     def there(self, works: int) -> int:
-        """How many of the next so many works are kept."""
+        """How many of the next `works` works are kept already."""
         numbers = range(self._submitted, self._submitted + works)
         return sum(any(self._folder.glob(f"{number:06d}-*.pickle")) for number in numbers)
 

@@ -35,7 +35,7 @@ from mtpipe.ground.script_guard import check_guard
 
 T = TypeVar("T")
 P = ParamSpec("P")
-# Where works are done: so many processes, or what somebody else has made to do them.
+# Who does the work: a number of processes, or an executor that the caller has made.
 Workers = int | Executor
 Hear = Callable[[str], None]
 
@@ -53,7 +53,7 @@ def executor(
 
     Parameters
     ----------
-    most : so many processes have something to do.
+    most : number of processes that have something to do; more are not started.
     hear : is given what works `tell`.
 
     Raises

@@ -143,7 +143,7 @@ def _extension(steady: Experiment, plateau: int) -> interpolate.CubicSpline:
     """Mean height in nm against ln of the force over the fitted one."""
     tried = np.linspace(-2.5, 1.0, 29)
     forces = (steady.rests[plateau].force_pN * np.exp(tried)).tolist()
-    described = steady_of(steady)
+    described = steady_of(steady.in_plateau(plateau))
     described.moving.core.know(forces)
     ln_force, extension = [], []
     for value, force in zip(tried.tolist(), forces, strict=True):

@@ -80,7 +80,7 @@ def _frame(
     of_end = 0.5 * _tanhc(a / 2)
     slope = np.full(parts, of_end)
     slope[-1] *= dead_decay * end_variance / moved[-1]
-    rest = np.sqrt(np.maximum(_mean_variance(a) - slope**2 * moved, 0.0))
+    rest = np.sqrt(np.maximum(mean_variance_given_start(a) - slope**2 * moved, 0.0))
     carried_by = dead_decay * decay ** np.arange(parts - 1.0, -1.0, -1.0)
     whole = math.exp(-camera.frame_s / tau_s)
     return np.sqrt(moved), rest, slope, carried_by, decay, whole, _edge(a)
@@ -96,8 +96,13 @@ def _tanhc(a: float) -> float:
     return math.tanh(a) / a if a > 1e-4 else 1 - a * a / 3
 
 
-def _mean_variance(a: float) -> float:
-    """Variance of the mean over a stretch of a relaxation times, its start given."""
+def mean_variance_given_start(a: float) -> float:
+    """Variance of the mean of a mode over a stretch, its start given, in units of the mode's.
+
+    Parameters
+    ----------
+    a : length of the stretch in relaxation times.
+    """
     if a < 1e-2:
         return 2 * a / 3 - a**2 / 2 + 7 * a**3 / 30
     decay = math.exp(-a)

@@ -47,7 +47,7 @@ class Watch(Protocol):
         """What a bead or recording is at."""
 
     def counted(self, what: str, done: int, total: int, left_s: float | None) -> None:
-        """So many are done of so many, and about so much time is left."""
+        """`done` of `total` beads or recordings are done; `left_s`: seconds left, if known."""
 
     def failed(self, name: str, why: str) -> None:
         """A recording that could not be worked on."""

@@ -15,7 +15,8 @@ import numpy as np
 
 from mtpipe.experiment.recorded_modes import BeadState, Rocking
 from mtpipe.ground.types import FloatArray
-from mtpipe.physics.camera import Camera
+from mtpipe.physics.camera import Camera, edge_factor
+from mtpipe.physics.langevin import mean_variance_given_start
 
 # A step is at most this share of the relaxation time of a length by itself, as far as so many
 # steps in an exposure reach; more average its skewness away.
@@ -91,9 +92,10 @@ def _plan(state: BeadState, rocking: Rocking, camera: Camera) -> _Plan:
     a = lengths_s[:, None] / modes.tau_s
     decay, fallen = np.exp(-a), -np.expm1(-a)
     spread = np.sqrt(-np.expm1(-2 * a))
-    average = np.where(a > 1e-8, fallen / np.maximum(a, 1e-8), 1.0)
+    average = edge_factor(a)
     slope = spread * np.tanh(a / 2) / np.maximum(a, 1e-8)
-    rest = np.sqrt(np.maximum(_mean_variance(a) - slope**2, 0.0))
+    of_mean = np.vectorize(mean_variance_given_start)(a)
+    rest = np.sqrt(np.maximum(of_mean - slope**2, 0.0))
     still = driven * modes.tau_s
     steps = (decay, spread, average, slope, rest, fallen * still, (1 - average) * still)
     # the chain's pull beyond that of the spring, at lengths as they are in the harmonic motion
@@ -113,12 +115,3 @@ def _plan(state: BeadState, rocking: Rocking, camera: Camera) -> _Plan:
         float(place[0]),
         1 / float(place[1] - place[0]),
     )
-
-
-def _mean_variance(a: FloatArray) -> FloatArray:
-    """Variance of the mean of a mode over a relaxation times, its start given."""
-    small = np.minimum(a, 1e-2)
-    series = 2 * small / 3 - small**2 / 2 + 7 * small**3 / 30
-    large = np.maximum(a, 1e-2)
-    exact = (2 * large - 3 + 4 * np.exp(-large) - np.exp(-2 * large)) / large**2
-    return np.asarray(np.where(a < 1e-2, series, exact))

@@ -52,6 +52,11 @@ class Timetable:
     force_pN: tuple[float, ...]
     rest: tuple[int, ...]
 
+    def rows(self, plateau: int, frames: int) -> slice:
+        """Rows of a plateau, given its number of frames."""
+        start = self.edges[self.rest.index(plateau)]
+        return slice(start, start + frames)
+
 
 def simulate(
     setup: Setup,
@@ -137,11 +142,7 @@ def simulate_experiment(
         own = reference_motion(experiment, frames, random) if i == 0 else 0.0
         fixed[name] = _tracked(stage + own, _place(-1 - i), noise, experiment, random)
     force_pN = np.repeat(table.force_pN, np.diff(table.edges))
-    begins = [table.edges[table.rest.index(i)] for i in range(len(experiment.rests))]
-    plateaus = [
-        slice(begin, begin + rest.frames)
-        for begin, rest in zip(begins, experiment.rests, strict=True)
-    ]
+    plateaus = [table.rows(i, rest.frames) for i, rest in enumerate(experiment.rests)]
     motion = _brownian(experiment, table) if engine == "brownian" else _linear(experiment, table)
     positions: dict[str, FloatArray] = {}
     for i, (name, random) in enumerate(zip(names, streams, strict=True)):
@@ -176,9 +177,8 @@ def _linear(
     stretches = [(state(force), n) for force, n in zip(table.force_pN, frames, strict=True)]
     within = np.zeros((table.edges[-1], 3))
     for i, rest in enumerate(experiment.rests):
-        start = table.edges[table.rest.index(i)]
         heights = height_within_pieces(experiment, i, rest.force_pN, rest.frames)
-        within[start : start + rest.frames, 2] = heights
+        within[table.rows(i, rest.frames), 2] = heights
     return lambda random: simulate_motion(stretches, experiment.camera, random) + within
 
 
