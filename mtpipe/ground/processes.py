@@ -230,7 +230,13 @@ class Processes(ProcessPoolExecutor):
 
     def submit(self, work: Callable[P, T], /, *args: P.args, **named: P.kwargs) -> Future[T]:
         """Have a work done by one of them, its linear algebra in one thread."""
-        return super().submit(in_one_thread, work, *args, **named)
+        future = super().submit(in_one_thread, work, *args, **named)
+        # The pool lists the workers that it watches before it starts the one for this work: unless
+        # it looks again, the end of that one is noticed only when another has a result.
+        with self._shutdown_lock:
+            if self._executor_manager_thread_wakeup is not None:
+                self._executor_manager_thread_wakeup.wakeup()
+        return future
 
 
 def _listen(hearing: Connection, hear: Hear | None) -> None:
