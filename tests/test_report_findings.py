@@ -102,7 +102,7 @@ def test_what_is_described_stands_with_its_terms(folder: Path) -> None:
     change_json(folder / "mismatch.json", described)
     change_bead(folder, UNEXPLAINED, mismatch="described")
     found = finding(folder, UNEXPLAINED)
-    assert "No known cause explains it" in found.headline
+    assert "No known cause explains all of it" in found.headline
     assert found.details == ("A Lorentzian at 3 Hz along y.",)
 
 

@@ -47,9 +47,10 @@ from mtpipe.diagnosis.kept import (
     not_enough,
     too_little,
 )
+from mtpipe.diagnosis.probability import odds_against, odds_against_correction
 from mtpipe.diagnosis.refit import begun_again, best_formula, with_forces_found
 from mtpipe.diagnosis.rivals import better_judged, ln_of
-from mtpipe.diagnosis.several import several_causes
+from mtpipe.diagnosis.sets import several_causes
 from mtpipe.diagnosis.superfluous import (
     KEPT_NATS,
     SEEN_NATS,
@@ -69,6 +70,7 @@ from mtpipe.joint_fit.hypotheses import (
     together,
     try_effects,
 )
+from mtpipe.terms.catalogue import TERMS
 
 # Where the battery is clearly content with an effect, a second one has to gain so much: the form of
 # the first is known only so well, and what is left of it may look like another.
@@ -127,6 +129,8 @@ def explain(
             verdict, kept, check, nearest = concluded(
                 before, case.fit, named, several[-1].after, None, random
             )
+            if verdict == "explained" and any(one.form for one in kept):
+                verdict = "described"
     # the last was compared with all others there, unless one of them has gone since
     compared = kept[-1:] if len(named) == found_first else []
     distinct = tuple(
@@ -286,7 +290,7 @@ def _searched(
             partial(_refitted, check=check),
             partial(named_effect, check=check, case=case, random=random, far_off=RULED_OUT),
         )
-        named.append(_beside(found, tried, {found.name}, case))
+        named.append(_beside(found, tried, {found.name}, case, fit))
         check, fit = found.after, found.after.case.fit
     return named, check, nearest
 
@@ -296,7 +300,7 @@ def _with_alternatives(
 ) -> Named:
     """The effect with what the recording cannot tell from it, given the others that are named."""
     if not isinstance(one.found, FittedEffect):
-        return one
+        return replace(one, odds_against=odds_against_correction(one.before))
     fitted = [other.found for other in named if isinstance(other.found, FittedEffect)]
     others = [other for other in fitted if other is not one.found]
     try:
@@ -305,20 +309,32 @@ def _with_alternatives(
         without = begun_again(together(case.fit, others, named[-1].after.case.fit))
     except (FitError, ValueError):
         return replace(one, alternatives=())
-    tried = try_effects(without, effects, one.found.evidence, beside=bool(others))
-    return _beside(one, tried, {other.name for other in named}, case)
+    weighed = (*effects, *TERMS) if any(other.form for other in named) else effects
+    tried = try_effects(without, weighed, one.found.evidence, beside=bool(others))
+    return _beside(one, tried, {other.name for other in named}, case, without)
 
 
 def _beside(
-    one: Named, tried: Sequence[FittedEffect], names: Collection[str], case: PreparedBead
+    one: Named,
+    tried: Sequence[FittedEffect],
+    names: Collection[str],
+    case: PreparedBead,
+    without: ConfiguredFit,
 ) -> Named:
     """The effect with those of all that were tried as it was, none of them better fitted than the
-    others, which are alike and not named.
+    others, which are alike and not named; and how sure its name is.
+
+    Parameters
+    ----------
+    without : fit with the others that are named.
     """
     own = next((other for other in tried if other.effect.name == one.name), None)
     if own is None:
         return replace(one, alternatives=())
-    return replace(one, alternatives=alike(own, tried, names, partial(_foretold, case)))
+    alternatives = alike(own, tried, names, partial(_foretold, case))
+    beside = {*names, *(other.found.effect.name for other in alternatives)}
+    against = odds_against(own, tried, beside, without, one.after.case.fit)
+    return replace(one, alternatives=alternatives, odds_against=against)
 
 
 def _foretold(case: PreparedBead, one: FittedEffect, other: FittedEffect) -> float:
@@ -353,7 +369,7 @@ def alike(
     return tuple(
         Alternative(other, other.net - one.net)
         for other in tried
-        if other.effect.name not in named and as_well(other)
+        if other.effect.name not in named and not other.effect.form and as_well(other)
     )
 
 

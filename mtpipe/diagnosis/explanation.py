@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import functools
+import math
 from dataclasses import dataclass
 
 from mtpipe.corrections.correction import Correction
@@ -24,6 +25,9 @@ AGREES_P = 0.01
 # wrong one is better by as much once in 150 recordings at most (the mean of a likelihood ratio is
 # 1), and there are several. By as much motion has to be seen to be motion, and heights to be off.
 ALIKE_NATS = 5.0
+# Nats of ln likelihood that count as one: ordinates of a spectrum are not quite independent
+# (`python workflows/crosscheck/temperature.py`).
+TEMPERATURE = 1.0
 # An alternative that is worse by so many nats weighs nothing, and one better by so many all.
 CERTAIN_NATS = 50.0
 
@@ -49,6 +53,7 @@ class Named:
         is none of the spectrum's, or the halves cannot be compared.
     others : a sentence on what the recording's other beads say of it; empty where it is the bead's
         own affair.
+    odds_against : weight of all that was weighed and is neither this nor an alternative, over this.
     """
 
     found: FittedEffect | Correction
@@ -57,6 +62,7 @@ class Named:
     after: BeadCheck
     heldout_gain: float
     others: str = ""
+    odds_against: float = 0.0
 
     @property
     def equivalent(self) -> tuple[str, ...]:
@@ -64,8 +70,20 @@ class Named:
         return tuple(other.found.effect.name for other in self.alternatives)
 
     @property
+    def probability(self) -> float:
+        """How sure the name is, beside all that was weighed."""
+        nats = (min(other.nats, CERTAIN_NATS) for other in self.alternatives)
+        alternatives = sum(math.exp(one / TEMPERATURE) for one in nats)
+        return 1 / (1 + alternatives + self.odds_against)
+
+    @property
+    def form(self) -> str:
+        """Of a term; empty for an effect."""
+        return self.found.effect.form if isinstance(self.found, FittedEffect) else ""
+
+    @property
     def name(self) -> str:
-        """As FORMATS section 5 has it."""
+        """As FORMATS section 5 has it; of a term, its form and axis."""
         return self.found.effect.name if isinstance(self.found, FittedEffect) else self.found.name
 
 
@@ -76,7 +94,8 @@ class Explanation:
     Attributes
     ----------
     before : check against the configured experiment. after : with the effects named.
-    verdict : "consistent", "explained" or "unexplained".
+    verdict : "consistent", "explained", "described" (terms are among what is named) or
+        "unexplained".
     nearest : the effect that came nearest and why it was rejected, where the verdict is
         "unexplained"; None if none could be tried or no more are named at once.
     """
@@ -86,6 +105,16 @@ class Explanation:
     named: tuple[Named, ...]
     verdict: str
     nearest: Rejected | None
+
+    @property
+    def effects(self) -> tuple[Named, ...]:
+        """What is named that has a name in the catalogue."""
+        return tuple(one for one in self.named if not one.form)
+
+    @property
+    def terms(self) -> tuple[Named, ...]:
+        """What has a form only."""
+        return tuple(one for one in self.named if one.form)
 
     @property
     def fit(self) -> ConfiguredFit:

@@ -86,7 +86,7 @@ def bead_forces(bead: BeadResult, found: Explanation | None) -> BeadForces:
     )
     if found.verdict == "consistent":
         return replace(forces, recommended=chosen_of(bead, configured, "heights", spectra))
-    if found.verdict == "explained":
+    if found.verdict in ("explained", "described"):
         return replace(forces, recommended=chosen_of(bead, named or configured, "named", spectra))
     return _of_unexplained(bead, found, forces, spectra)
 

@@ -235,8 +235,8 @@ def bead_content(found: Explanation, forces: BeadForces, tolerance: float) -> di
     return {
         "verdict": found.verdict,
         "located": _located(found),
-        "effects": [_effect(found, one) for one in sorted(found.named, key=_oddity_left)],
-        "terms": [],
+        "effects": [_effect(found, one) for one in sorted(found.effects, key=_oddity_left)],
+        "terms": [_term(found, one) for one in sorted(found.terms, key=_oddity_left)],
         "force_bound_percent": forces.bound_percent,
         "material": forces.exceeds(tolerance),
         "forces": _forces(found, forces),
@@ -261,6 +261,24 @@ def _oddity_left(one: Named) -> float:
 def _effect(found: Explanation, one: Named) -> dict[str, Any]:
     return {
         "effect": one.name,
+        "probability": one.probability,
+        **_size_and_gain(found, one),
+        "equivalent": list(one.equivalent),
+    }
+
+
+def _term(found: Explanation, one: Named) -> dict[str, Any]:
+    assert isinstance(one.found, FittedEffect)
+    return {
+        "form": one.form,
+        "axes": list(one.found.effect.axes),
+        "plateaus": [plateau.number for plateau in found.before.case.plateaus],
+        **_size_and_gain(found, one),
+    }
+
+
+def _size_and_gain(found: Explanation, one: Named) -> dict[str, Any]:
+    return {
         "sentence": sentence(found, one),
         "parameters": {
             strength.name: {
@@ -274,7 +292,6 @@ def _effect(found: Explanation, one: Named) -> dict[str, Any]:
         "heldout_gain_nats": one.heldout_gain if math.isfinite(one.heldout_gain) else None,
         "p_before": one.before.p_value,
         "p_after": one.after.p_value,
-        "equivalent": list(one.equivalent),
     }
 
 

@@ -179,7 +179,8 @@ def _begun_again(one: Explanation, change: Change, random: np.random.Generator) 
     named = tuple(other for other in one.named if not isinstance(other.found, FittedEffect))
     named = (*named, shared, *further.named)
     if further.verdict != "unexplained":
-        return Explanation(one.before, further.after, named, "explained", None)
+        verdict = "described" if any(other.form for other in named) else "explained"
+        return Explanation(one.before, further.after, named, verdict, None)
     if known is None or not certain([shared]):
         return otherwise
     return Explanation(one.before, further.after, named, "unexplained", further.nearest)

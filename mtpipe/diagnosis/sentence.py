@@ -35,7 +35,7 @@ def sentence(found: Explanation, one: Named) -> str:
     it = "it" if single else "all causes found"
     agrees = (
         f"with {it} the recording agrees with its simulation"
-        if found.verdict == "explained"
+        if found.verdict in ("explained", "described")
         else f"with {it} the recording is nearer to its simulation, but still differs"
     )
     if not single:

@@ -53,15 +53,25 @@ def with_stage(experiment: Experiment, **changes: object) -> Experiment:
 Kind = TypeVar("Kind", bound=Step)
 
 
-def step_of(experiment: Experiment, kind: type[Kind]) -> Kind | None:
-    """The experiment's step of a kind; None where it has none."""
-    return next((step for step in experiment.steps if isinstance(step, kind)), None)
+def step_of(
+    experiment: Experiment, kind: type[Kind], axis: int | tuple[int, int] | None = None
+) -> Kind | None:
+    """The experiment's step of a kind, and of an axis where it has one for each; None where it has
+    none.
+    """
+    steps = (step for step in experiment.steps if isinstance(step, kind))
+    return next((step for step in steps if axis is None or _axis(step) == axis), None)
 
 
 def with_step(experiment: Experiment, step: Step) -> Experiment:
-    """The experiment with a step, in the place of one of its kind if it has one."""
-    steps = tuple(step if type(one) is type(step) else one for one in experiment.steps)
+    """The experiment with a step, in the place of one of its kind (and axis) if it has one."""
+    kind = type(step), _axis(step)
+    steps = tuple(step if (type(one), _axis(one)) == kind else one for one in experiment.steps)
     return replace(experiment, steps=steps if step in steps else (*steps, step))
+
+
+def _axis(step: object) -> int | tuple[int, int] | None:
+    return getattr(step, "axis", None)
 
 
 def scaled_radius(experiment: Experiment, ln_factor: float) -> Experiment:

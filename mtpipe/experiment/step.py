@@ -92,3 +92,13 @@ class Step(Protocol):
         ----------
         force_pN : (frames,) that acts.
         """
+
+
+class StepOfAxis(Step, Protocol):
+    """A step of one axis (0 to 2), or of a pair, of which an experiment may have one for each."""
+
+    form: ClassVar[str]
+
+    @property
+    def axis(self) -> int | tuple[int, int]:
+        """The axis, or the pair: the one that changes first."""

@@ -19,8 +19,8 @@ from mtpipe.report.remedies import remedy
 HEADLINES = {
     "consistent": "The recording agrees with its simulation.",
     "explained": "The recording differs from the setup, and the cause was found.",
-    "described": "The recording differs from the setup. No known cause explains it, but the form "
-    "of the difference was found.",
+    "described": "The recording differs from the setup. No known cause explains all of it, but the "
+    "form of the difference was found.",
     "unexplained": "The recording differs from its simulation, and the cause is not known.",
     "unchecked": "Not checked against a simulation.",
     "refused": "This bead gives no force.",

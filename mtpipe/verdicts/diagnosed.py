@@ -38,7 +38,8 @@ def with_diagnosis(
         grade = "caution" if material else "good"
     if found.verdict == "consistent":
         return replace(known, verdict=grade)
-    said = _explained(found, forces) if found.verdict == "explained" else _left(found, forces)
+    accounted_for = found.verdict in ("explained", "described")
+    said = _explained(found, forces) if accounted_for else _left(found, forces)
     if not material:
         said += f", within the tolerance of {100 * tolerance:.3g} %"
     return replace(known, verdict=grade, reasons=(*verdict.reasons, said))

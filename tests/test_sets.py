@@ -8,7 +8,7 @@ import pytest
 
 from mtpipe.crosschecking.check import check_bead
 from mtpipe.crosschecking.prepared_bead import prepare
-from mtpipe.diagnosis.several import several_causes
+from mtpipe.diagnosis.sets import several_causes
 from mtpipe.drift import subtract_drift
 from mtpipe.effects.catalogue import OWN
 from tests.small_case import generator, raw
@@ -59,10 +59,20 @@ def test_two_causes_are_named_together_with_their_sizes(seen):
     assert all(one.heldout_gain > 0 for one in named)
 
 
-def test_without_one_of_the_causes_none_is_named(seen):
+def test_a_cause_without_a_name_is_described_by_its_form(seen):
     check, named = found(seen, ("lateral_scale", "viscosity", "axial_scale"))
     assert check.p_value < 1e-3
-    assert named == []
+    assert [one.name for one in named if not one.form] == ["lateral_scale"]
+    assert {one.name for one in named if one.form} == {"mixing_x_in_z", "mixing_y_in_z"}
+    fit = named[-1].after.case.fit
+    experiment = fit.model.described(fit.theta)
+    shares = {
+        one.name: dict((name, value) for name, value, _ in one.found.effect.strengths(experiment))
+        for one in named
+    }
+    assert shares["mixing_x_in_z"]["share"] == pytest.approx(0.3, abs=0.03)
+    # of y as recorded, which is 1.25 times as large
+    assert shares["mixing_y_in_z"]["share"] * 1.25 == pytest.approx(0.2, abs=0.03)
 
 
 def test_nothing_is_found_where_nothing_is_concealed():

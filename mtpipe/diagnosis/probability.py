@@ -1,0 +1,68 @@
+"""How sure a name is: its weight beside everything else that was weighed.
+
+In an effect's place may be another effect, nothing at all, or something that has no name: a smooth
+factor on the spectra, with the marginal likelihood that it has (`smooth_correction`).
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Collection, Sequence
+
+from mtpipe.crosschecking.check import BeadCheck
+from mtpipe.diagnosis.explanation import TEMPERATURE
+from mtpipe.diagnosis.smooth_correction import smooth_correction, spectra_of
+from mtpipe.joint_fit.fit import ConfiguredFit
+from mtpipe.joint_fit.hypotheses import FittedEffect
+
+# How likely it is beforehand that what differs has no name in the catalogue, over that it has.
+UNKNOWN = 0.05
+# A cause is one of so many beforehand (nats). A form with a law of its own fits more than physics
+# does: a term takes a name's place only where it is clearly better, by as much more.
+CAUSE_NATS = math.log(27)
+TERM_NATS = CAUSE_NATS + 10.0
+
+
+def odds_against(
+    one: FittedEffect,
+    tried: Sequence[FittedEffect],
+    named: Collection[str],
+    without: ConfiguredFit,
+    with_it: ConfiguredFit,
+) -> float:
+    """Weight of all that is not this effect and not named, over the effect's.
+
+    Parameters
+    ----------
+    one : the effect, beside the others that are named. tried : all in its place.
+    named : names of those that are. without, with_it : fits without the effect and with it, the
+        others in both.
+    """
+    others = [
+        other.net - one.net - (TERM_NATS - CAUSE_NATS if other.effect.form else 0.0)
+        for other in tried
+        if other.effect.name not in named
+    ]
+    unnamed = smooth_gain(without) - smooth_gain(with_it) - one.net + math.log(UNKNOWN)
+    nothing = CAUSE_NATS - one.net
+    return sum(weight(nats) for nats in (*others, unnamed, nothing))
+
+
+def odds_against_correction(before: BeadCheck) -> float:
+    """Of an effect that is seen in time: the bound on the odds that its p-value leaves to chance.
+
+    −e p ln p (Sellke, Bayarri & Berger 2001, Am. Stat. 55, 62).
+    """
+    p = min(max(before.p_value, 1e-300), 1 / math.e)
+    return -math.e * p * math.log(p)
+
+
+def weight(nats: float) -> float:
+    """Of what is so many nats likelier than something of weight 1."""
+    return math.exp(min(max(nats / TEMPERATURE, -300.0), 300.0))
+
+
+def smooth_gain(fit: ConfiguredFit) -> float:
+    """ln of the marginal likelihood that a smooth factor on the spectra gains, in nats."""
+    correction = smooth_correction(spectra_of(fit))
+    return 0.0 if correction is None else correction.gain_nats

@@ -1,0 +1,187 @@
+"""Several causes at once, weighed as sets, where one after the other explains nothing.
+
+A real recording has four or five. Each by itself explains little, and with one of them alone
+recording and simulation may differ even more, so a set of causes is weighed as a whole: ln
+likelihood at its best, less the price of its numbers, less what so many causes are unlikely
+beforehand. Terms of known form are members like the effects, but dearer. Sets grow by one member at
+a time, the best few of each size; the battery speaks at the end: if recording and simulation do not
+agree with all of a set, none of it is named. Nor is any where other causes weigh as much.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from mtpipe.crosschecking.check import BeadCheck, check_bead
+from mtpipe.diagnosis.evidence import evidence_of
+from mtpipe.diagnosis.explanation import Named, agrees
+from mtpipe.diagnosis.heldout import heldout_gain
+from mtpipe.diagnosis.kept import SEARCHING
+from mtpipe.diagnosis.probability import CAUSE_NATS, TERM_NATS
+from mtpipe.effects.effect import Effect, Evidence
+from mtpipe.ground.errors import FitError
+from mtpipe.joint_fit.fit import ConfiguredFit
+from mtpipe.joint_fit.hypotheses import FittedEffect, together, try_effects
+from mtpipe.terms.catalogue import TERMS
+
+# Sets of each size that are followed: two ways of beginning end in one place where there is one.
+BEAM = 2
+# While a set gains more than this by its next member (nats), it is not compared with simulations.
+UNDISPUTED_NATS = 20.0
+# More members than any recording was seen to need: the search ends, whatever they gain.
+MOST_CAUSES = 9
+
+
+@dataclass(frozen=True, eq=False)
+class Causes:
+    """A set of causes, fitted together.
+
+    Attributes
+    ----------
+    members : in the order in which they were found. fit : with all of them.
+    score : ln likelihood gained, less the price of all members (nats).
+    """
+
+    members: tuple[FittedEffect, ...]
+    fit: ConfiguredFit
+    score: float
+
+    @property
+    def names(self) -> frozenset[str]:
+        """Of the members."""
+        return frozenset(one.effect.name for one in self.members)
+
+
+def price(one: FittedEffect) -> float:
+    """What a member of a set costs: its numbers, and how unlikely it is beforehand (nats)."""
+    return one.penalty + (TERM_NATS if one.effect.form else CAUSE_NATS)
+
+
+def several_causes(
+    first: BeadCheck,
+    begun: BeadCheck,
+    effects: Sequence[Effect],
+    random: np.random.Generator,
+    say: Callable[[str], None],
+) -> list[Named]:
+    """The causes and terms that together make recording and simulation agree, in the order found;
+    none where they do not, or where others weigh as much.
+
+    Parameters
+    ----------
+    first : the bead's first check. begun : with what was taken off the traces in time, if anything.
+    """
+    evidence, without = evidence_of(begun), begun.case.fit
+    best, beam = Causes((), without, 0.0), [Causes((), without, 0.0)]
+    weighed: dict[frozenset[str], Causes] = {}
+    while len(best.members) < MOST_CAUSES:
+        say("weighing causes beside " + (", ".join(sorted(best.names)) or "none"))
+        beam = _grown(beam, without, (*effects, *TERMS), evidence, weighed)
+        next_best = max(beam, key=_score, default=best)
+        if len(best.members) > 1 and next_best.score < best.score + UNDISPUTED_NATS:
+            # what is left is small: is it anything?
+            say("checking with " + ", ".join(sorted(best.names)))
+            try:
+                check = check_bead(replace(begun.case, fit=best.fit), random)
+            except (FitError, ValueError):
+                return []
+            if agrees(check, first):
+                others = [one for one in weighed.values() if one is not best]
+                return _in_order(begun, best, check, random) if leads(best, others) else []
+        if next_best.score <= best.score:
+            break
+        best = next_best
+    return []
+
+
+def leads(best: Causes, others: Sequence[Causes]) -> bool:
+    """Whether each cause of a set has most of the weight of all sets that were weighed.
+
+    Members that take each other's place are for `Named.alternatives` to say: a set that differs by
+    one of them counts for both.
+    """
+    for name in (one.effect.name for one in best.members if not one.effect.form):
+        without = sum(
+            math.exp(min(one.score - best.score, 0.0))
+            for one in others
+            if name not in one.names and len(best.names - one.names) > 1
+        )
+        if without >= 1:
+            return False
+    return True
+
+
+def _score(one: Causes) -> float:
+    return one.score
+
+
+def _grown(
+    beam: Sequence[Causes],
+    without: ConfiguredFit,
+    members: Sequence[Effect],
+    evidence: Evidence,
+    weighed: dict[frozenset[str], Causes],
+) -> list[Causes]:
+    """The best few of the sets with one member more, less those that it makes needless.
+
+    Parameters
+    ----------
+    weighed : all sets as yet; new ones are added.
+    """
+    grown: list[Causes] = []
+    for one in beam:
+        tried = try_effects(one.fit, members, evidence, beside=bool(one.members))
+        by_worth = sorted(tried, key=lambda other: price(other) - other.gain)
+        for other in by_worth[:BEAM]:
+            if other.gain <= price(other):
+                break
+            larger = _needed(without, (*one.members, other), other.fit)
+            if larger.names not in weighed:
+                weighed[larger.names] = larger
+                grown.append(larger)
+    return sorted(grown, key=_score, reverse=True)[:BEAM]
+
+
+def _needed(
+    without: ConfiguredFit, members: tuple[FittedEffect, ...], fit: ConfiguredFit
+) -> Causes:
+    """The set without members whose price is more than the others lose without them."""
+    for one in members[:-1]:
+        rest = tuple(other for other in members if other is not one)
+        try:
+            fewer = together(without, rest, fit)
+        except (FitError, ValueError):
+            continue
+        if fit.log_likelihood - fewer.log_likelihood < price(one):
+            members, fit = rest, fewer
+    gain = fit.log_likelihood - without.log_likelihood
+    return Causes(members, fit, gain - sum(price(one) for one in members))
+
+
+def _in_order(
+    begun: BeadCheck, causes: Causes, last: BeadCheck, random: np.random.Generator
+) -> list[Named]:
+    """The members with the checks before and after each, and what each gains on time that was not
+    fitted; none where one gains nothing there.
+    """
+    case, before, named = begun.case, begun, list[Named]()
+    for count, one in enumerate(causes.members, start=1):
+        rest = [other for other in causes.members if other is not one]
+        try:
+            fewer = together(case.fit, rest, last.case.fit)
+            heldout = heldout_gain(case, fewer, last.case.fit)
+            if heldout <= 0:
+                return []
+            after = last
+            if count < len(causes.members):
+                there = together(case.fit, causes.members[:count], last.case.fit)
+                after = check_bead(replace(case, fit=there), random, rounds=SEARCHING)
+        except (FitError, ValueError):
+            return []
+        named.append(Named(replace(one, fit=after.case.fit), (), before, after, heldout))
+        before = after
+    return named

@@ -1,0 +1,134 @@
+"""Power of one axis that goes as a power of the frequency, as flicker noise does."""
+
+from __future__ import annotations
+
+import itertools
+import math
+from dataclasses import dataclass
+from functools import partial
+from typing import ClassVar
+
+import numpy as np
+
+from mtpipe.effects.effect import Effect, Evidence, Hypothesis, plain, variance
+from mtpipe.experiment.changes import step_of, with_step
+from mtpipe.experiment.description import Experiment
+from mtpipe.experiment.step import Place, Seen
+from mtpipe.ground.types import FloatArray
+from mtpipe.physics.camera import Camera
+from mtpipe.physics.langevin import simulate_mode
+from mtpipe.terms.term import AXES, grows, law, of_square, relative, set_to, typical_force_pN
+
+START_NM, LARGEST_NM = 2.0, 300.0
+# Steeper is a random walk, an effect of its own; flatter is white.
+SLOPES, START_SLOPE = (0.3, 1.7), 1.0
+# Ratio of the times of neighbouring modes: their sum is a power law to 3 %.
+RATIO = 4.0
+# The slowest mode relaxes within so many times the longest plateau.
+SLOWEST = 3.0
+
+
+@dataclass(frozen=True)
+class PowerLaw:
+    """Along an axis the power goes as f^−slope, from modes of all times between two.
+
+    `size_nm` is the standard deviation within one factor e of relaxation times around a second.
+    """
+
+    place: ClassVar[Place] = "tether"
+    form: ClassVar[str] = "power_law"
+    axis: int
+    at_pN: float
+    size_nm: float
+    times_s: tuple[float, ...]
+    slope: float = START_SLOPE
+    exponent: float = 0.0
+
+    @property
+    def variances_nm2(self) -> FloatArray:
+        """(times,) of the modes, at F₀."""
+        weight = np.asarray(self.times_s) ** (self.slope - 1)
+        return np.asarray(self.size_nm**2 * math.log(RATIO) * weight)
+
+    def expected(self, seen: Seen, force_pN: float, thermal_energy_pN_nm: float) -> Seen:
+        """A mode of each time."""
+        covariance = np.zeros((len(self.times_s), 3, 3))
+        size = float(relative(force_pN, self.at_pN, self.exponent))
+        covariance[:, self.axis, self.axis] = size * self.variances_nm2
+        return seen.with_modes(np.asarray(self.times_s), covariance)
+
+    def played(
+        self,
+        position_nm: FloatArray,
+        force_pN: FloatArray,
+        camera: Camera,
+        thermal_energy_pN_nm: float,
+        random: np.random.Generator,
+    ) -> FloatArray:
+        """Begun anew in each stretch of one force."""
+        moved = position_nm.copy()
+        edges = [0, *(np.flatnonzero(np.diff(force_pN)) + 1).tolist(), len(force_pN)]
+        for start, stop in itertools.pairwise(edges):
+            size = float(relative(float(force_pN[start]), self.at_pN, self.exponent))
+            for tau_s, square in zip(self.times_s, self.variances_nm2, strict=True):
+                moved[start:stop, self.axis] += simulate_mode(
+                    size * float(square), tau_s, camera, stop - start, random
+                )
+        return moved
+
+
+def along(axis: int) -> Effect:
+    """The term of one axis."""
+    return Effect(
+        f"power_law_{AXES[axis]}",
+        partial(_hypotheses, axis),
+        partial(_cause, axis),
+        partial(_strengths, axis),
+        form=PowerLaw.form,
+        axes=(AXES[axis],),
+    )
+
+
+def _hypotheses(axis: int, experiment: Experiment, evidence: Evidence) -> list[Hypothesis]:
+    if step_of(experiment, PowerLaw, axis) is not None:
+        return []
+    frame_s = experiment.camera.frame_s
+    longest_s = frame_s * max((rest.frames for rest in experiment.rests), default=1)
+    fastest_s, slowest_s = frame_s / (2 * math.pi), SLOWEST * max(longest_s, 10 * frame_s)
+    count = math.ceil(math.log(slowest_s / fastest_s) / math.log(RATIO))
+    times_s = tuple(fastest_s * RATIO**k for k in range(count + 1))
+    start = PowerLaw(axis, typical_force_pN(evidence), START_NM, times_s)
+    size = of_square(PowerLaw, axis, "size_nm")
+    name = f"power law along {AXES[axis]}"
+    slope = set_to(PowerLaw, axis, "slope")
+    return [
+        Hypothesis(
+            with_step(experiment, start),
+            (
+                variance(name, "nm", START_NM, LARGEST_NM, size),
+                plain(f"slope of {name}", "", START_SLOPE, SLOPES, 1e-3, slope),
+                law(PowerLaw, axis),
+            ),
+        )
+    ]
+
+
+def _cause(axis: int, experiment: Experiment) -> str:
+    step = step_of(experiment, PowerLaw, axis)
+    if step is None:
+        return f"{AXES[axis]} has a power law"
+    return (
+        f"{AXES[axis]} has power that goes as f^−{step.slope:.1f}, {step.size_nm:.2g} nm around "
+        f"1 Hz at {step.at_pN:.2g} pN, {grows(step.exponent)}"
+    )
+
+
+def _strengths(axis: int, experiment: Experiment) -> list[tuple[str, float, str]]:
+    step = step_of(experiment, PowerLaw, axis)
+    if step is None:
+        return []
+    return [
+        ("size_nm", step.size_nm, "nm"),
+        ("slope", step.slope, ""),
+        ("exponent", step.exponent, ""),
+    ]

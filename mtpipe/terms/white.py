@@ -1,0 +1,97 @@
+"""Power of one axis that is the same at all frequencies, with a law in the force."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from functools import partial
+from typing import ClassVar
+
+import numpy as np
+
+from mtpipe.effects.effect import Effect, Evidence, Hypothesis, variance
+from mtpipe.experiment.changes import step_of, with_step
+from mtpipe.experiment.description import Experiment
+from mtpipe.experiment.step import Place, Seen
+from mtpipe.ground.types import FloatArray
+from mtpipe.physics.camera import Camera
+from mtpipe.physics.normal_numbers import standard_normal
+from mtpipe.terms.term import AXES, grows, law, of_square, relative, typical_force_pN
+
+START_NM, LARGEST_NM = 2.0, 300.0
+
+
+@dataclass(frozen=True)
+class WhitePower:
+    """Along an axis the record scatters by `size_nm` (F/F₀)^(exponent/2) from frame to frame."""
+
+    place: ClassVar[Place] = "tracker"
+    form: ClassVar[str] = "white"
+    axis: int
+    at_pN: float
+    size_nm: float
+    exponent: float = 0.0
+
+    def expected(self, seen: Seen, force_pN: float, thermal_energy_pN_nm: float) -> Seen:
+        """More of what is independent from frame to frame."""
+        white = seen.white_nm2.copy()
+        white[self.axis, self.axis] += self.size_nm**2 * float(
+            relative(force_pN, self.at_pN, self.exponent)
+        )
+        return replace(seen, white_nm2=white)
+
+    def played(
+        self,
+        position_nm: FloatArray,
+        force_pN: FloatArray,
+        camera: Camera,
+        thermal_energy_pN_nm: float,
+        random: np.random.Generator,
+    ) -> FloatArray:
+        """Independent normal numbers."""
+        scattered = position_nm.copy()
+        size = self.size_nm * relative(force_pN, self.at_pN, self.exponent / 2)
+        scattered[:, self.axis] += size * standard_normal(random, (len(force_pN),))
+        return scattered
+
+
+def along(axis: int) -> Effect:
+    """The term of one axis."""
+    return Effect(
+        f"white_{AXES[axis]}",
+        partial(_hypotheses, axis),
+        partial(_cause, axis),
+        partial(_strengths, axis),
+        form=WhitePower.form,
+        axes=(AXES[axis],),
+    )
+
+
+def _hypotheses(axis: int, experiment: Experiment, evidence: Evidence) -> list[Hypothesis]:
+    if step_of(experiment, WhitePower, axis) is not None:
+        return []
+    start = WhitePower(axis, typical_force_pN(evidence), START_NM)
+    size = of_square(WhitePower, axis, "size_nm")
+    name = f"white power along {AXES[axis]}"
+    return [
+        Hypothesis(
+            with_step(experiment, start),
+            (variance(name, "nm", START_NM, LARGEST_NM, size), law(WhitePower, axis)),
+        )
+    ]
+
+
+def _cause(axis: int, experiment: Experiment) -> str:
+    step = step_of(experiment, WhitePower, axis)
+    if step is None:
+        return f"{AXES[axis]} scatters from frame to frame"
+    return (
+        f"{AXES[axis]} scatters by {step.size_nm:.2g} nm from frame to frame at "
+        f"{step.at_pN:.2g} pN, its square {grows(step.exponent)}"
+    )
+
+
+def _strengths(axis: int, experiment: Experiment) -> list[tuple[str, float, str]]:
+    step = step_of(experiment, WhitePower, axis)
+    if step is None:
+        return []
+    return [("size_nm", step.size_nm, "nm"), ("exponent", step.exponent, "")]

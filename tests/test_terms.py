@@ -1,0 +1,84 @@
+"""Terms of known form: none at strength zero, simulated as expected, recovered, and said."""
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+import pytest
+
+from mtpipe.joint_fit.fit import fit_configured
+from mtpipe.joint_fit.hypotheses import try_effects
+from mtpipe.terms.catalogue import TERMS
+from tests import test_effects as effects
+
+pytestmark = pytest.mark.slow
+
+
+@dataclass(frozen=True)
+class KnownTerm(effects.Known):
+    """A term at a strength that shows."""
+
+    @property
+    def effect(self):
+        return next(term for term in TERMS if term.name == self.name)
+
+
+LN = math.log
+KNOWN = [
+    KnownTerm("lorentzian_x", (60.0, LN(2.0), -1.0, 0.5), (0.0, LN(2.0), 0.0, 0.0)),
+    KnownTerm("lorentzian_z", (40.0, LN(15.0), 0.5, 0.3), (0.0, LN(15.0), 0.0, 0.0), which=1),
+    KnownTerm("power_law_y", (12.0, 0.8, 0.4), (0.0, 1.0, 0.0)),
+    KnownTerm("white_z", (30.0, 0.5), (0.0, 0.0)),
+    KnownTerm("gain_y", (0.15, 0.3), (0.0, 0.0)),
+    KnownTerm("mixing_x_in_z", (0.15, 0.2), (0.0, 0.0)),
+    KnownTerm("mixing_z_in_y", (0.3, -0.2), (0.0, 0.0)),
+]
+each_term = pytest.mark.parametrize("known", KNOWN, ids=[known.name for known in KNOWN])
+
+
+def test_every_form_is_tested_here():
+    assert {known.effect.form for known in KNOWN} == {term.form for term in TERMS}
+    assert len({term.name for term in TERMS}) == len(TERMS)
+
+
+@each_term
+def test_without_strength_a_term_is_nothing(known):
+    model, _ = effects.model_of(known.base, np.random.default_rng(1))
+    none = effects.changed(known.hypothesis, known.nothing)
+    for i, force in enumerate(effects.FORCES_PN):
+        without, with_it = (model.expected(e, i, force) for e in (known.base, none))
+        np.testing.assert_allclose(with_it.power, without.power, rtol=1e-6, atol=1e-9)
+        assert with_it.extension_nm == pytest.approx(without.extension_nm)
+
+
+@each_term
+def test_simulations_with_a_term_are_as_expected_with_it_and_not_without(known):
+    random = np.random.default_rng(2)
+    model, phi = effects.model_of(known.changed, random)
+    with_it, without = effects.worst_disagreement(model, phi, (known.changed, known.base), random)
+    assert with_it < 1
+    assert without > 1
+
+
+@each_term
+def test_a_known_strength_is_recovered(known):
+    model, _ = effects.model_of(known.changed, np.random.default_rng(3))
+    silent = fit_configured(effects.replace(model, experiment=known.base))
+    (found,) = try_effects(silent, [known.effect], known.evidence)
+    assert found.net > 0
+    here = slice(len(effects.FORCES_PN), None)
+    pulls = found.fit.theta[here] - np.array(known.strength)
+    pulls /= np.sqrt(np.diag(found.fit.covariance[here, here]))
+    assert np.all(np.abs(pulls) < 4)
+
+
+@each_term
+def test_a_term_is_said_in_words_and_numbers(known):
+    said = known.effect.cause(known.changed)
+    assert said.startswith(known.effect.axes[0]) or "along" in said
+    assert not said.endswith(".")
+    strengths = known.effect.strengths(known.changed)
+    assert strengths
+    assert all(math.isfinite(value) for _, value, _ in strengths)
+    # what the experiment already has is not tried again
+    assert not known.effect.hypotheses(known.changed, known.evidence)
