@@ -67,7 +67,7 @@ def test_a_cause_without_a_name_is_described_by_its_form(seen):
     fit = named[-1].after.case.fit
     experiment = fit.model.described(fit.theta)
     shares = {
-        one.name: dict((name, value) for name, value, _ in one.found.effect.strengths(experiment))
+        one.name: {name: value for name, value, _ in one.found.effect.strengths(experiment)}
         for one in named
     }
     assert shares["mixing_x_in_z"]["share"] == pytest.approx(0.3, abs=0.03)

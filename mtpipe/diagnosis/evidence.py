@@ -8,7 +8,7 @@ from mtpipe.crosschecking.check import BeadCheck
 from mtpipe.crosschecking.lines import distinct_lines
 from mtpipe.crosschecking.prepared_bead import PreparedBead, described
 from mtpipe.drift.lowpass import response
-from mtpipe.effects.effect import Beyond, Evidence
+from mtpipe.effects.effect import Evidence
 from mtpipe.ground.types import FloatArray
 from mtpipe.joint_fit.courses import force_courses
 
@@ -27,35 +27,8 @@ def evidence_of(check: BeadCheck) -> Evidence:
     lines_hz = distinct_lines(check.case.lines_hz, named)
     heights_nm = check.case.heights_nm
     return Evidence(
-        lines_hz,
-        forces,
-        reference_moves(check),
-        each,
-        common,
-        check.case.focus,
-        heights_nm,
-        z_skewness(check),
-        tuple(float(np.nanvar(position[:, 2])) for position in check.case.positions_nm),
+        lines_hz, forces, reference_moves(check), each, common, check.case.focus, heights_nm
     )
-
-
-def z_skewness(check: BeadCheck) -> tuple[Beyond, ...]:
-    """By how much z is more lopsided in each plateau than the simulations; empty where the battery
-    did not look.
-    """
-    places = {
-        look.plateaus[0]: i
-        for i, look in enumerate(check.looks)
-        if (look.statistic, look.axis) == ("skewness", "z") and not look.pooled
-    }
-    if len(places) < len(check.case.positions_nm):
-        return ()
-    found = []
-    for _, i in sorted(places.items()):
-        simulated = check.simulated[:, i]
-        spread = float(simulated.std(ddof=1))
-        found.append(Beyond(float(check.observed[i] - np.median(simulated)), spread))
-    return tuple(found)
 
 
 def reference_moves(check: BeadCheck) -> bool | None:

@@ -16,12 +16,13 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from mtpipe.crosschecking.check import BeadCheck, check_bead
+from mtpipe.crosschecking.check import ENOUGH, BeadCheck, check_bead
 from mtpipe.diagnosis.evidence import evidence_of
-from mtpipe.diagnosis.explanation import Named, agrees
+from mtpipe.diagnosis.explanation import AGREES_P, Named, agrees
 from mtpipe.diagnosis.heldout import heldout_gain
 from mtpipe.diagnosis.kept import SEARCHING
 from mtpipe.diagnosis.probability import CAUSE_NATS, TERM_NATS
+from mtpipe.diagnosis.unexplained import SPECTRAL
 from mtpipe.effects.effect import Effect, Evidence
 from mtpipe.ground.errors import FitError
 from mtpipe.joint_fit.fit import ConfiguredFit
@@ -32,8 +33,10 @@ from mtpipe.terms.catalogue import TERMS
 BEAM = 2
 # While a set gains more than this by its next member (nats), it is not compared with simulations.
 UNDISPUTED_NATS = 20.0
-# More members than any recording was seen to need: the search ends, whatever they gain.
-MOST_CAUSES = 9
+# Steps after which the search ends, whatever members gain; recordings need six.
+MOST_STEPS = 12
+# One statistic of some three hundred is as odd as that by chance in one of thirty thousand.
+REFUTED_P = 1e-7
 
 
 @dataclass(frozen=True, eq=False)
@@ -76,11 +79,13 @@ def several_causes(
     first : the bead's first check. begun : with what was taken off the traces in time, if anything.
     """
     evidence, without = evidence_of(begun), begun.case.fit
-    best, beam = Causes((), without, 0.0), [Causes((), without, 0.0)]
+    nothing = Causes((), without, 0.0)
+    members: tuple[Effect, ...] = (*effects, *TERMS)
     weighed: dict[frozenset[str], Causes] = {}
-    while len(best.members) < MOST_CAUSES:
+    best, beam = nothing, [nothing]
+    for _ in range(MOST_STEPS):
         say("weighing causes beside " + (", ".join(sorted(best.names)) or "none"))
-        beam = _grown(beam, without, (*effects, *TERMS), evidence, weighed)
+        beam = _grown(beam, without, members, evidence, weighed)
         next_best = max(beam, key=_score, default=best)
         if len(best.members) > 1 and next_best.score < best.score + UNDISPUTED_NATS:
             # what is left is small: is it anything?
@@ -92,10 +97,43 @@ def several_causes(
             if agrees(check, first):
                 others = [one for one in weighed.values() if one is not best]
                 return _in_order(begun, best, check, random) if leads(best, others) else []
+            wrong = _contradicted(begun, best, check, random)
+            if wrong:
+                members = tuple(one for one in members if one.name not in wrong)
+                weighed = {names: one for names, one in weighed.items() if not names & wrong}
+                beam = sorted([nothing, *weighed.values()], key=_score, reverse=True)[:BEAM]
+                best = beam[0]
+                continue
         if next_best.score <= best.score:
             break
         best = next_best
     return []
+
+
+def _contradicted(
+    begun: BeadCheck, causes: Causes, check: BeadCheck, random: np.random.Generator
+) -> set[str]:
+    """Members by which positions are distributed, or change in time, as they were not recorded.
+
+    Of that likelihood, which is of spectra and heights, knows nothing.
+    """
+    odd = [
+        look
+        for look, p_value in zip(check.looks, check.p_values, strict=True)
+        if look.statistic not in SPECTRAL and p_value < REFUTED_P
+    ]
+    wrong: set[str] = set()
+    for one in causes.members if odd else ():
+        rest = tuple(other for other in causes.members if other is not one)
+        try:
+            fewer = together(begun.case.fit, rest, causes.fit)
+            other = check_bead(replace(begun.case, fit=fewer), random, rounds=(ENOUGH,))
+        except (FitError, ValueError):
+            continue
+        p_values = dict(zip(other.looks, other.p_values, strict=True))
+        if any(p_values.get(look, 0.0) > AGREES_P for look in odd):
+            wrong.add(one.effect.name)
+    return wrong
 
 
 def leads(best: Causes, others: Sequence[Causes]) -> bool:

@@ -17,14 +17,6 @@ from mtpipe.experiment.parameter import Change, Parameter
 
 
 @dataclass(frozen=True)
-class Beyond:
-    """A recorded value less what simulations have in the middle, and their standard deviation."""
-
-    value: float
-    stderr: float
-
-
-@dataclass(frozen=True)
 class Evidence:
     """What a first look at the data suggests, for effects that cannot be found by climbing.
 
@@ -35,8 +27,6 @@ class Evidence:
     reference_moves : whether slow motion is the reference's own; None: the data do not tell.
     focus, heights_nm : of each plateau, how many times the focus was moved before it, and the
         recorded height. Empty: not looked at.
-    z_skewness, z_variance_nm2 : of each plateau, by how much z is distributed more lopsidedly than
-        simulations of the experiment without the effect, and how widely. Empty: not looked at.
     courses, common_course : of the force in each plateau, and in all of them alike. Empty and a
         change of 0: not looked at, or steady.
     """
@@ -48,8 +38,6 @@ class Evidence:
     common_course: ForceCourse = field(default_factory=ForceCourse)
     focus: tuple[int, ...] = ()
     heights_nm: tuple[float, ...] = ()
-    z_skewness: tuple[Beyond, ...] = ()
-    z_variance_nm2: tuple[float, ...] = ()
 
 
 @dataclass(frozen=True)
@@ -113,8 +101,6 @@ class Effect:
         recording. Its hypotheses then have one parameter, which is 0 where there is no effect.
     still : for an effect that is one only if it moves: from the fitted experiment to what has all
         of it but the motion. Where that fits as well the effect is not named.
-    against : for an effect that changes how positions are distributed: what the recorded
-        distributions say against it (nats, at least 0), which spectra and heights do not tell.
     read : a size of which its hypotheses are made.
     form, axes : of a term, which has no name but a form (FORMATS section 4), and the axes that it
         is about; empty for effects.
@@ -129,7 +115,6 @@ class Effect:
     shared: bool = False
     still: Callable[[Experiment], Hypothesis] | None = None
     remedy: str = ""
-    against: Callable[[Experiment, Evidence], float] | None = None
     read: Read | None = None
     form: str = ""
     axes: tuple[str, ...] = ()

@@ -21,9 +21,6 @@ from mtpipe.physics.camera import Camera
 STEP_NM, RATE_HZ = 20.0, 3.0
 # So fast that a frame sees the mean of both states.
 UNSEEN_HZ = 1e9
-# What is expected of a distribution is known no better than to this share: z's own lopsidedness
-# changes with the fit.
-SKEWNESS_KNOWN = 0.15
 # In simulations a state lasts at least this part of a frame.
 PARTS = 24
 
@@ -50,21 +47,6 @@ class Hopping:
         share = 1 / (1 + math.exp(-2 * half))
         rate = 2 * self.rate_hz * math.cosh(half)
         return self.step_nm**2 * share * (1 - share), 1 / rate, self.step_nm * share
-
-    def third_moment_nm3(
-        self, force_pN: float, thermal_energy_pN_nm: float, exposure_s: float
-    ) -> float:
-        """Third central moment of what is recorded of the hops, averaged over an exposure.
-
-        Of two states the moment at three times is μ₃ e^(−(t₃ − t₁)/τ).
-        """
-        variance, tau_s, mean = self.moments(force_pN, thermal_energy_pN_nm)
-        share = mean / self.step_nm if self.step_nm else 0.0
-        at_once = variance * self.step_nm * (1 - 2 * share)
-        a = exposure_s / tau_s
-        if a < 0.01:
-            return at_once
-        return at_once * 6 * (a - 2 + (a + 2) * math.exp(-a)) / a**3
 
     def expected(self, seen: Seen, force_pN: float, thermal_energy_pN_nm: float) -> Seen:
         """One more mode of z, and the mean of the two lengths."""
@@ -134,24 +116,6 @@ def _still(experiment: Experiment) -> Hypothesis:
     return Hypothesis(start, _lengths(hopping.step_nm, hopping.half_force_pN, forces))
 
 
-def _against(experiment: Experiment, evidence: Evidence) -> float:
-    """A bead that is seldom in one of its states is distributed lopsidedly."""
-    hopping = step_of(experiment, Hopping)
-    if hopping is None or not evidence.z_skewness:
-        return 0.0
-    energy, exposure_s = experiment.fluid.thermal_energy_pN_nm, experiment.camera.exposure_s
-    total = 0.0
-    for rest, seen, variance in zip(
-        experiment.rests, evidence.z_skewness, evidence.z_variance_nm2, strict=True
-    ):
-        third = hopping.third_moment_nm3(rest.force_pN, energy, exposure_s)
-        expected = third / variance**1.5
-        stderr = math.hypot(seen.stderr, SKEWNESS_KNOWN * expected)
-        total += ((seen.value - expected) / stderr) ** 2 - (seen.value / seen.stderr) ** 2
-        total += 2 * math.log(stderr / seen.stderr)
-    return max(total / 2, 0.0)
-
-
 def _set(field: str) -> Change:
     return partial(_change, field)
 
@@ -186,6 +150,4 @@ _REMEDY = (
     "expect it of a molecule that folds or binds; otherwise check what sticks to "
     "the tether or the bead."
 )
-EFFECT = Effect(
-    "hopping", _hypotheses, _cause, _strengths, still=_still, remedy=_REMEDY, against=_against
-)
+EFFECT = Effect("hopping", _hypotheses, _cause, _strengths, still=_still, remedy=_REMEDY)

@@ -272,21 +272,13 @@ def try_effects(
     for one in begun:
         if one.gain > worthwhile:
             try:
-                one = _contradicted(_idle_sizes_forgiven(_ended(one, fit), fit))
+                one = _idle_sizes_forgiven(_ended(one, fit), fit)
             except FitError:
                 # it ended where the least change leaves the bead on the surface
                 continue
         if one.effect.name not in strongest or one.net > strongest[one.effect.name].net:
             strongest[one.effect.name] = one
     return sorted(strongest.values(), key=lambda one: one.net, reverse=True)
-
-
-def _contradicted(one: FittedEffect) -> FittedEffect:
-    """The effect at the price of what the recorded distributions say against it."""
-    if one.effect.against is None:
-        return one
-    lost = one.effect.against(one.fit.model.described(one.fit.theta), one.evidence)
-    return replace(one, penalty=one.penalty + lost)
 
 
 def best_of(fit: ConfiguredFit, effect: Effect, evidence: Evidence) -> FittedEffect | None:
