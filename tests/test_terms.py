@@ -7,7 +7,8 @@ import numpy as np
 import pytest
 
 from mtpipe.joint_fit.fit import fit_configured
-from mtpipe.joint_fit.hypotheses import try_effects
+from mtpipe.joint_fit.hypotheses import try_effects, with_hypothesis
+from mtpipe.joint_fit.score_test import most_promising, promised_gain
 from mtpipe.terms.catalogue import TERMS
 from tests import test_effects as effects
 
@@ -82,3 +83,22 @@ def test_a_term_is_said_in_words_and_numbers(known):
     assert all(math.isfinite(value) for _, value, _ in strengths)
     # what the experiment already has is not tried again
     assert not known.effect.hypotheses(known.changed, known.evidence)
+
+
+@each_term
+def test_what_a_term_promises_is_not_much_less_than_it_gains(known):
+    """It may be more: a square that the expected power bends away from is taken as straight."""
+    hypothesis = known.hypothesis
+    first = hypothesis.parameters[0]
+    share = 0.02 if first.lower == 0 else 0.1  # of a square, or of a size
+    weak = (share * known.strength[0], *(p.start for p in hypothesis.parameters[1:]))
+    model, _ = effects.model_of(effects.changed(hypothesis, weak), np.random.default_rng(4))
+    silent = fit_configured(effects.replace(model, experiment=known.base))
+    size = effects.replace(
+        hypothesis,
+        experiment=effects.changed(hypothesis, weak),
+        parameters=(first,),
+    )
+    gain = with_hypothesis(silent, size).log_likelihood - silent.log_likelihood
+    assert 0.6 * gain - 1 < promised_gain(silent, hypothesis) < 3 * gain + 1
+    assert most_promising(silent, [known.effect], known.evidence, 3) == [known.effect]

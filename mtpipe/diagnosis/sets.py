@@ -27,10 +27,13 @@ from mtpipe.effects.effect import Effect, Evidence
 from mtpipe.ground.errors import FitError
 from mtpipe.joint_fit.fit import ConfiguredFit
 from mtpipe.joint_fit.hypotheses import FittedEffect, together, try_effects
+from mtpipe.joint_fit.score_test import most_promising
 from mtpipe.terms.catalogue import TERMS
 
 # Sets of each size that are followed: two ways of beginning end in one place where there is one.
 BEAM = 2
+# Terms that are fitted as the next of a set, of all that are looked at.
+MOST_FORMS = 3
 # While a set gains more than this by its next member (nats), it is not compared with simulations.
 UNDISPUTED_NATS = 20.0
 # Steps after which the search ends, whatever members gain; recordings need six.
@@ -172,7 +175,10 @@ def _grown(
     """
     grown: list[Causes] = []
     for one in beam:
-        tried = try_effects(one.fit, members, evidence, beside=bool(one.members))
+        named = [member for member in members if not member.form]
+        forms = [member for member in members if member.form]
+        forms = most_promising(one.fit, forms, evidence, MOST_FORMS)
+        tried = try_effects(one.fit, [*named, *forms], evidence, beside=bool(one.members))
         by_worth = sorted(tried, key=lambda other: price(other) - other.gain)
         for other in by_worth[:BEAM]:
             if other.gain <= price(other):
