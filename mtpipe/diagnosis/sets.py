@@ -102,8 +102,9 @@ def several_causes(
                 return _in_order(begun, best, check, random) if leads(best, others) else []
             wrong = _contradicted(begun, best, check, random)
             if wrong:
-                members = tuple(one for one in members if one.name not in wrong)
-                weighed = {names: one for names, one in weighed.items() if not names & wrong}
+                say(f"without {wrong}, which is not how positions are distributed")
+                members = tuple(one for one in members if one.name != wrong)
+                weighed = {names: one for names, one in weighed.items() if wrong not in names}
                 beam = sorted([nothing, *weighed.values()], key=_score, reverse=True)[:BEAM]
                 best = beam[0]
                 continue
@@ -115,8 +116,9 @@ def several_causes(
 
 def _contradicted(
     begun: BeadCheck, causes: Causes, check: BeadCheck, random: np.random.Generator
-) -> set[str]:
-    """Members by which positions are distributed, or change in time, as they were not recorded.
+) -> str:
+    """The name of a member by which positions would be distributed, or change in time, as they
+    were not recorded; of several the one that likelihood needs least. Empty where there is none.
 
     Of that likelihood, which is of spectra and heights, knows nothing.
     """
@@ -125,7 +127,7 @@ def _contradicted(
         for look, p_value in zip(check.looks, check.p_values, strict=True)
         if look.statistic not in SPECTRAL and p_value < REFUTED_P
     ]
-    wrong: set[str] = set()
+    needed: dict[str, float] = {}
     for one in causes.members if odd else ():
         rest = tuple(other for other in causes.members if other is not one)
         try:
@@ -135,8 +137,8 @@ def _contradicted(
             continue
         p_values = dict(zip(other.looks, other.p_values, strict=True))
         if any(p_values.get(look, 0.0) > AGREES_P for look in odd):
-            wrong.add(one.effect.name)
-    return wrong
+            needed[one.effect.name] = fewer.log_likelihood
+    return max(needed, key=lambda name: needed[name], default="")
 
 
 def leads(best: Causes, others: Sequence[Causes]) -> bool:
