@@ -26,7 +26,7 @@ from mtpipe.diagnosis.unexplained import SPECTRAL
 from mtpipe.effects.effect import Effect, Evidence
 from mtpipe.ground.errors import FitError
 from mtpipe.joint_fit.fit import ConfiguredFit
-from mtpipe.joint_fit.hypotheses import FittedEffect, together, try_effects
+from mtpipe.joint_fit.hypotheses import FittedEffect, model_with, together, try_effects
 from mtpipe.joint_fit.score_test import most_promising
 from mtpipe.terms.catalogue import TERMS
 
@@ -118,7 +118,8 @@ def _contradicted(
     begun: BeadCheck, causes: Causes, check: BeadCheck, random: np.random.Generator
 ) -> str:
     """The name of a member by which positions would be distributed, or change in time, as they
-    were not recorded; of several the one that likelihood needs least. Empty where there is none.
+    were not recorded: without it, all else as it was fitted, they would not. Empty where there is
+    none.
 
     Of that likelihood, which is of spectra and heights, knows nothing.
     """
@@ -127,18 +128,20 @@ def _contradicted(
         for look, p_value in zip(check.looks, check.p_values, strict=True)
         if look.statistic not in SPECTRAL and p_value < REFUTED_P
     ]
-    needed: dict[str, float] = {}
     for one in causes.members if odd else ():
-        rest = tuple(other for other in causes.members if other is not one)
+        rest = [other for other in causes.members if other is not one]
         try:
-            fewer = together(begun.case.fit, rest, causes.fit)
+            model, theta = model_with(begun.case.fit, rest, causes.fit)
+            expected = model.all_expected(theta)
+            value = model.log_likelihood(expected, theta)
+            fewer = ConfiguredFit(model, theta, expected, value, converged=True)
             other = check_bead(replace(begun.case, fit=fewer), random, rounds=(ENOUGH,))
         except (FitError, ValueError):
             continue
         p_values = dict(zip(other.looks, other.p_values, strict=True))
         if any(p_values.get(look, 0.0) > AGREES_P for look in odd):
-            needed[one.effect.name] = fewer.log_likelihood
-    return max(needed, key=lambda name: needed[name], default="")
+            return one.effect.name
+    return ""
 
 
 def leads(best: Causes, others: Sequence[Causes]) -> bool:
