@@ -90,7 +90,7 @@ def several_causes(
         say("weighing causes beside " + (", ".join(sorted(best.names)) or "none"))
         beam = _grown(beam, without, members, evidence, weighed)
         next_best = max(beam, key=_score, default=best)
-        if len(best.members) > 1 and next_best.score < best.score + UNDISPUTED_NATS:
+        if best.members and next_best.score < best.score + UNDISPUTED_NATS:
             # what is left is small: is it anything?
             say("checking with " + ", ".join(sorted(best.names)))
             try:
@@ -108,6 +108,8 @@ def several_causes(
                 beam = sorted([nothing, *weighed.values()], key=_score, reverse=True)[:BEAM]
                 best = beam[0]
                 continue
+            if next_best.score - best.score < hopeful(check):
+                break
         if next_best.score <= best.score:
             break
         best = next_best
@@ -142,6 +144,13 @@ def _contradicted(
         if any(p_values.get(look, 0.0) > AGREES_P for look in odd):
             return one.effect.name
     return ""
+
+
+def hopeful(check: BeadCheck) -> float:
+    """What a member has to gain if two more such may mend what the battery objects to (nats): none
+    mends more than it gains.
+    """
+    return 0.5 * math.log(AGREES_P / max(check.p_value, 1e-300))
 
 
 def leads(best: Causes, others: Sequence[Causes]) -> bool:
