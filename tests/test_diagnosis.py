@@ -51,8 +51,7 @@ BEAD = {
 LOCATED = {"axis", "plateaus", "band_hz", "time_s", "statistic", "p_value"}
 EFFECT = {
     "effect", "sentence", "parameters", "delta_bic", "heldout_gain_nats", "p_before", "p_after",
-    "equivalent",
-}  # fmt: skip
+    "equivalent", "probability"}  # fmt: skip
 PARAMETER = {"value", "stderr", "unit"}
 FORCE = {
     "plateau", "magnet_mm", "force_pN", "stderr_pN", "force_before_pN", "stderr_before_pN",
@@ -219,6 +218,9 @@ def test_mismatch_json_has_the_keys_of_the_contract_and_no_others(concealed):
     assert one["verdict"] in ("consistent", "explained", "unexplained")
     assert all(set(place) == LOCATED for place in one["located"])
     assert all(set(named) == EFFECT for named in one["effects"])
+    assert all(
+        0.5 < named["probability"] <= 1 for named in one["effects"] if not named["equivalent"]
+    )
     for named in one["effects"]:
         assert all(set(strength) == PARAMETER for strength in named["parameters"].values())
     assert [set(row) for row in one["forces"]] == [FORCE] * len(FORCES_PN)
@@ -541,7 +543,7 @@ def test_whether_something_is_left_is_not_left_to_the_chance_of_few_simulations(
 
 
 def one_tried(name, gain, penalty):
-    return FittedEffect(SimpleNamespace(name=name), None, None, gain, penalty, None, 0)
+    return FittedEffect(SimpleNamespace(name=name, form=""), None, None, gain, penalty, None, 0)
 
 
 @pytest.mark.parametrize(

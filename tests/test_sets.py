@@ -8,6 +8,9 @@ import pytest
 
 from mtpipe.crosschecking.check import check_bead
 from mtpipe.crosschecking.prepared_bead import prepare
+from mtpipe.diagnosis.explanation import Explanation
+from mtpipe.diagnosis.forces_to_quote import diagnosed_forces
+from mtpipe.diagnosis.mismatch import bead_content
 from mtpipe.diagnosis.sets import several_causes
 from mtpipe.drift import subtract_drift
 from mtpipe.effects.catalogue import OWN
@@ -15,6 +18,11 @@ from tests.small_case import generator, raw
 
 pytestmark = pytest.mark.slow
 
+# FORMATS section 4
+TERM = {
+    "form", "axes", "plateaus", "sentence", "parameters", "delta_bic", "heldout_gain_nats",
+    "p_before", "p_after",
+}  # fmt: skip
 NAMES = ("z_crosstalk", "lateral_scale", "viscosity", "axial_scale")
 
 
@@ -71,6 +79,16 @@ def test_a_cause_without_a_name_is_described_by_its_form(seen):
         for one in named
     }
     assert shares["mixing_x_in_z"]["share"] == pytest.approx(0.3, abs=0.03)
+    told = Explanation(check, named[-1].after, tuple(named), "described", None)
+    forces = diagnosed_forces(seen, {"b1": told}, seed=0)
+    assert {one.source for one in forces["b1"].recommended.values()} == {"named"}
+    content = bead_content(told, forces["b1"], 0.03)
+    assert [one["effect"] for one in content["effects"]] == ["lateral_scale"]
+    assert {one["form"] for one in content["terms"]} == {"mixing"}
+    for term in content["terms"]:
+        assert set(term) == TERM
+        assert term["axes"][0] == "z"
+        assert set(term["parameters"]) == {"share", "exponent"}
     # of y as recorded, which is 1.25 times as large
     assert shares["mixing_y_in_z"]["share"] * 1.25 == pytest.approx(0.2, abs=0.03)
 
