@@ -22,6 +22,7 @@ from mtpipe.diagnosis.explanation import AGREES_P, Named, agrees
 from mtpipe.diagnosis.heldout import heldout_gain
 from mtpipe.diagnosis.kept import SEARCHING
 from mtpipe.diagnosis.probability import CAUSE_NATS, TERM_NATS
+from mtpipe.diagnosis.refit import begun_again, best_formula
 from mtpipe.diagnosis.unexplained import SPECTRAL
 from mtpipe.effects.effect import Effect, Evidence
 from mtpipe.ground.errors import FitError
@@ -98,7 +99,7 @@ def several_causes(
             except (FitError, ValueError):
                 return []
             if agrees(check, first):
-                others = [one for one in weighed.values() if one is not best]
+                others = [one for names, one in weighed.items() if names != best.names]
                 return _in_order(begun, best, check, random) if leads(best, others) else []
             wrong = _contradicted(begun, best, check, random)
             if wrong:
@@ -112,7 +113,8 @@ def several_causes(
                 break
         if next_best.score <= best.score:
             break
-        best = next_best
+        best = _settled(next_best)
+        beam = [best if one is next_best else one for one in beam]
     return []
 
 
@@ -218,6 +220,17 @@ def _needed(
             members, fit = rest, fewer
     gain = fit.log_likelihood - without.log_likelihood
     return Causes(members, fit, gain - sum(price(one) for one in members))
+
+
+def _settled(one: Causes) -> Causes:
+    """The set with forces begun afresh and the formula of the chain that suits it best: what was
+    chosen without any of it may be wrong with it.
+    """
+    try:
+        fit = best_formula(begun_again(one.fit))
+    except (FitError, ValueError):
+        return one
+    return replace(one, fit=fit, score=one.score + fit.log_likelihood - one.fit.log_likelihood)
 
 
 def _in_order(
