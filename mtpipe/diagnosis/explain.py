@@ -50,7 +50,7 @@ from mtpipe.diagnosis.kept import (
 from mtpipe.diagnosis.probability import odds_against, odds_against_correction
 from mtpipe.diagnosis.refit import begun_again, best_formula, with_forces_found
 from mtpipe.diagnosis.rivals import better_judged, ln_of
-from mtpipe.diagnosis.sets import several_causes
+from mtpipe.diagnosis.sets import MOST_FORMS, several_causes
 from mtpipe.diagnosis.superfluous import (
     KEPT_NATS,
     SEEN_NATS,
@@ -70,6 +70,7 @@ from mtpipe.joint_fit.hypotheses import (
     together,
     try_effects,
 )
+from mtpipe.joint_fit.score_test import most_promising
 from mtpipe.terms.catalogue import TERMS
 
 # Where the battery is clearly content with an effect, a second one has to gain so much: the form of
@@ -309,7 +310,9 @@ def _with_alternatives(
         without = begun_again(together(case.fit, others, named[-1].after.case.fit))
     except (FitError, ValueError):
         return replace(one, alternatives=())
-    weighed = (*effects, *TERMS) if any(other.form for other in named) else effects
+    weighed = list(effects)
+    if any(other.form for other in named):
+        weighed += most_promising(without, TERMS, one.found.evidence, MOST_FORMS)
     tried = try_effects(without, weighed, one.found.evidence, beside=bool(others))
     return _beside(one, tried, {other.name for other in named}, case, without)
 
