@@ -2,33 +2,46 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import replace
+from functools import partial
 
 import numpy as np
 
 from mtpipe.effects.effect import Effect, Evidence, Hypothesis
+from mtpipe.experiment.description import Experiment
 from mtpipe.ground.errors import FitError
 from mtpipe.joint_fit.fit import ConfiguredFit
 from mtpipe.joint_fit.height_course import CourseSlopes
 from mtpipe.joint_fit.information import gradient_of, information_of
 from mtpipe.joint_fit.slopes import Slopes, slopes
 
+Hypotheses = Callable[[Experiment, Evidence], Sequence[Hypothesis]]
+
 
 def most_promising(
     fit: ConfiguredFit, effects: Sequence[Effect], evidence: Evidence, most: int
 ) -> list[Effect]:
-    """Those few effects whose size promises most, of effects that are none where their first
-    parameter is 0.
+    """Those few effects whose size promises most, each with its best hypothesis only, of effects
+    that are none where their first parameter is 0.
     """
-    gains = []
+    found: list[tuple[float, Effect]] = []
     for effect in effects:
         each = [
             promised_gain(fit, one) for one in effect.hypotheses(fit.model.experiment, evidence)
         ]
-        gains.append(max(each, default=0.0))
-    order = np.argsort(gains)[::-1][:most]
-    return [effects[k] for k in order if gains[k] > 0]
+        if each and max(each) > 0:
+            best = int(np.argmax(each))
+            only = replace(effect, hypotheses=partial(_only, effect.hypotheses, best))
+            found.append((each[best], only))
+    found.sort(key=lambda pair: -pair[0])
+    return [effect for _, effect in found[:most]]
+
+
+def _only(
+    hypotheses: Hypotheses, which: int, experiment: Experiment, evidence: Evidence
+) -> Sequence[Hypothesis]:
+    return hypotheses(experiment, evidence)[which : which + 1]
 
 
 def promised_gain(fit: ConfiguredFit, hypothesis: Hypothesis) -> float:

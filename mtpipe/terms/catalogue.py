@@ -5,7 +5,7 @@ from __future__ import annotations
 import itertools
 
 from mtpipe.effects.effect import Effect
-from mtpipe.terms import lorentzian, power_law, white
+from mtpipe.terms import lorentzian, power_law, step, white
 from mtpipe.terms.mixing import gain_along, share_in
 
 TERMS: tuple[Effect, ...] = (
@@ -13,5 +13,7 @@ TERMS: tuple[Effect, ...] = (
     *(power_law.along(axis) for axis in range(3)),
     *(white.along(axis) for axis in range(3)),
     *(gain_along(axis) for axis in range(3)),
+    *(step.gain_along(axis) for axis in range(3)),
+    *(step.scatter_along(axis) for axis in range(3)),
     *(share_in(*pair) for pair in itertools.permutations(range(3), 2)),
 )
