@@ -145,9 +145,14 @@ class Explanation:
 
     @functools.cached_property
     def _other_formulas(self) -> list[tuple[ConfiguredFit, float]]:
-        """Fits with the chain's other formulas, and by how many nats they are the likelier."""
+        """Fits with the chain's other formulas, and by how many nats they are the likelier.
+
+        Beside terms none is: they stand for something that is not known, nor is what it does to
+        the heights by which the formulas are told apart.
+        """
         mine = support(self.fit)
-        return [(fit, support(fit) - mine) for fit in other_formulas(self.fit)]
+        others = other_formulas(self.fit)
+        return [(fit, 0.0 if self.terms else support(fit) - mine) for fit in others]
 
     @functools.cached_property
     def unexplained(self) -> Unexplained | None:
