@@ -17,13 +17,15 @@ from mtpipe.diagnosis.mismatch import Mismatch, diagnose
 from mtpipe.diagnosis.unexplained_content import content_of
 from mtpipe.recording.recording import Recording
 
+WORKERS = 2
+
 
 def series(subtracted: Recording) -> list[str]:
     """Of each bead, what is named, p before and after, and forces before and after; then what is
     left.
     """
     here = [p for p in subtracted.plateaus if p.number in SERIES]
-    found = diagnose(untold(cut_out(subtracted, here)))
+    found = diagnose(untold(cut_out(subtracted, here)), workers=WORKERS)
     lines = [
         "| bead | verdict | named | p before → after | held out (nats) "
         f"| forces in {', '.join(map(str, SERIES))} before (pN) | after (pN) |",
@@ -36,10 +38,8 @@ def series(subtracted: Recording) -> list[str]:
 
 
 def _of_bead(content: dict[str, Any]) -> list[str]:
-    effects = content["effects"]
-    named = "; ".join(
-        " or ".join((one["effect"], *one["equivalent"])) + f" ({_sizes(one)})" for one in effects
-    )
+    effects = [*content["effects"], *content["terms"]]
+    named = "; ".join(f"{_name(one)} ({_sizes(one)})" for one in effects)
     p_values = f"{effects[0]['p_before']:.0e} → {effects[-1]['p_after']:.1g}" if effects else "–"
     gains = [one["heldout_gain_nats"] for one in effects]
     return [
@@ -49,6 +49,13 @@ def _of_bead(content: dict[str, Any]) -> list[str]:
         _forces(content, "force_before_pN", "stderr_before_pN"),
         _forces(content, "force_pN", "stderr_pN"),
     ]
+
+
+def _name(one: dict[str, Any]) -> str:
+    if "form" in one:
+        return f"*{one['form']}* {' from '.join(one['axes'])}"
+    names = " or ".join((one["effect"], *one["equivalent"]))
+    return f"{names} {100 * one['probability']:.0f} %"
 
 
 def _sizes(effect: dict[str, Any]) -> str:
