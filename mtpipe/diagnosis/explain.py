@@ -41,6 +41,7 @@ from mtpipe.diagnosis.heights import gained_by_scatter, wanders
 from mtpipe.diagnosis.heldout import heldout_gain
 from mtpipe.diagnosis.kept import (
     MOST_CANDIDATES,
+    SURE_SIMULATIONS,
     gains_in_words,
     heights_off,
     named_effect,
@@ -83,9 +84,6 @@ NEAR_NATS = 20.0
 MOST_EFFECTS = 3
 # Few simulations say that recording and simulation will not agree where p is that far below.
 RULED_OUT = 1e-4 * AGREES_P
-# A p-value of 120 simulations differs tenfold from one set of them to the next where it is small,
-# of twice as many fivefold.
-SURE_SIMULATIONS = 240
 Say = Callable[[str], None]
 
 

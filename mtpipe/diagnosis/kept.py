@@ -34,6 +34,9 @@ MOST_CANDIDATES, MORE_ODD = 3, 1.25
 # The search has enough simulations for each of the effects it checks: what comes out of it is made
 # sure, as whether recording and simulation agree is said by that alone.
 SEARCHING = tuple(goal for goal in ROUNDS if goal <= ENOUGH)
+# A p-value of 120 simulations differs tenfold from one set of them to the next where it is small,
+# of twice as many fivefold.
+SURE_SIMULATIONS = 240
 
 
 def named_effect(

@@ -16,11 +16,11 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from mtpipe.crosschecking.check import ENOUGH, BeadCheck, check_bead
+from mtpipe.crosschecking.check import CLEARLY_NOT, ENOUGH, BeadCheck, check_bead
 from mtpipe.diagnosis.evidence import evidence_of
 from mtpipe.diagnosis.explanation import AGREES_P, Named, agrees
 from mtpipe.diagnosis.heldout import heldout_gain
-from mtpipe.diagnosis.kept import SEARCHING
+from mtpipe.diagnosis.kept import SEARCHING, SURE_SIMULATIONS
 from mtpipe.diagnosis.probability import CAUSE_NATS, TERM_NATS
 from mtpipe.diagnosis.refit import begun_again, best_formula
 from mtpipe.diagnosis.unexplained import SPECTRAL
@@ -82,13 +82,15 @@ def several_causes(
     ----------
     first : the bead's first check. begun : with what was taken off the traces in time, if anything.
     """
-    evidence, without = evidence_of(begun), begun.case.fit
+    without = begun.case.fit
     nothing = Causes((), without, 0.0)
     members: tuple[Effect, ...] = (*effects, *TERMS)
     weighed: dict[frozenset[str], Causes] = {}
     best, beam = nothing, [nothing]
     for _ in range(MOST_STEPS):
         say("weighing causes beside " + (", ".join(sorted(best.names)) or "none"))
+        # the better the fit, the more of what differs is seen as what it is
+        evidence = evidence_of(replace(begun, case=replace(begun.case, fit=best.fit)))
         beam = _grown(beam, without, members, evidence, weighed)
         next_best = max(beam, key=_score, default=best)
         if best.members and next_best.score < best.score + UNDISPUTED_NATS:
@@ -96,6 +98,9 @@ def several_causes(
             say("checking with " + ", ".join(sorted(best.names)))
             try:
                 check = check_bead(replace(begun.case, fit=best.fit), random)
+                if check.p_value >= CLEARLY_NOT and not agrees(check, first):
+                    # few simulations leave it to chance
+                    check = check_bead(check.case, random, rounds=(SURE_SIMULATIONS,), begun=check)
             except (FitError, ValueError):
                 return []
             if agrees(check, first):
