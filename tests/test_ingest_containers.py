@@ -12,7 +12,15 @@ import scipy.io
 from mtpipe.ground.errors import RecordingError
 from mtpipe.ingest import load
 from mtpipe.ingest.instants import are_instants, instants_of, is_instant, since
-from tests.ingest_recordings import FIVE, RATE, assert_plain, five_columns, five_setup, write
+from tests.ingest_recordings import (
+    FIVE,
+    RATE,
+    N,
+    assert_plain,
+    five_columns,
+    five_setup,
+    write,
+)
 
 
 def stacked(columns):
@@ -264,6 +272,27 @@ def test_a_wide_array_is_read_once(tmp_path, chunks, monkeypatch):
     assert read == [beads.size]
     together = np.concatenate([recording.positions_nm[f"b{k + 1}"] for k in range(10)], axis=1)
     np.testing.assert_array_equal(together, beads)
+
+
+@pytest.mark.parametrize("kind", [pa.list_(pa.float64()), pa.large_list(pa.float32())])
+@pytest.mark.parametrize("none", [None, []])
+def test_lists_in_parquet_that_are_empty_where_a_frame_is_lost(tmp_path, kind, none):
+    columns = five_columns()
+    xyz = [[float(columns[axis][i]) for axis in "XYZ"] for i in range(N)]
+    xyz[0] = xyz[7] = none
+    xyz[9] = xyz[9][:2]  # z is lost
+    table = {k: columns[k] for k in ("Time", "Magnet")} | {"p": pa.array(xyz, kind)}
+    pq.write_table(pa.table(table), tmp_path / "r.parquet")
+    setup = five_setup(beads={"name": "b1", "x": "p[1]", "y": "p[2]", "z": "p[3]"})
+    found = load(tmp_path / "r.parquet", setup).positions_nm["b1"]
+    np.testing.assert_array_equal(np.argwhere(np.isnan(found).any(axis=1)).ravel(), [0, 7, 9])
+    expected = np.column_stack([columns[axis] for axis in "XYZ"])
+    expected[[0, 7]], expected[9, 2] = np.nan, np.nan
+    np.testing.assert_allclose(found, expected, atol=1e-3)
+    gone = pa.table(table | {"p": pa.array([none] * N, kind)})
+    pq.write_table(gone, tmp_path / "r.parquet")
+    with pytest.raises(RecordingError, match=r"no column 'p\[1\]'.*p \(400 rows of"):
+        load(tmp_path / "r.parquet", setup)
 
 
 START = np.datetime64("2024-03-30T23:59:58.5", "ns")
