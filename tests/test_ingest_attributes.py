@@ -307,10 +307,12 @@ def archive(path, **arrays):
         np.savez(stream, **arrays)
 
 
+FPS = np.dtype([("fps", "f8"), ("camera", "S1")])
 SINGLES = {
     "scalar": lambda p: single_in_hdf5(p, "frame_rate", 100.0),
     "array of one": lambda p: single_in_hdf5(p, "fps", [[100]]),
     "text": lambda p: single_in_hdf5(p, "Sampling frequency", "0.1 kHz"),
+    "record": lambda p: single_in_hdf5(p, "info", np.array((100.0, b"a"), "f8,S1").view(FPS)[()]),
     "unit beside": lambda p: single_in_hdf5(p, "info/camera/frame_interval", 10.0, "ms"),
     "other group": lambda p: single_in_hdf5(p, "meta/dt", 0.01, "s", "tracks/bead"),
     "group above": lambda p: single_in_hdf5(p, "tracks/fps", 100.0, "frames/s", "tracks/bead"),

@@ -112,10 +112,8 @@ class Contents:
         chunk : sides of the pieces in which the file keeps it.
         whole_rows : number of rows before the place where the file is cut off.
         """
-        if math.prod(shape) == 1 and dtype.kind in NUMERIC + TEXT:
-            value = get((0,) * len(shape))
-            words = as_text(value)[0] if dtype.kind in TEXT else value
-            self.singles[name] = f"{words} {stated_by(attributes or {}).unit}".strip()
+        if math.prod(shape) == 1:
+            self._add_single(name, dtype, get((0,) * len(shape)), stated_by(attributes or {}).unit)
         if not shape or 0 in shape:
             self.unusable[name] = "empty" if 0 in shape else _single(dtype, get)
             return
@@ -152,6 +150,13 @@ class Contents:
                 read=_reader(get, len(shape), side, plain=not records),
             )
         )
+
+    def _add_single(self, name: str, dtype: np.dtype[Any], value: Any, unit: str) -> None:
+        for key in dtype.names or ():
+            self._add_single(f"{name}/{key}", dtype[key], value[key], "")
+        if dtype.kind in NUMERIC + TEXT and np.ndim(value) == 0:
+            words = as_text(value)[0] if dtype.kind in TEXT else value
+            self.singles[name] = f"{words} {unit}".strip()
 
 
 def _of_each(attributes: Mapping[str, Any], records: bool) -> Mapping[str, Any]:

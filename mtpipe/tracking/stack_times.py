@@ -19,7 +19,7 @@ from xml.etree import ElementTree
 import numpy as np
 
 from mtpipe.ground.errors import RecordingError
-from mtpipe.ground.notice import Notice
+from mtpipe.ground.notice import Notice, Severity
 from mtpipe.ingest.clock import read_clock
 from mtpipe.ingest.collect import Collected
 from mtpipe.ingest.column_attributes import PLACEHOLDER_HZ, RATE_TOLERANCE
@@ -125,7 +125,7 @@ def frame_times(
             f"{told[0].upper()}{told[1:]}: frames are taken to follow one another at "
             f"{stated_hz:g} Hz ([camera] frame_rate_hz); frames that the camera lost do not show."
         )
-        severity = "caution" if unknown and not put_aside else "info"
+        severity: Severity = "caution" if unknown and not put_aside else "info"
         return np.arange(frames) / stated_hz, (Notice("times_from_setup", severity, said),)
     if stamps.time_s is not None:
         time_s = stamps.time_s
