@@ -218,6 +218,19 @@ def test_parquet_fields_that_unfold_far(tmp_path):
     assert pa.default_memory_pool().max_memory() < 500_000_000
 
 
+@pytest.mark.parametrize("first", [True, False])
+def test_a_parquet_list_of_which_one_row_is_beyond_the_memory(tmp_path, monkeypatch, first):
+    few, long = [[1.0, 2.0]] * 2000, [np.zeros(300_000)]
+    rows = long + few if first else few + long
+    table = pa.table({"p": pa.array(rows, pa.list_(pa.float64())), "t": np.zeros(2001)})
+    pq.write_table(table, tmp_path / "a.parquet")
+    monkeypatch.setattr(announced, "memory_bytes", lambda: 4_000_000)
+    small = open_parquet(tmp_path / "a.parquet")
+    assert small.names == ("t",)
+    assert small.unusable == {"p": "2001 rows of list<element: double>"}
+    assert sum(len(batch[0]) for batch in small.batches([0])) == 2001
+
+
 def test_memory_that_other_programs_have_is_told_as_that(tmp_path, monkeypatch):
     np.save(tmp_path / "a.npy", np.zeros(10))
 

@@ -29,6 +29,7 @@ from mtpipe.ingest.bounded import BoundedReader
 from mtpipe.ingest.cells import is_number
 from mtpipe.ingest.data_files import open_stream
 from mtpipe.ingest.matlab_check import check_matlab
+from mtpipe.ingest.parquet import open_parquet
 from mtpipe.report import write_report
 from mtpipe.report.folder import RunFolderError, _read_table
 from mtpipe.setup.setup import read_setup
@@ -128,6 +129,20 @@ def test_an_archive_that_announces_more_than_it_holds_is_told(tmp_path, name):
         LookUpTable.load(tmp_path / name) if name == "lut.npz" else open_arrays(
             tmp_path / name, "npz"
         )
+
+
+@pytest.mark.parametrize("column", ["X", "Y"])
+def test_parquet_metadata_that_contradict_themselves_are_told(tmp_path, column):
+    """pyarrow ends the process where it is asked for them."""
+    stream = io.BytesIO()
+    pq.write_table(pa.table({"X": np.arange(60.0), "Y": np.arange(60.0)}), stream)
+    optional = b"\x15\x0a\x25\x02\x18\x01" + column.encode()  # a column of the schema
+    assert stream.getvalue().count(optional) == 1
+    required = optional.replace(b"\x02", b"\x00")
+    path = tmp_path / "r.parquet"
+    path.write_bytes(stream.getvalue().replace(optional, required))
+    with pytest.raises(RecordingError, match=r"is damaged .*histogram size mismatch"):
+        open_parquet(path)
 
 
 @pytest.mark.parametrize("packed", [False, True])

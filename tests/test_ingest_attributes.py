@@ -7,6 +7,7 @@ import pandas as pd
 import pyarrow as pa
 import pyarrow.parquet as pq
 import pytest
+from scipy.io import savemat
 
 from mtpipe.ground.errors import RecordingError, SetupError
 from mtpipe.ingest import load
@@ -272,6 +273,95 @@ def test_a_rate_is_taken_where_it_is_unknown_and_refused_where_it_contradicts(
     aside = load(path, five_setup(rate=120.0, time=False, attributes="setup"))
     assert aside.setup.camera.frame_rate_hz.value == 120.0
     assert "attributes_put_aside" in codes(aside)
+
+
+def within(group, columns):
+    return {f"{group}/{name}": values for name, values in columns.items()}
+
+
+def single_in_hdf5(path, name, value, unit="", group=""):
+    with h5py.File(path, "w") as file:
+        for column, values in five_columns().items():
+            file[f"{group}/{column}"] = values
+        file[name] = value
+        file[name].attrs["units"] = unit
+
+
+def attribute_of_a_group(path):
+    write_hdf5(path, within("tracks", five_columns()))
+    with h5py.File(path, "a") as file:
+        file.create_group("camera").attrs["fps"] = 100
+
+
+def struct_in_matlab_7_3(path):
+    """As MATLAB writes `data.fps = '100 Hz'`: a group, and text as numbers."""
+    write_hdf5(path, within("data", five_columns()))
+    with h5py.File(path, "a") as file:
+        file["data"].attrs["MATLAB_class"] = np.bytes_("struct")
+        file["data/fps"] = np.frombuffer("100 Hz".encode("utf-16-le"), "u2")[:, None]
+        file["data/fps"].attrs["MATLAB_class"] = np.bytes_("char")
+
+
+def archive(path, **arrays):
+    with path.open("wb") as stream:
+        np.savez(stream, **arrays)
+
+
+FPS = np.dtype([("fps", "f8"), ("camera", "S1")])
+SINGLES = {
+    "scalar": lambda p: single_in_hdf5(p, "frame_rate", 100.0),
+    "array of one": lambda p: single_in_hdf5(p, "fps", [[100]]),
+    "text": lambda p: single_in_hdf5(p, "Sampling frequency", "0.1 kHz"),
+    "record": lambda p: single_in_hdf5(p, "info", np.array((100.0, b"a"), "f8,S1").view(FPS)[()]),
+    "unit beside": lambda p: single_in_hdf5(p, "info/camera/frame_interval", 10.0, "ms"),
+    "other group": lambda p: single_in_hdf5(p, "meta/dt", 0.01, "s", "tracks/bead"),
+    "group above": lambda p: single_in_hdf5(p, "tracks/fps", 100.0, "frames/s", "tracks/bead"),
+    "group's attribute": attribute_of_a_group,
+    "matlab 7.3": struct_in_matlab_7_3,
+    "matlab": lambda p: savemat(p, {**five_columns(), "frameRate": 100}),
+    "matlab struct": lambda p: savemat(p, {"data": {**five_columns(), "fps": 100.0}}),
+    "matlab text": lambda p: savemat(p, {"data": five_columns(), "cam": {"fps": "100 Hz"}}),
+    "matlab 4": lambda p: savemat(p, {**five_columns(), "dt": 0.01}, format="4"),
+    "numpy": lambda p: archive(p, frame_rate_hz=np.array([100.0]), **five_columns()),
+}
+
+
+PLACES = {
+    "other group": "tracks/bead/", "group above": "tracks/bead/", "group's attribute": "tracks/",
+    "matlab struct": "data/", "matlab text": "data/", "matlab 7.3": "data/",
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("way", SINGLES)
+def test_a_rate_in_a_single_value_is_that_of_the_columns(tmp_path, way):
+    path = tmp_path / "r.dat"
+    SINGLES[way](path)
+    place = PLACES.get(way, "")
+    bead = {"name": "b1"} | {axis: f"{place}{axis.upper()}" for axis in "xyz"}
+    named = {"beads": bead, "magnet": {"column": f"{place}Magnet", "unit": "mm"}, "time": False}
+    recording = load(path, five_setup(rate="unknown", **named))
+    assert_plain(recording, five_columns())
+    assert "100 Hz, was taken from the file" in sentences(recording)
+    for rate in (50.0, 120.0):
+        with pytest.raises(RecordingError, match=f"setup says {rate:g} .*file says 100"):
+            load(path, five_setup(rate=rate, **named))
+    aside = load(path, five_setup(rate=120.0, attributes="setup", **named))
+    assert aside.setup.camera.frame_rate_hz.value == 120.0
+
+
+def test_rates_of_one_place_have_to_agree_and_the_nearest_counts(tmp_path):
+    path = tmp_path / "r.h5"
+    single_in_hdf5(path, "fps", 100.0)
+    with h5py.File(path, "a") as file:
+        file["magnet/position"] = np.zeros(3)
+        file["magnet/fps"] = 20.0  # of the magnet's own log
+        file["frame_interval_ms"] = 10.0
+    assert_plain(load(path, five_setup(rate="unknown", time=False)), five_columns())
+    with h5py.File(path, "a") as file:
+        file.attrs["frame_rate"] = 60.0
+    with pytest.raises(RecordingError, match=r"contradict themselves: frame_rate .* 60 .*fps"):
+        load(path, five_setup(rate=100.0, time=False))
+    assert_plain(load(path, five_setup(time=False, attributes="setup")), five_columns())
 
 
 def test_stamps_that_contradict_the_file_s_own_rate_are_an_error(tmp_path):

@@ -9,6 +9,8 @@ import pytest
 from mtpipe.ground.errors import RecordingError
 from mtpipe.ingest import load
 from mtpipe.setup.setup import read_setup
+from mtpipe.tracking.stack import open_stack
+from mtpipe.tracking.stack_times import frame_times
 
 CASES = Path(__file__).resolve().parents[2] / "shared" / "cases"
 FILES = CASES / "files"
@@ -72,6 +74,45 @@ def test_what_is_whole_can_be_taken(case, tmp_path):
     assert len(found) == TAKEN[case]
     expected = plain_positions(120.0)[: len(found)]
     np.testing.assert_allclose(found, expected, atol=SLACK_NM, rtol=0)
+
+
+def film(case):
+    """A film, its frames, and the frame rate of its setup."""
+    folder = FILES / case
+    films = sorted(folder.glob("film*.tif"))
+    stack = open_stack(films[0] if len(films) == 1 else folder)
+    rate = read_setup(folder / "setup.toml").camera.frame_rate_hz.value
+    return stack, np.concatenate(list(stack.chunks())), rate
+
+
+@pytest.mark.parametrize(
+    ("case", "cautions"),
+    [
+        ("film_last_axis_of_one", 0), ("film_split_header_of_whole", 0),
+        ("film_stopped_early", 1), ("film_white_is_zero", 0),
+    ],
+)  # fmt: skip
+def test_a_film_has_the_frames_of_the_plain_one(case, cautions):
+    _, expected, _ = film("film_plain")
+    stack, frames, _ = film(case)
+    np.testing.assert_array_equal(frames, expected)
+    assert sum(notice.severity == "caution" for notice in stack.notices) == cautions
+
+
+def test_intervals_of_films_that_are_wrong():
+    stack, _, rate = film("film_interval_rounded")
+    with pytest.raises(RecordingError, match=r'\[tracking\] times = "setup"'):
+        frame_times(stack.stamps, stack.frames, rate)
+    time_s, _ = frame_times(stack.stamps, stack.frames, rate, put_aside=True)
+    np.testing.assert_allclose(time_s, np.arange(stack.frames) / rate)
+    stack, _, rate = film("film_interval_of_one_second")
+    time_s, _ = frame_times(stack.stamps, stack.frames, rate)
+    np.testing.assert_allclose(time_s, np.arange(stack.frames) / rate)
+
+
+def test_rows_in_chunks_of_their_own_are_read_together():
+    recording = load(target_of("slow_hdf5_row_chunks"))
+    assert len(recording.time_s) == 8000
 
 
 def test_a_folder_with_brackets_in_its_name():

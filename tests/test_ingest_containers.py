@@ -11,8 +11,16 @@ import scipy.io
 
 from mtpipe.ground.errors import RecordingError
 from mtpipe.ingest import load
-from mtpipe.ingest.instants import are_instants, is_instant
-from tests.ingest_recordings import FIVE, RATE, assert_plain, five_columns, five_setup, write
+from mtpipe.ingest.instants import are_instants, instants_of, is_instant, since
+from tests.ingest_recordings import (
+    FIVE,
+    RATE,
+    N,
+    assert_plain,
+    five_columns,
+    five_setup,
+    write,
+)
 
 
 def stacked(columns):
@@ -266,6 +274,27 @@ def test_a_wide_array_is_read_once(tmp_path, chunks, monkeypatch):
     np.testing.assert_array_equal(together, beads)
 
 
+@pytest.mark.parametrize("kind", [pa.list_(pa.float64()), pa.large_list(pa.float32())])
+@pytest.mark.parametrize("none", [None, []])
+def test_lists_in_parquet_that_are_empty_where_a_frame_is_lost(tmp_path, kind, none):
+    columns = five_columns()
+    xyz = [[float(columns[axis][i]) for axis in "XYZ"] for i in range(N)]
+    xyz[0] = xyz[7] = none
+    xyz[9] = xyz[9][:2]  # z is lost
+    table = {k: columns[k] for k in ("Time", "Magnet")} | {"p": pa.array(xyz, kind)}
+    pq.write_table(pa.table(table), tmp_path / "r.parquet")
+    setup = five_setup(beads={"name": "b1", "x": "p[1]", "y": "p[2]", "z": "p[3]"})
+    found = load(tmp_path / "r.parquet", setup).positions_nm["b1"]
+    np.testing.assert_array_equal(np.argwhere(np.isnan(found).any(axis=1)).ravel(), [0, 7, 9])
+    expected = np.column_stack([columns[axis] for axis in "XYZ"])
+    expected[[0, 7]], expected[9, 2] = np.nan, np.nan
+    np.testing.assert_allclose(found, expected, atol=1e-3)
+    gone = pa.table(table | {"p": pa.array([none] * N, kind)})
+    pq.write_table(gone, tmp_path / "r.parquet")
+    with pytest.raises(RecordingError, match=r"no column 'p\[1\]'.*p \(400 rows of"):
+        load(tmp_path / "r.parquet", setup)
+
+
 START = np.datetime64("2024-03-30T23:59:58.5", "ns")
 
 
@@ -376,9 +405,55 @@ def test_clock_times_in_text(tmp_path, form):
         assert_plain(load(path, five_setup()), columns)
 
 
+@pytest.mark.parametrize(
+    ("start_s", "form"),
+    [
+        (3598.5, "{1:02}:{2:02}.{3:03}"),  # of a spreadsheet, which begins anew at the full hour
+        (3598.5, "{1:02}:{2:02},{3:03}"),
+        (3598.5, "{1:02}:{2:02}:{3:03}"),
+        (3598.5, "{4}:{2:02}.{3:03}"),  # minutes that go on
+        (3598.5, "{5}{1:02}:{2:02}.{3:03}"),  # an hour where there is one
+        (598.5, "{4}:{2:02}.{3:03}"),
+        (0.0, "{4}:{2:02}.{3:g}"),
+    ],
+)
+def test_minutes_and_seconds_as_clock_times(tmp_path, start_s, form):
+    columns = five_columns()
+    written = []
+    for ms in np.rint(1000 * (columns["Time"] + start_s)).astype(int).tolist():
+        minutes, rest = divmod(ms, 60_000)
+        hours, minute = divmod(minutes, 60)
+        hour = f"{hours}:" if hours else ""
+        written.append(form.format(hours, minute, rest // 1000, rest % 1000, minutes, hour))
+    if "g}" in form:  # no fraction where it is nought
+        written = [
+            f"{w.rpartition('.')[0]}{f'{i % 100 / 100:g}'[1:]}" for i, w in enumerate(written)
+        ]
+    lines = ["\t".join([w, *(repr(float(columns[k][i])) for k in FIVE[1:])])
+             for i, w in enumerate(written)]  # fmt: skip
+    path = write(tmp_path / "r.txt", ["\t".join(FIVE), *lines])
+    assert_plain(load(path, five_setup()), columns)
+
+
+def test_minutes_begin_anew_hour_after_hour_in_any_pieces():
+    seconds = np.arange(3000.0, 20_000.0, 7.25)
+    written = [f"{int(s) // 60 % 60:02}:{s % 60:06.3f}" for s in seconds]
+    moments = instants_of(written)
+    found, last_s = [], 0.0
+    for piece in np.split(moments, [1, 90, 500, 1200]):
+        found.append(since(moments[0], piece, last_s))
+        last_s = found[-1][-1]
+    np.testing.assert_array_equal(np.concatenate(found), seconds - 3000)
+    # a log that began before the recording
+    np.testing.assert_array_equal(since(moments[-1], moments[-3:-1]), [-14.5, -7.25])
+    later = instants_of(["00:01.5", "00:02.5"])
+    np.testing.assert_array_equal(since(later[0], instants_of(["59:59.5", "00:03.5"])), [-2, 2])
+
+
 def test_what_is_no_clock_time():
     assert not are_instants(["2024-03-31 01:59:59 CET", "2024-03-31 03:00:00 CEST"])
-    for text in ("12:00:00 lost", "30-Foo-2024 12:00:00", "20240330", "120000.008", "25:00:00"):
+    for text in ("12:00:00 lost", "30-Foo-2024 12:00:00", "20240330", "120000.008", "25:00:00",
+                 "12:60.5", "1:2.5", "12:30.5 PM"):  # fmt: skip
         assert not is_instant(text)
 
 

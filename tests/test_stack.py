@@ -241,6 +241,18 @@ def test_times_of_imagej_are_its_interval_and_not_its_player(tmp_path):
         times(tmp_path / "b.tif")
 
 
+def test_an_interval_of_a_second_is_of_programs_that_do_not_know_it(tmp_path):
+    told = {"axes": "TYX", "finterval": 1.0}
+    tifffile.imwrite(tmp_path / "a.tif", FRAMES, imagej=True, metadata=told)
+    time_s, (said,) = times(tmp_path / "a.tif", 50.0)
+    assert np.allclose(time_s, 0.02 * np.arange(20))
+    assert said.severity == "caution"
+    assert "interval of 1 s, which programs write that do not know" in said.message
+    with pytest.raises(RecordingError, match=r"frame rate is unknown.* of 1 s"):
+        times(tmp_path / "a.tif")
+    assert np.allclose(times(tmp_path / "a.tif", 1.0)[0], np.arange(20))
+
+
 def pages_with(path, tags, frames=FRAMES):
     with tifffile.TiffWriter(path) as writer:
         for k, image in enumerate(frames):

@@ -12,18 +12,15 @@ from dataclasses import dataclass
 
 from mtpipe.ground.errors import RecordingError
 from mtpipe.ground.notice import Notice
-from mtpipe.ingest.clock import FASTEST_HZ, RATE_TOLERANCE, SLOWEST_HZ
+from mtpipe.ingest.clock import FASTEST_HZ, SLOWEST_HZ
 from mtpipe.ingest.collect import OpenTable
-from mtpipe.ingest.column_attributes import Stated
+from mtpipe.ingest.column_attributes import PLACEHOLDER_HZ, RATE_TOLERANCE, Stated
 from mtpipe.ingest.columns import Assignment
 from mtpipe.ingest.contradictions import ASIDE, Contradiction
 from mtpipe.ingest.units import unit_of
 from mtpipe.recording.recording import AXES
 from mtpipe.setup.source_parts import UNKNOWN_UNIT
 from mtpipe.setup.source_table import Source
-
-# What programs write that do not know the time between frames.
-PLACEHOLDER_HZ = 1.0
 
 
 @dataclass(frozen=True)
@@ -119,6 +116,8 @@ def stated_rate(
         uses = [use for use in _uses(plan, source) if use.what not in ("time", "frame")]
         starts.append(_start_s(table, uses))
         for stated in (table.stated[use.column] for use in uses):
+            if stated.rate_against and stated.rate_hz is not None:
+                raise _torn(f"{stated.rate_words} makes {stated.rate_hz:.6g}", stated.rate_against)
             if stated.rate_hz is not None:
                 found.setdefault(f"{stated.rate_words} of {table.path.name}", stated.rate_hz)
     for words in [words for words, rate in found.items() if rate == PLACEHOLDER_HZ]:
@@ -134,11 +133,7 @@ def stated_rate(
     words, rate = next(iter(found.items()))
     for other, hz in found.items():
         if abs(hz / rate - 1) > RATE_TOLERANCE:
-            raise RecordingError(
-                f"the files contradict themselves: {words} makes {rate:.6g} frames per second, "
-                f"{other} makes {hz:.6g}",
-                mend=ASIDE,
-            )
+            raise _torn(f"{words} makes {rate:.6g}", f"{other} makes {hz:.6g}")
     if setup_hz is not None:
         check_rate(StatedRate(rate, words, starts[0]), setup_hz, "the setup says")
     elif not SLOWEST_HZ <= rate <= FASTEST_HZ:
@@ -147,6 +142,12 @@ def stated_rate(
             mend=f"Give camera.frame_rate_hz. {ASIDE}",
         )
     return StatedRate(rate, words, starts[0], tuple(notices))
+
+
+def _torn(one: str, other: str) -> RecordingError:
+    return RecordingError(
+        f"the files contradict themselves: {one} frames per second, {other}", mend=ASIDE
+    )
 
 
 def check_rate(stated: StatedRate, rate_hz: float, says: str) -> None:

@@ -120,7 +120,7 @@ def open_arrays(path: Path, kind: Format, layout: Layout | None = None) -> Array
         with _open(path, kind, take) as contents:
             lengths = tuple(array.rows for array, _ in contents.columns())
             columns = [column for _, column in contents.columns()]
-            unusable, cut = contents.unusable, contents.cut
+            stated, unusable, cut = contents.stated(), contents.unusable, contents.cut
     except RecordingError:
         raise
     except Exception as error:  # the libraries raise anything on a damaged file
@@ -139,7 +139,7 @@ def open_arrays(path: Path, kind: Format, layout: Layout | None = None) -> Array
         names=tuple(column.name for column in columns),
         kind=kind,
         lengths=lengths,
-        stated=tuple(column.stated for column in columns),
+        stated=stated,
         unusable=unusable,
         take=take,
         as_stated=layout is None or layout.attributes is None,

@@ -18,9 +18,9 @@ from mtpipe.ground.errors import RecordingError
 from mtpipe.ground.notice import Notice
 from mtpipe.ground.types import FloatArray
 from mtpipe.ingest.collect import Collected
+from mtpipe.ingest.column_attributes import RATE_TOLERANCE
 from mtpipe.setup.source_table import Source
 
-RATE_TOLERANCE = 0.005
 # Recordings of beads have more frames than one per second, and no camera a million.
 SLOWEST_HZ, FASTEST_HZ = 1.0, 1e6
 # A unit other than s makes the rate wrong by a power of 1000; it is known within a factor of two.

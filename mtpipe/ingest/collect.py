@@ -154,6 +154,7 @@ class _Arrays:
         self.zero_rows = 0
         self.infinite = dict.fromkeys(plan.beads, 0)
         self.began: np.datetime64 | None = None
+        self.last_s = 0.0
         self.scalars = [c for c in (plan.time, plan.frame, plan.magnet, plan.rotation) if c >= 0]
         self.places = [
             (bead, axis, column)
@@ -220,7 +221,9 @@ class _Arrays:
         if self.began is None:
             known = moments[~np.isnat(moments)]
             self.began = known[0] if len(known) else None
-        return since(self.began, moments)
+        passed = since(self.began, moments, self.last_s)
+        self.last_s = np.nanmax(passed, initial=self.last_s)
+        return passed
 
     def result(self, starts: tuple[int, ...]) -> Collected:
         n, plan = self.filled, self.plan

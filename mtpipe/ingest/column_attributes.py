@@ -10,6 +10,7 @@ from __future__ import annotations
 import re
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
+from functools import reduce
 from typing import Any
 
 import numpy as np
@@ -37,9 +38,18 @@ UNAGREED = {
     "calibration": 1.0, "calibrationfactor": 1.0, "conversion": 1.0, "conversionfactor": 1.0,
     "offset": 0.0, "intercept": 0.0,
 }  # fmt: skip
-WITH_UNIT = re.compile(r"\s*([-+]?\d+(?:[.,]\d*)?(?:[eE][-+]?\d+)?)\s*([A-Za-z/1]*)\s*")
-PER_SECOND = {"": 1.0, "hz": 1.0, "khz": 1e3, "persecond": 1.0, "fps": 1.0, "1s": 1.0}
-SECONDS = {"": 1.0, "s": 1.0, "sec": 1.0, "seconds": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9}
+# What programs write that do not know the time between frames.
+PLACEHOLDER_HZ = 1.0
+RATE_TOLERANCE = 0.005
+WITH_UNIT = re.compile(r"\s*([-+]?\d+(?:[.,]\d*)?(?:[eE][-+]?\d+)?)\s*([A-Za-zµμ/1]*)\s*")
+PER_SECOND = {
+    "": 1.0, "hz": 1.0, "khz": 1e3, "hertz": 1.0, "persecond": 1.0, "fps": 1.0, "1s": 1.0,
+    "framess": 1.0, "framespersecond": 1.0,
+}  # fmt: skip
+SECONDS = {
+    "": 1.0, "s": 1.0, "sec": 1.0, "second": 1.0, "seconds": 1.0, "ms": 1e-3, "msec": 1e-3,
+    "milliseconds": 1e-3, "us": 1e-6, "usec": 1e-6, "microseconds": 1e-6, "ns": 1e-9,
+}  # fmt: skip
 
 
 @dataclass(frozen=True)
@@ -53,7 +63,8 @@ class Stated:
     scale, offset : the value is `scale` times the number plus `offset`; `changed_by` are the
         attributes that say this, or what means lost.
     lost : numbers that mean lost; so does what lies outside `lowest` to `highest`.
-    rate_hz : rows per second, None where it is not said; `rate_words` says how it is written.
+    rate_hz : rows per second, None where it is not said; `rate_words` says how it is written, and
+        `rate_against` how the file contradicts it.
     start_s : time of the first row.
     unagreed : an attribute that may change the numbers, in no way that is agreed on.
     """
@@ -69,6 +80,7 @@ class Stated:
     changed_by: tuple[str, ...] = ()
     rate_hz: float | None = None
     rate_words: str = ""
+    rate_against: str = ""
     start_s: float = 0.0
     unagreed: str = ""
 
@@ -84,9 +96,20 @@ class Stated:
 
     def within(self, surroundings: Stated) -> Stated:
         """The same with the rate that the group or file around the column gives, if it has none."""
-        if self.rate_hz is not None or surroundings.rate_hz is None:
+        if surroundings.rate_hz is None or self.rate_hz not in (None, PLACEHOLDER_HZ):
             return self
-        return replace(self, rate_hz=surroundings.rate_hz, rate_words=surroundings.rate_words)
+        names = ("rate_hz", "rate_words", "rate_against")
+        return replace(self, **{name: getattr(surroundings, name) for name in names})
+
+    def beside(self, other: Stated) -> Stated:
+        """The same with a rate that is said of the same column elsewhere; both have to agree."""
+        if self.rate_hz in (None, PLACEHOLDER_HZ) or other.rate_hz in (None, PLACEHOLDER_HZ):
+            return self.within(other)
+        assert self.rate_hz is not None
+        assert other.rate_hz is not None
+        if abs(self.rate_hz / other.rate_hz - 1) <= RATE_TOLERANCE:
+            return self
+        return replace(self, rate_against=f"{other.rate_words} makes {other.rate_hz:.6g}")
 
 
 NOTHING = Stated()
@@ -106,6 +129,7 @@ def stated_by(
     said: dict[str, Any] = {}
     lost: list[float] = []
     changed: list[str] = []
+    rates: list[Stated] = []
     of = f" of {where}" if where else ""
     for name, content in attributes.items():
         plain = re.sub(r"[^a-z0-9]", "", str(name).casefold())
@@ -136,8 +160,9 @@ def stated_by(
         elif number != UNAGREED.get(plain, number):
             said["unagreed"] = words
         elif (rate := _rate_hz(plain + in_unit, number)) is not None:
-            said |= {"rate_hz": rate, "rate_words": words}
-    return Stated(**said, lost=tuple(dict.fromkeys(lost)), changed_by=tuple(changed))
+            rates.append(Stated(rate_hz=rate, rate_words=words))
+    stated = Stated(**said, lost=tuple(dict.fromkeys(lost)), changed_by=tuple(changed))
+    return reduce(Stated.beside, rates, stated)
 
 
 def _rate_hz(name: str, number: float) -> float | None:
@@ -174,7 +199,9 @@ def _number_and_unit(value: Any) -> tuple[float | None, str]:
     if isinstance(value, (bool, np.bool_)):
         return None, ""
     if isinstance(value, str) and (match := WITH_UNIT.fullmatch(value)):
-        return float(match[1].replace(",", ".")), re.sub(r"[^a-z0-9]", "", match[2].casefold())
+        return float(match[1].replace(",", ".")), re.sub(
+            r"[^a-z0-9]", "", match[2].casefold().replace("μ", "u")
+        )
     try:
         return float(value), ""
     except (TypeError, ValueError):

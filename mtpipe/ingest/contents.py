@@ -21,6 +21,7 @@ from mtpipe.ground.errors import RecordingError
 from mtpipe.ingest.cells import is_number, values_of_cells
 from mtpipe.ingest.column_attributes import NOTHING, Stated, stated_by
 from mtpipe.ingest.instants import is_instant
+from mtpipe.ingest.singles import with_singles
 
 NUMERIC, TIMES, TEXT = "biuf", "mM", "SUO"
 BLOCK_BYTES = 1 << 26
@@ -64,19 +65,31 @@ class Array:
 class Contents:
     """Columns and the rest of a file, while it is looked through.
 
-    `unusable` says of each thing that is no column what it is; `cut` is a sentence about a file
-    that is cut off.
+    `unusable` says of each thing that is no column what it is; `singles` are single values by
+    name, a number's unit behind it; `cut` is a sentence about a file that is cut off.
     """
 
     arrays: list[Array] = field(default_factory=list)
     unusable: dict[str, str] = field(default_factory=dict)
+    singles: dict[str, Any] = field(default_factory=dict)
     cut: str = ""
+
+    def stated(self) -> tuple[Stated, ...]:
+        """What the file says of all columns, the rates in its single values included."""
+        columns = [column for _, column in self.columns()]
+        names, stated = [one.name for one in columns], [one.stated for one in columns]
+        return tuple(with_singles(names, stated, self.singles))
 
     def columns(self) -> Iterator[tuple[Array, Column]]:
         """All columns with the array that each is of."""
         for array in self.arrays:
             for column in array.columns:
                 yield array, column
+
+    def add_text(self, name: str, text: str) -> None:
+        """Add a piece of text."""
+        self.singles[name] = text
+        self.unusable[name] = f"text ({text[:40]!r})"
 
     def add(
         self,
@@ -99,6 +112,8 @@ class Contents:
         chunk : sides of the pieces in which the file keeps it.
         whole_rows : number of rows before the place where the file is cut off.
         """
+        if math.prod(shape) == 1:
+            self._add_single(name, dtype, get((0,) * len(shape)), stated_by(attributes or {}).unit)
         if not shape or 0 in shape:
             self.unusable[name] = "empty" if 0 in shape else _single(dtype, get)
             return
@@ -135,6 +150,13 @@ class Contents:
                 read=_reader(get, len(shape), side, plain=not records),
             )
         )
+
+    def _add_single(self, name: str, dtype: np.dtype[Any], value: Any, unit: str) -> None:
+        for key in dtype.names or ():
+            self._add_single(f"{name}/{key}", dtype[key], value[key], "")
+        if dtype.kind in NUMERIC + TEXT and np.ndim(value) == 0:
+            words = as_text(value)[0] if dtype.kind in TEXT else value
+            self.singles[name] = f"{words} {unit}".strip()
 
 
 def _of_each(attributes: Mapping[str, Any], records: bool) -> Mapping[str, Any]:

@@ -32,6 +32,8 @@ MATLAB_INNER = {"#refs#", "#subsystem#"}
 # Marks tables, strings and times of MATLAB's own, whose numbers say nothing outside it.
 MATLAB_OBJECT = "MATLAB_object_decode"
 MOST_CELLS = 10_000
+# Text of MATLAB's is read so far.
+MOST_SIGNS = 1000
 # Virtual datasets nested deeper than this count as views of themselves.
 MOST_VIEWS = 8
 SIGNATURE = b"\x89HDF\r\n\x1a\n"
@@ -137,7 +139,10 @@ def _walk(
     cut_at: int | None,
 ) -> None:
     """Add all that a group holds; `above` are the groups that it is in, as links may go round."""
-    around = stated_by(_attributes(group), where=path or "the file").within(around)
+    attributes = _attributes(group)
+    around = stated_by(attributes, where=path or "the file").within(around)
+    if path:  # one without columns describes the group that it is in
+        contents.singles |= {f"{path}/{name}": value for name, value in attributes.items()}
     above = above | {_address(group)}
     for key in group:
         if not path and key in MATLAB_INNER:
@@ -175,6 +180,8 @@ def _add(
         contents.unusable[name] = f"an object of MATLAB's own ({as_text(kind)[0]})"
     elif node.shape is None:
         contents.unusable[name] = "empty"
+    elif _attributes(node).get("MATLAB_class") == b"char" and node.size == max(node.shape):
+        contents.add_text(name, "".join(map(chr, np.ravel(_held(node, ()))[:MOST_SIGNS])))
     elif h5py.check_ref_dtype(node.dtype) is h5py.Reference and node.size <= MOST_CELLS:
         _add_cells(node, name, around, contents, cut_at)
     else:

@@ -1,7 +1,8 @@
 """Clock times (instants): dates with times of day, and times of day alone, of any usual writing.
 
 They are kept as whole nanoseconds (datetime64[ns], UTC where a time zone is written), and only
-differences of them become floating-point seconds.
+differences of them become floating-point seconds. Minutes and seconds without an hour, as
+spreadsheets write times (`59:58.5`), are known by their fraction; they count from `HOURLESS`.
 """
 
 from __future__ import annotations
@@ -38,12 +39,18 @@ WAYS = [
     re.compile(rf"\s*{way}{ZONE}\s*", re.IGNORECASE)
     for way in (rf"(?:{DATE})?{TIME}", rf"{DATE}{PLAIN_TIME}")
 ]
-DAY_NS = 86_400 * 10**9
+# A fraction behind a colon has at least three digits; two would be seconds.
+MINUTES = re.compile(
+    r"\s*(?P<minute>\d{1,4}):(?P<second>[0-5]\d)(?:[.,]|:(?=\d{3}))(?P<part>\d+)\s*"
+)
+WHOLE_SECONDS = re.compile(r"\s*(?P<minute>\d{1,4}):(?P<second>[0-5]\d)\s*")
+HOURLESS = np.datetime64("1960-01-01", "ns")
+HOUR_NS, DAY_NS = 3600 * 10**9, 86_400 * 10**9
 
 
 def is_instant(text: str) -> bool:
     """Whether a cell is a clock time, such as `2024-05-01T12:00:00.008+02:00` or `12:00:00.008`."""
-    return _parts(text) is not None
+    return MINUTES.fullmatch(text) is not None or _parts(text) is not None
 
 
 def are_instants(cells: Sequence[str]) -> bool:
@@ -51,7 +58,10 @@ def are_instants(cells: Sequence[str]) -> bool:
 
     They are none where the name of the time zone changes, as hours then do.
     """
-    parts = [_parts(cell) for cell in cells if cell.strip()]
+    written = [cell for cell in cells if cell.strip()]
+    if any(MINUTES.fullmatch(cell) for cell in written):
+        written = [cell for cell in written if _since_the_hour(cell) is None] or ["00:00"]
+    parts = [_parts(cell) for cell in written]
     known = [part for part in parts if part is not None]
     zones = {part.get("zone_name") for part in known}
     return bool(parts) and len(known) == len(parts) and len(zones) == 1
@@ -65,15 +75,32 @@ def _parts(text: str) -> dict[str, str | None] | None:
 def instants_of(cells: Sequence[str]) -> NDArray[Any]:
     """Clock times (n,) datetime64[ns], NaT for what is none.
 
-    Times of day count from 1970-01-01. Of `03/05/2024` the first number is the month, of
-    `03.05.2024` the day.
+    Times of day count from 1970-01-01, without an hour from `HOURLESS`. Of `03/05/2024` the first
+    number is the month, of `03.05.2024` the day.
     """
     iso = pd.to_datetime(pd.Series(list(cells), dtype=object), format="ISO8601", utc=True,
                          errors="coerce")  # fmt: skip
     values = np.array(iso.dt.tz_localize(None), dtype="datetime64[ns]")
+    hourless = any(MINUTES.fullmatch(cell) for cell in cells)
     for row in np.flatnonzero(np.isnat(values)).tolist():
-        values[row] = _instant(cells[row])
+        minutes = _since_the_hour(cells[row]) if hourless else None
+        values[row] = _instant(cells[row]) if minutes is None else minutes
     return values
+
+
+def _since_the_hour(text: str) -> np.datetime64 | None:
+    """Minutes and seconds; None of other text."""
+    part = MINUTES.fullmatch(text) or WHOLE_SECONDS.fullmatch(text)
+    if part is None:
+        return None
+    seconds = 60 * int(part["minute"]) + int(part["second"])
+    return HOURLESS + np.timedelta64(
+        seconds * 10**9 + _nanoseconds(part.groupdict().get("part")), "ns"
+    )
+
+
+def _nanoseconds(part: str | None) -> int:
+    return int((part or "0")[:9].ljust(9, "0"))
 
 
 def _date(text: str, part: dict[str, str | None]) -> tuple[int, int, int]:
@@ -104,8 +131,8 @@ def _instant(text: str) -> np.datetime64:
         return np.datetime64("NaT", "ns")
     seconds = 3600 * hour + 60 * int(part["minute"] or 0) + int(part["second"] or 0)
     seconds -= _zone_s(part["zone"] or "")
-    fraction = int((part["part"] or "0").ljust(9, "0"))
-    return np.datetime64(str(date), "ns") + np.timedelta64(seconds * 10**9 + fraction, "ns")
+    nanoseconds = seconds * 10**9 + _nanoseconds(part["part"])
+    return np.datetime64(str(date), "ns") + np.timedelta64(nanoseconds, "ns")
 
 
 def _zone_s(zone: str) -> int:
@@ -116,14 +143,39 @@ def _zone_s(zone: str) -> int:
     return -seconds if zone.startswith("-") else seconds
 
 
-def since(first: np.datetime64 | None, moments: NDArray[Any]) -> NDArray[np.float64]:
+def since(
+    first: np.datetime64 | None, moments: NDArray[Any], before_s: float | None = None
+) -> NDArray[np.float64]:
     """Seconds (n,) since a clock time, NaN where there is none; exact to a nanosecond.
 
-    Times of day that begin anew at midnight go on.
+    Times of day that begin anew at midnight go on, and minutes that begin anew at the full hour.
+
+    Parameters
+    ----------
+    moments : (n,) in order. before_s : seconds of the last one before them; without, the first of
+        them is within half a day, or half an hour, of `first`.
     """
-    if first is None:
-        return np.full(len(moments), np.nan)
-    passed = (moments - first).astype(np.int64)
-    if first < np.datetime64(1, "D"):  # a time of day: only these are of 1970-01-01
-        passed = passed + DAY_NS * (passed < -DAY_NS // 2)
-    return np.where(np.isnat(moments), np.nan, passed / 1e9)
+    passed = np.full(len(moments), np.nan)
+    known = np.flatnonzero(~np.isnat(moments))
+    if first is None or not len(known):
+        return passed
+    there = moments[known]
+    period = 0
+    if first < np.datetime64(1, "D"):  # a time of day: only these are before
+        period = DAY_NS
+        if first < np.datetime64(0, "D"):
+            period = HOUR_NS
+            # 1:00:00.5 that follows 59:59.5
+            there = np.where(
+                there < np.datetime64(0, "D"), there, HOURLESS + there.astype(np.int64)
+            )
+    whole = (there - first).astype(np.int64)
+    if period:
+        if before_s is None:
+            anew = -round(whole[0] / period)
+        else:
+            anew = max(0, -((whole[0] - round(before_s * 1e9) + period // 2) // period))
+        back = np.diff(whole, prepend=whole[:1]) < -period // 2
+        whole = whole + period * (anew + np.cumsum(back))
+    passed[known] = whole / 1e9
+    return passed

@@ -16,7 +16,7 @@ from typing import Any
 from mtpipe.ground.errors import RecordingError
 from mtpipe.ground.notice import Notice, Severity
 from mtpipe.ingest.arrays import open_arrays
-from mtpipe.ingest.clock import RATE_TOLERANCE
+from mtpipe.ingest.column_attributes import RATE_TOLERANCE
 from mtpipe.ingest.data_files import Found, data_files
 from mtpipe.ingest.kinds import kind_of
 from mtpipe.ingest.text import open_text

@@ -112,6 +112,8 @@ def _add(contents: Contents, name: str, value: Any) -> None:
     elif value.dtype == object:
         for label, one in _members(name, value, True):
             _add(contents, label, one)
+    elif value.dtype.kind == "U" and value.size == value.shape[-1]:  # one line of signs
+        contents.add_text(name, "".join(np.ravel(value).tolist()))
     else:
         contents.add(name, value.shape, value.dtype, value.__getitem__)
 

@@ -7,6 +7,7 @@ the file or, where pandas wrote it, in pandas' `attrs`.
 
 from __future__ import annotations
 
+import io
 import json
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import suppress
@@ -28,6 +29,9 @@ from mtpipe.setup.source_parts import Layout
 
 MOST_ROWS = 1 << 17
 END_MARKS = (b"PAR1", b"PARE")
+# Rows at the beginning of a list that say how many numbers it holds; those of lost frames may be
+# empty.
+ROWS_THAT_TELL = 1000
 PANDAS = b"pandas"
 
 
@@ -41,13 +45,28 @@ class _Column:
     kind: pa.DataType
     stated: Stated
 
+    @property
+    def is_of_list(self) -> bool:
+        """Whether it is one of several numbers."""
+        return bool(self.path) and isinstance(self.path[0], int)
+
+
+@dataclass(frozen=True)
+class _Size:
+    """Of a field: its values in a row on average, and values and bytes of a row group; the most."""
+
+    values: int
+    in_group: int
+    held: int
+
 
 @dataclass(frozen=True)
 class ParquetTable:
-    """A Parquet file; attributes as in `arrays.ArrayTable`."""
+    """A Parquet file; attributes as in `arrays.ArrayTable`, and sizes of its fields."""
 
     path: Path
     columns: tuple[_Column, ...]
+    sizes: Mapping[str, _Size] = field(repr=False)
     unusable: Mapping[str, str] = field(default_factory=dict)
     as_stated: bool = True
     has_names: bool = True
@@ -76,8 +95,12 @@ class ParquetTable:
         try:
             with _opened(self.path) as file:
                 check_fits(file.metadata.num_rows * len(chosen), str(self.path))
-                values, held = _measured(file, fields)
-                check_room(held, str(self.path))
+                sizes = [self.sizes[name] for name in fields]
+                check_room(sum(size.held for size in sizes), str(self.path))
+                # any row of a list may hold all values of its row group, and is read as one
+                lists = {column.field for column in chosen if column.is_of_list}
+                check_fits(sum(self.sizes[name].in_group for name in lists), str(self.path))
+                values = sum(size.values for size in sizes)
                 rows = max(1, BLOCK_BYTES // (NUMBER_BYTES * max(1, values)))
                 for batch in file.iter_batches(min(rows, MOST_ROWS), columns=fields):
                     yield [self._values(batch.column(c.field), c) for c in chosen]
@@ -88,11 +111,11 @@ class ParquetTable:
 
     def _values(self, array: pa.Array, column: _Column) -> NDArray[Any]:
         for step in column.path:
-            array = (
-                pc.list_element(array, step)
-                if isinstance(step, int)
-                else pc.struct_field(array, step)
-            )
+            if isinstance(step, int):  # a shorter list, as of a lost frame, ends in nulls
+                padded = pc.list_slice(array, step, step + 1, return_fixed_size_list=True)
+                array = pc.list_element(padded, 0)
+            else:
+                array = pc.struct_field(array, step)
         kind = array.type
         if pa.types.is_timestamp(kind):
             moments = array.cast(pa.timestamp("ns", tz=kind.tz), safe=False)
@@ -131,10 +154,11 @@ def open_parquet(path: Path, layout: Layout | None = None) -> ParquetTable:
     unusable: dict[str, str] = {}
     try:
         with _opened(path) as file:
+            sizes = _sizes(file)
             around = _of_the_file(file.schema_arrow.metadata or {})
             for one in file.schema_arrow:
                 own = _text_of(one.metadata or {})
-                for name, steps, kind in _leaves(one, file):
+                for name, steps, kind in _leaves(one, file, sizes[one.name]):
                     if not _is_usable(kind):
                         unusable[name] = f"{file.metadata.num_rows} rows of {kind}"
                         continue
@@ -147,50 +171,111 @@ def open_parquet(path: Path, layout: Layout | None = None) -> ParquetTable:
     if double:
         raise RecordingError(f"has two columns named {double[0]!r}", where=str(path))
     as_stated = layout is None or layout.attributes is None
-    return ParquetTable(path, tuple(columns), unusable, as_stated)
+    return ParquetTable(path, tuple(columns), sizes, unusable, as_stated)
 
 
 def _opened(path: Path) -> pq.ParquetFile:
     """The file, of which text is kept as in it: a word that stands in many rows is there once."""
     with pq.ParquetFile(path) as file:
+        _check_metadata(file.metadata, path.stat().st_size)
         flat = [one for one in file.schema if one.path == one.name]
     text = [one.name for one in flat if one.logical_type.type == "STRING"]
     return pq.ParquetFile(path, read_dictionary=text)
 
 
-def _measured(file: pq.ParquetFile, fields: Sequence[str]) -> tuple[int, int]:
-    """Values in a row of some fields, and bytes in which a row group keeps them; at most."""
-    values, held = 0, 0
-    for k in range(file.num_row_groups):
-        group = file.metadata.row_group(k)
-        leaves = [group.column(j) for j in range(group.num_columns)]
-        ours = [
-            c for c in leaves if f"{c.path_in_schema}.".startswith(tuple(f"{f}." for f in fields))
-        ]
-        values = max(values, sum(c.num_values for c in ours) // max(1, group.num_rows))
-        held = max(held, sum(c.total_uncompressed_size for c in ours))
-    return values, held
+class _NothingReadError(Exception):
+    """Reading would begin."""
+
+
+class _Unread(io.RawIOBase):
+    """A file of so many bytes that are not there."""
+
+    def __init__(self, size: int) -> None:
+        self._at, self._size = 0, size
+
+    def readable(self) -> bool:
+        return True
+
+    def seekable(self) -> bool:
+        return True
+
+    def seek(self, offset: int, whence: int = io.SEEK_SET) -> int:
+        self._at = offset + (self._size if whence == io.SEEK_END else 0)
+        return self._at
+
+    def tell(self) -> int:
+        return self._at
+
+    def read(self, size: int = -1) -> bytes:
+        raise _NothingReadError
+
+
+def _check_metadata(metadata: pq.FileMetaData, size: int) -> None:
+    """Raise what pyarrow says of columns' metadata that contradict themselves.
+
+    It says so only where it is about to read; asked for the metadata it ends the process.
+    """
+    unread = pq.ParquetFile(_Unread(size), metadata=metadata, buffer_size=1, pre_buffer=False)
+    for k in range(metadata.num_row_groups):
+        with suppress(_NothingReadError):
+            next(unread.iter_batches(1, row_groups=[k], use_threads=False), None)
+
+
+def _sizes(file: pq.ParquetFile) -> dict[str, _Size]:
+    """Sizes of all fields."""
+    groups = [file.metadata.row_group(k) for k in range(file.num_row_groups)]
+    sizes, first = {}, 0
+    for one in file.schema_arrow:
+        stop = first + _leaf_count(one.type)
+        most = _Size(0, 0, 0)
+        for group in groups:
+            leaves = [group.column(j) for j in range(first, stop)]
+            numbers = sum(leaf.num_values for leaf in leaves)
+            held = sum(leaf.total_uncompressed_size for leaf in leaves)
+            most = _Size(
+                max(most.values, numbers // max(1, group.num_rows)),
+                max(most.in_group, numbers),
+                max(most.held, held),
+            )
+        sizes[one.name] = most
+        first = stop
+    return sizes
+
+
+def _leaf_count(kind: pa.DataType) -> int:
+    """How many columns of Parquet's own a field has."""
+    return sum(_leaf_count(kind.field(k).type) for k in range(kind.num_fields)) or 1
 
 
 def _leaves(
-    one: pa.Field, file: pq.ParquetFile
+    one: pa.Field, file: pq.ParquetFile, size: _Size
 ) -> Iterator[tuple[str, tuple[str | int, ...], pa.DataType]]:
     """Name, way and type of every column in a field."""
     if pa.types.is_struct(one.type):
         for inner in one.type:
             yield f"{one.name}/{inner.name}", (inner.name,), inner.type
-    elif _measured(file, [one.name])[0] > MOST_COLUMNS:
-        yield one.name, (), one.type
-    elif pa.types.is_fixed_size_list(one.type):
-        for k in range(one.type.list_size):
-            yield f"{one.name}[{k + 1}]", (k,), one.type.value_type
+        return
+    length = 0
+    if pa.types.is_fixed_size_list(one.type):
+        length = one.type.list_size
     elif pa.types.is_list(one.type) or pa.types.is_large_list(one.type):
-        first = next(file.iter_batches(1, columns=[one.name]), None)
-        length = len(first.column(0)[0].as_py() or ()) if first is not None else 0
-        for k in range(length):
-            yield f"{one.name}[{k + 1}]", (k,), one.type.value_type
-    else:
+        length = _length(one.name, file, size)
+    if not 0 < length <= MOST_COLUMNS:
         yield one.name, (), one.type
+    for k in range(length if length <= MOST_COLUMNS else 0):
+        yield f"{one.name}[{k + 1}]", (k,), one.type.value_type
+
+
+def _length(name: str, file: pq.ParquetFile, size: _Size) -> int:
+    """Numbers in the longest of the first lists of a field; 0 if they are too long to be read."""
+    if size.values > MOST_COLUMNS:
+        return 0
+    try:
+        check_fits(size.in_group, "")
+    except RecordingError:
+        return 0
+    first = next(file.iter_batches(ROWS_THAT_TELL, columns=[name]), None)
+    return 0 if first is None else pc.max(pc.list_value_length(first.column(0))).as_py() or 0
 
 
 def _of_the_file(metadata: Mapping[bytes, bytes]) -> Stated:

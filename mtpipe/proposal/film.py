@@ -15,8 +15,7 @@ import numpy as np
 from mtpipe.ground.errors import MtpipeError, RecordingError
 from mtpipe.ground.processes import executor
 from mtpipe.ground.types import FloatArray, NamedProgress
-from mtpipe.ingest.agreement import PLACEHOLDER_HZ
-from mtpipe.ingest.clock import RATE_TOLERANCE
+from mtpipe.ingest.column_attributes import PLACEHOLDER_HZ, RATE_TOLERANCE
 from mtpipe.ingest.data_files import data_files
 from mtpipe.proposal.asking import Asking
 from mtpipe.proposal.beads import put_field, put_references

@@ -19,9 +19,10 @@ from xml.etree import ElementTree
 import numpy as np
 
 from mtpipe.ground.errors import RecordingError
-from mtpipe.ground.notice import Notice
+from mtpipe.ground.notice import Notice, Severity
 from mtpipe.ingest.clock import read_clock
 from mtpipe.ingest.collect import Collected
+from mtpipe.ingest.column_attributes import PLACEHOLDER_HZ, RATE_TOLERANCE
 
 if TYPE_CHECKING:
     from tifffile import TiffFile, TiffPage
@@ -104,10 +105,17 @@ def frame_times(
     ------
     RecordingError : stamps contradict the setup by more than 0.5 %, or neither states a rate.
     """
-    if stamps is None or put_aside:
+    unknown = stamps is not None and stamps.interval_s == 1 / PLACEHOLDER_HZ
+    unknown &= stated_hz is None or abs(stated_hz / PLACEHOLDER_HZ - 1) > RATE_TOLERANCE
+    if stamps is None or put_aside or unknown:
         told = "the stack has no time stamps"
         if stamps is not None:
             told = f'its stamps ({stamps.source}) are put aside by [tracking] times = "setup"'
+            if not put_aside:
+                told = (
+                    f"{stamps.source} of 1 s, which programs write that do not know the time "
+                    "between frames, is put aside"
+                )
         if stated_hz is None:
             raise RecordingError(
                 f"the frame rate is unknown, and {told}",
@@ -117,7 +125,8 @@ def frame_times(
             f"{told[0].upper()}{told[1:]}: frames are taken to follow one another at "
             f"{stated_hz:g} Hz ([camera] frame_rate_hz); frames that the camera lost do not show."
         )
-        return np.arange(frames) / stated_hz, (Notice("times_from_setup", "info", said),)
+        severity: Severity = "caution" if unknown and not put_aside else "info"
+        return np.arange(frames) / stated_hz, (Notice("times_from_setup", severity, said),)
     if stamps.time_s is not None:
         time_s = stamps.time_s
     else:

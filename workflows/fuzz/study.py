@@ -13,7 +13,6 @@ from __future__ import annotations
 
 import argparse
 import json
-import math
 import multiprocessing
 import os
 import shutil
@@ -24,14 +23,15 @@ from collections.abc import Iterable
 from pathlib import Path
 from tempfile import mkdtemp
 
+import readers
+from case import case_of
 from worker import BAD, OUTCOMES, serve
 
-NAMES = ("setup", "csv", "text", "parquet", "tdms", "matlab", "hdf5", "netcdf", "numpy", "magscope",
-         "film", "lut", "run")  # fmt: skip
+NAMES = tuple(readers.BY_NAME)
 # Time that an input may take, of the processor: other programs may keep a computer busy. One that
-# waits for ever uses none, and has as long as the start of a process.
+# waits for ever uses none, and has so long by the clock. A process may start when it can.
 SECONDS = 20.0
-START_SECONDS = 300.0
+WAITING_SECONDS = 300.0
 # A process is replaced after so many inputs, as libraries leak.
 INPUTS_EACH = 1000
 Answer = tuple[str, str]
@@ -61,12 +61,12 @@ class Worker:
             self._process = None
 
     def _start(self) -> None:
-        context = multiprocessing.get_context("spawn")
+        context = multiprocessing.get_context("fork")  # what readers import is there then
         self._connection, theirs = context.Pipe()
         self._process = context.Process(target=serve, args=(theirs,), daemon=True)
         self._process.start()
         theirs.close()
-        self._folder = str(self._answer(START_SECONDS))
+        self._folder = str(self._connection.recv())
         self._done = 0
 
     def _read(self, reader: str, number: int) -> Answer:
@@ -76,10 +76,10 @@ class Worker:
         self._done += 1
         self._connection.send((reader, number))
         try:
-            begun = self._answer(START_SECONDS)
+            begun = self._connection.recv()
             if begun != "begun":
                 raise RuntimeError(begun)
-            answer: Answer = self._answer(START_SECONDS, SECONDS)
+            return self._answer()
         except TimeoutError:
             self.stop()
             return "hang", f"longer than {SECONDS:g} s"
@@ -89,16 +89,16 @@ class Worker:
             code = self._process.exitcode
             self.stop()
             return "abort", f"exit code {code}"
-        return answer
 
-    def _answer(self, seconds: float, processor: float = math.inf) -> object:
+    def _answer(self) -> Answer:
         assert self._process is not None
         started, used = time.monotonic(), processor_seconds(self._process.pid)
         while not self._connection.poll(1.0):
-            late = time.monotonic() - started > seconds
-            if late or processor_seconds(self._process.pid) - used > processor:
+            late = time.monotonic() - started > WAITING_SECONDS
+            if late or processor_seconds(self._process.pid) - used > SECONDS:
                 raise TimeoutError
-        return self._connection.recv()
+        answer: Answer = self._connection.recv()
+        return answer
 
 
 def processor_seconds(process: int | None) -> float:
@@ -150,9 +150,6 @@ def table(state: Path, readers: list[str]) -> tuple[str, int]:
 
 def one(worker: Worker, reader: str, number: int) -> int:
     """Read one input, and keep its files."""
-    import readers
-    from case import case_of
-
     folder = Path(mkdtemp(prefix="fuzz-input"))
     case_of(readers.BY_NAME[reader], number).write(folder)
     outcome, said = worker.outcome(reader, number)

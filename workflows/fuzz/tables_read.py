@@ -12,8 +12,8 @@ from case import Case, Step
 from odd import Random, odd_array, odd_name, pick
 
 import mtpipe
+from mtpipe.ingest.arrays import ArrayTable
 from mtpipe.ingest.read import open_table
-from mtpipe.ingest.text import TextTable
 from mtpipe.setup.setup import Setup, parse_setup
 from mtpipe.setup.source_parts import Layout
 
@@ -88,9 +88,10 @@ def steps(path: Path, case: Case) -> Iterator[Step]:
 
 
 def _every_column(path: Path, layout: Layout) -> None:
-    """Read the first columns: of text together, else one by one; the first fault ends it."""
+    """Read the first columns, those of one length together; the first fault ends it."""
     table = open_table(path, layout)
-    columns = list(range(min(len(table.names), MOST_COLUMNS)))
-    for wanted in [columns] if isinstance(table, TextTable) else [[k] for k in columns]:
-        for _ in table.batches(wanted):
+    columns = range(min(len(table.names), MOST_COLUMNS))
+    lengths = table.lengths if isinstance(table, ArrayTable) else (0,) * len(table.names)
+    for length in dict.fromkeys(lengths[k] for k in columns):
+        for _ in table.batches([k for k in columns if lengths[k] == length]):
             pass

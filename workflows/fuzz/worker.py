@@ -11,6 +11,11 @@ from multiprocessing.connection import Connection
 from pathlib import Path
 from tempfile import mkdtemp
 
+import readers
+from case import case_of
+
+from mtpipe.ground.errors import MtpipeError
+
 MEMORY_BYTES = 4 << 30
 OUTCOMES = ("fine", "sentence", "other", "hang", "abort", "memory")
 BAD = OUTCOMES[2:]
@@ -24,9 +29,6 @@ def serve(connection: Connection) -> None:
     resource.setrlimit(resource.RLIMIT_AS, (MEMORY_BYTES, MEMORY_BYTES))
     resource.setrlimit(resource.RLIMIT_CORE, (0, 0))
     warnings.simplefilter("ignore")
-    import readers
-    from case import case_of
-
     folder = Path(mkdtemp(prefix="fuzz"))
     connection.send(str(folder))
     while True:
@@ -45,8 +47,6 @@ def serve(connection: Connection) -> None:
 
 def judged(step: object) -> tuple[str, str]:
     """What comes of one step of reading."""
-    from mtpipe.ground.errors import MtpipeError
-
     assert callable(step)
     try:
         step()
