@@ -45,6 +45,7 @@ def load_growing(path: Path, setup: Path) -> Recording:
         frame=raw.frame[rows],
         positions_nm={bead: xyz[rows] for bead, xyz in raw.positions_nm.items()},
         magnet_mm=None if raw.magnet_mm is None else raw.magnet_mm[rows],
+        magnet_turns=None if raw.magnet_turns is None else raw.magnet_turns[rows],
         plateaus=ended,
         notices=(
             Notice(GROWS, "caution", said),

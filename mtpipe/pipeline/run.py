@@ -46,6 +46,7 @@ from mtpipe.report.run_folder import (
     refuse_to_erase,
     told,
 )
+from mtpipe.rotation.beads import turned_beads
 from mtpipe.states import with_states
 from mtpipe.verdicts.diagnosed import with_diagnosis
 from mtpipe.verdicts.verdict import BeadVerdict, bead_verdicts
@@ -261,6 +262,7 @@ def _found(
         dict(clock.seconds),
         content,
         complete,
+        turned_beads(recording, forces, calibration.conditions),
     )
 
 
