@@ -90,7 +90,8 @@ def test_each_kind_is_told_by_its_curve(simulated, kind, force_pN):
         true = supercoiling(force_pN, CONTOUR_NM, 50.0, KT).buckling_turns
         assert found.buckling_turns == pytest.approx(true, rel=0.25)
         assert 0 < found.buckling_stderr < 0.3 * true
-        assert abs(found.relaxed_turns) < 4
+        if force_pN < 0.6:  # else only one side falls, and does not tell where the middle is
+            assert abs(found.relaxed_turns) < 3
 
 
 def test_what_turns_cannot_tell_is_left_open(simulated):
@@ -131,7 +132,9 @@ def test_a_run_writes_what_turning_says(simulated, tmp_path):
     (tmp_path / "setup.toml").write_text("\n".join(lines))
     read = mtpipe.load(tmp_path / "recording.csv")
     np.testing.assert_allclose(read.magnet_turns, raw.magnet_turns)
-    assert [(one.start, one.stop) for one in read.plateaus] == [(0, 475)]  # the magnets rotate
+    (rest,) = read.plateaus  # there is none while the magnets rotate
+    assert rest.start == 0
+    assert 470 < rest.stop < 500
     out = tmp_path / "out"
     run = mtpipe.run(tmp_path / "recording.csv", out, cross_check=False)
     row = pd.read_csv(out / "rotation.csv").iloc[0]

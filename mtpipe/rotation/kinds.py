@@ -30,6 +30,8 @@ BRAID_SPREAD = 0.7
 # A braid buckles too, after about a turn for each 44 nm of it, at which its helix is so steep, and
 # loses about 50 nm a turn from there (Charvin et al. 2005, fig. 6); each within this share.
 BRAID_NM_PER_TURN, BRAID_SLOPE_NM, BRAID_BUCKLING_SPREAD = 44.0, 50.0, 0.5
+# How far from the log's zero a tether is relaxed: turns, and a share of those that were made.
+RELAXED_TURNS, RELAXED_SHARE = 2.0, 0.1
 # Of its length a tether can lose so much before its bead may meet the surface.
 FREE_SHARE = 0.5
 # Ends of two tethers under one bead are apart by less than this share of their length.
@@ -100,6 +102,12 @@ class Shapes:
             "several tethers": (self._braided, 7),
         }[kind]
 
+    def relaxed(self, x: float) -> float:
+        """Turns at which a tether is relaxed: near the log's 0, if that was passed."""
+        low, high = float(self.turns.min()), float(self.turns.max())
+        middle = 0.0 if low - 0.5 <= 0 <= high + 0.5 else (low + high) / 2
+        return middle + x * (RELAXED_TURNS + RELAXED_SHARE * (high - low))
+
     def coiling(self, x: FloatArray) -> Supercoiling:
         """The molecule that numbers of the supercoilable kind mean."""
         found = self.known.coiling(x[5], x[6])
@@ -139,8 +147,7 @@ class Shapes:
         return self.top_nm + 0.2 * self.known.contour_nm * x
 
     def _from_relaxed(self, x: float) -> FloatArray:
-        low, high = float(self.turns.min()), float(self.turns.max())
-        return np.asarray(self.turns - (low + high) / 2 - x * (high - low) / 2)
+        return np.asarray(self.turns - self.relaxed(x))
 
     def _no_deeper(self, lost: FloatArray) -> FloatArray:
         """A bead on the surface falls no deeper."""

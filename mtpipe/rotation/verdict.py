@@ -24,10 +24,10 @@ SURE = 0.95
 MOST_SCATTER = 0.1
 # As a share of it, a fall that drift of a height may also make.
 LEAST_FALL = 0.05
-# nm; below it heights are known to no better than their drift.
-LEAST_SCATTER_NM = 2.0
-# Fits begin with the relaxed molecule here, from the first turn (-1) to the last (1).
-STARTS = (-1.0, -0.5, 0.0, 0.5, 1.0)
+# As a share of it, what heights are not known better than, however smooth: they drift.
+LEAST_SCATTER = 0.01
+# Fits begin with the relaxed tether here, in units of what its place is known to.
+STARTS = (-1.5, -0.5, 0.0, 0.5, 1.5)
 ROUNDS = 4
 STEP = 1e-4
 
@@ -67,7 +67,7 @@ def verdict_of(turned: Turned, known: Known) -> Verdict:
     """Weigh the kinds of tether that a bead may have, each as likely as another beforehand."""
     heights = turned.extension_nm
     top, bottom = float(np.quantile(heights, 0.95)), float(heights.min())
-    shapes = Shapes(known, turned.turns, top, max(top - bottom, LEAST_SCATTER_NM))
+    shapes = Shapes(known, turned.turns, top, top - bottom)
     fits = {kind: _fit(shapes, kind, heights) for kind in KINDS}
     closest = min(fits.values(), key=lambda fit: fit.scatter_nm)
     repeats = _correlation(heights - closest.fitted_nm)
@@ -80,10 +80,10 @@ def verdict_of(turned: Turned, known: Known) -> Verdict:
     weights = np.exp(np.array([log[kind] for kind in KINDS]) - max(log.values()))
     shares = dict(zip(KINDS, (weights / weights.sum()).tolist(), strict=True))
     best = max(KINDS, key=lambda kind: shares[kind])
-    fit, moves = fits[best], (turned.turns.min() + turned.turns.max()) / 2
+    fit = fits[best]
     relaxed = buckling = stderr = np.nan
     if best != "nicked":
-        relaxed = float(moves + fit.numbers[1] * np.ptp(turned.turns) / 2)
+        relaxed = shapes.relaxed(float(fit.numbers[1]))
     if best == "supercoilable":
         buckling, stderr = _buckling(shapes, fit)
     named, reason = _named(best, shares, fit, known)
@@ -93,11 +93,12 @@ def verdict_of(turned: Turned, known: Known) -> Verdict:
 def _fit(shapes: Shapes, kind: Kind, heights: FloatArray) -> _Fit:
     """Most likely numbers of a kind, and the scatter that it leaves, in turn."""
     shape, count = shapes.of(kind)
+    least_nm = LEAST_SCATTER * shapes.known.contour_nm
     ends = []
     for start in STARTS if count > 1 else STARTS[:1]:
         x = np.zeros(count)
         x[1:2] = start
-        scatter = max(float(np.std(heights)), LEAST_SCATTER_NM)
+        scatter = max(float(np.std(heights)), least_nm)
         for _ in range(ROUNDS):
 
             def residuals(x: FloatArray, scatter: float = scatter) -> FloatArray:
@@ -105,7 +106,7 @@ def _fit(shapes: Shapes, kind: Kind, heights: FloatArray) -> _Fit:
 
             x = least_squares(residuals, x, max_nfev=60).x
             left = heights - shape(x)
-            scatter = max(float(np.sqrt(np.mean(left**2))), LEAST_SCATTER_NM)
+            scatter = max(float(np.sqrt(np.mean(left**2))), least_nm)
         ends.append((len(heights) * np.log(scatter) + 0.5 * float(x @ x), x, scatter))
     _, x, scatter = min(ends, key=lambda end: end[0])
     steps = STEP * np.eye(count)
