@@ -142,6 +142,10 @@ def test_a_run_writes_what_turning_says(simulated, tmp_path):
     assert row.verdict == run.turned[0].verdict.verdict
     assert row[["p_nicked", "p_supercoilable", "p_several_tethers"]].sum() == pytest.approx(1)
     assert "turns of the magnets" in (out / "rotation.html").read_text()
+    (notice,) = [one for one in run.notices if one.code == "turned"]
+    assert notice.bead == "b"
+    assert "held by one supercoilable molecule" in notice.message
+    assert "It buckles after" in notice.message
     # a run without turns leaves none of an earlier one
     pd.DataFrame(table).drop(columns="magnet_turns").to_csv(tmp_path / "recording.csv", index=False)
     mtpipe.run(tmp_path / "recording.csv", out, cross_check=False)

@@ -27,6 +27,8 @@ from mtpipe.setup.setup import Setup
 TABLE, RESULT, FIGURE, TABLES = (
     "magnet_curve.csv", "magnet_curve.json", "magnet_curve.html", "magnet.toml",
 )  # fmt: skip
+# Sources of forces that the configured experiment is in, and so what its `[[magnet]]` says.
+FROM_HEIGHTS = ("heights", "heights_alone", "named")
 # Of the curve as it is drawn and tabled.
 STEPS = 101
 
@@ -74,7 +76,7 @@ def own_forces(forces: pd.DataFrame, setup: Setup) -> pd.DataFrame:
         at: known_force(setup, None if pd.isna(at) else float(at)) is not None
         for at in forces["magnet_mm"].unique()
     }
-    rests = forces["magnet_mm"].map(states) & forces["force_source"].isin(("heights", "named"))
+    rests = forces["magnet_mm"].map(states) & forces["force_source"].isin(FROM_HEIGHTS)
     return forces[~rests.astype(bool)]
 
 

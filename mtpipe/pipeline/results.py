@@ -115,6 +115,7 @@ class Run(Shown):
             *self.calibration.notices,
             *flags,
             *curves,
+            *(one.notice for one in self.turned),
             *unchecked,
             *beyond,
         )

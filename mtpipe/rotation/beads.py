@@ -8,11 +8,12 @@ from dataclasses import dataclass
 import numpy as np
 
 from mtpipe.calibration.recommended_force import BeadForces
+from mtpipe.ground.notice import Notice
 from mtpipe.physics.tether import Chain, mean_extension_nm
 from mtpipe.recording.recording import Recording
 from mtpipe.rotation.kinds import Known
 from mtpipe.rotation.turned import Turned, turned_stretches
-from mtpipe.rotation.verdict import Verdict, verdict_of
+from mtpipe.rotation.verdict import CANNOT_TELL, Verdict, verdict_of
 from mtpipe.setup.conditions import Conditions
 
 # Of a force and a contour length, however well they are stated: the magnets are turned at a force
@@ -22,6 +23,11 @@ LEAST_FORCE_ERROR, LEAST_CONTOUR_ERROR = 0.1, 0.1
 USUAL_FORCE_PN, USUAL_FORCE_SPREAD = 0.7, 1.2
 # Of a contour length that only the extension tells, and of a radius that is not known, in nm.
 CONTOUR_ERROR_FROM_HEIGHT, USUAL_RADIUS_NM = 0.2, 500.0
+SHOWN = {
+    "nicked": "held by one nicked molecule",
+    "supercoilable": "held by one supercoilable molecule",
+    "several tethers": "held by several tethers, so that its forces are not those of one",
+}
 # A tether shorter than this is none that could be told from its height.
 LEAST_CONTOUR_NM = 50.0
 
@@ -39,6 +45,23 @@ class TurnedBead:
     force_pN: float
     force_stderr_pN: float
     verdict: Verdict
+
+    @property
+    def notice(self) -> Notice:
+        """What is to be said of the bead; more than one tether makes its forces wrong."""
+        found, several = self.verdict, self.verdict.verdict == "several tethers"
+        force = f" at {self.force_pN:.2g} pN" if self.force_pN > 0 else ""
+        turned = f"Turned by {np.ptp(self.turned.turns):.0f} turns{force}"
+        if found.verdict == CANNOT_TELL:
+            said = f"{turned}, it does not show what holds it: {found.reason}."
+        else:
+            share = max(found.probability.values())
+            said = f"{turned}, it shows that it is {SHOWN[found.verdict]} ({share:.1%}): "
+            said += f"{found.reason}."
+        if np.isfinite(found.buckling_turns) and found.verdict == "supercoilable":
+            error = f"{found.buckling_turns:.1f} ± {found.buckling_stderr:.1f}"
+            said += f" It buckles after {error} turns."
+        return Notice("turned", "warning" if several else "info", said, self.turned.bead)
 
 
 def turned_beads(
