@@ -67,6 +67,7 @@ def test_a_molecule_buckles_as_theory_has_it():
     assert more.slope_nm < found.slope_nm
     for least in (1e-6, KT / 50.0):  # where the expansion ends all stays finite
         assert np.isfinite(supercoiling(least, CONTOUR_NM, 50.0, KT).slope_nm)
+    assert np.isfinite(supercoiling(1.0, CONTOUR_NM, 0.7, KT).slope_nm)  # and of what is no DNA
 
 
 def test_two_molecules_cross_after_half_a_turn():

@@ -24,6 +24,9 @@ TWIST_PER_NM = 2 * np.pi / (10.5 * 0.34)
 TWIST_LENGTH_NM, PLECTONEME_LENGTH_NM = 100.0, 24.0
 # Two molecules come no nearer to one another: half the distance of their axes.
 CLOSEST_NM = 2.0
+# Least share of the twist stiffness that bending leaves: that of DNA at the least force. Chains
+# that bend more easily are outside the theory, and no twist is known of them.
+LEAST_STIFFNESS = 0.5
 # Below it the expansion for a stretched molecule, to kT/(F Lp), has no meaning.
 LEAST_REDUCED_FORCE = 1.0
 
@@ -57,7 +60,8 @@ def supercoiling(
     force_pN = max(force_pN, least_pN)
     softening = (kT_pN_nm / (persistence_nm * force_pN)) ** 0.5
     twist = kT_pN_nm * TWIST_LENGTH_NM * TWIST_PER_NM**2
-    stretched = twist * (1 - TWIST_LENGTH_NM / (4 * persistence_nm) * softening)
+    left = max(1 - TWIST_LENGTH_NM / (4 * persistence_nm) * softening, LEAST_STIFFNESS)
+    stretched = twist * left
     plectoneme = kT_pN_nm * PLECTONEME_LENGTH_NM * TWIST_PER_NM**2
     gained = force_pN * (1 - softening)
     gained = max(gained, 0.1 * force_pN)  # near the least force, where the expansion ends

@@ -21,8 +21,9 @@ from mtpipe.setup.conditions import Conditions
 LEAST_FORCE_ERROR, LEAST_CONTOUR_ERROR = 0.1, 0.1
 # Forces at which beads are turned, where this one's is not known: pN, and the spread of ln F.
 USUAL_FORCE_PN, USUAL_FORCE_SPREAD = 0.7, 1.2
-# Of a contour length that only the extension tells, and of a radius that is not known, in nm.
-CONTOUR_ERROR_FROM_HEIGHT, USUAL_RADIUS_NM = 0.2, 500.0
+# Of a contour length that only the extension tells; and in nm what a radius and a persistence
+# length are taken for that are not known.
+CONTOUR_ERROR_FROM_HEIGHT, USUAL_RADIUS_NM, USUAL_PERSISTENCE_NM = 0.2, 500.0, 50.0
 SHOWN = {
     "nicked": "held by one nicked molecule",
     "supercoilable": "held by one supercoilable molecule",
@@ -115,7 +116,7 @@ def _known(
     recording: Recording, conditions: Conditions, turned: Turned, force: float, stderr: float
 ) -> Known:
     tether = recording.setup.tether
-    persistence = tether.persistence_length_nm.value or 50.0
+    persistence = tether.persistence_length_nm.value or USUAL_PERSISTENCE_NM
     error = max(stderr / force, LEAST_FORCE_ERROR) if force > 0 else USUAL_FORCE_SPREAD
     force = force if force > 0 else USUAL_FORCE_PN
     contour, contour_error = tether.contour_length_nm.value, LEAST_CONTOUR_ERROR
