@@ -1,5 +1,10 @@
 """A folder in which recordings arrive: what grows, what is complete, what waits."""
 
+import signal
+import subprocess
+import sys
+import time
+
 import pandas as pd
 import pytest
 
@@ -135,3 +140,16 @@ def test_the_command_ends_when_nothing_comes_any_more(folder, tmp_path, whole):
     assert done.stdout.splitlines()[-1] == f"Summary: {out / 'index.html'}"
     assert command("watch", folder, "--out", folder).returncode == 1
     assert watch_module.EVERY_S <= watch_module.SETTLED_S
+
+
+@pytest.mark.skipif(sys.platform == "win32", reason="SIGINT is sent otherwise there")
+def test_ctrl_c_ends_it_in_one_line(folder, tmp_path):
+    out = tmp_path / "out"
+    asked = [sys.executable, "-m", "mtpipe", "watch", str(folder), "--out", str(out)]
+    watching = subprocess.Popen([*asked, "--workers", "1"], stderr=subprocess.PIPE, text=True)
+    while watching.poll() is None and not out.exists():
+        time.sleep(0.1)
+    watching.send_signal(signal.SIGINT)
+    _, said = watching.communicate()
+    assert watching.returncode == 128 + signal.SIGINT
+    assert said.splitlines() == ["mtpipe: stopped by Ctrl-C"]
