@@ -14,6 +14,7 @@ from mtpipe.ground.files import write_atomically
 from mtpipe.ground.journal import Kept
 from mtpipe.ground.processes import executor
 from mtpipe.ground.steps import side_by_side
+from mtpipe.ingest.kinds import is_prose
 from mtpipe.pipeline import batch as batch_module
 from mtpipe.pipeline.batch import batch
 from mtpipe.pipeline.identity import Asked, identity
@@ -67,18 +68,33 @@ def rows(out):
 
 def test_recordings_are_files_with_a_setup_beside_or_above_them(tmp_path):
     for name in ("a/setup.toml", "a/r1.csv", "a/r2.csv", "a/deep/r3.txt", "r4.csv", "a/old/f.csv"):
-        write_atomically(tmp_path / name, "schema = 1\n")
+        write_atomically(tmp_path / name, "schema = 1\n" if name.endswith("toml") else "1 2\n")
     write_atomically(tmp_path / "a/r5.csv", b"\x89PNG and so on")
+    write_atomically(tmp_path / "a/notes.txt", "9:30 bead 3 at 2.5 mm\nbetter, 3 times\n")
     write_atomically(tmp_path / "a/old/run.json", "{}")
     write_atomically(tmp_path / "out/r6.csv", "1")
     found, aside = recordings_below(tmp_path, tmp_path / "out")
     assert [one.name for one in found] == ["a/r1.csv", "a/r2.csv", "a/deep/r3.txt"]
     assert {one.setup for one in found} == {tmp_path / "a" / "setup.toml"}
     why = {one.name: one.why for one in aside}
-    assert set(why) == {"r4.csv", "a/r5.csv", "a/old"}
+    assert set(why) == {"r4.csv", "a/r5.csv", "a/old", "a/notes.txt"}
+    assert "no row of numbers" in why["a/notes.txt"]
     assert "no setup.toml beside it or in a folder above" in why["r4.csv"]
     assert "is an image" in why["a/r5.csv"]
     assert "run of mtpipe" in why["a/old"]
+
+
+@pytest.mark.parametrize(
+    ("text", "prose"),
+    [
+        ("0.1\t2\tnan\n", False), ("time_s,b1_x_nm\n", False), ("1;2,5;3\n", False),
+        ("# of today\n1\n", False), ("x" * 70_000, False), ("Monday\n\nof 3 beads\n", True),
+        ("a,b,c\n", True),
+    ],
+)  # fmt: skip
+def test_only_a_short_text_without_numbers_is_plainly_no_recording(tmp_path, text, prose):
+    write_atomically(tmp_path / "r.txt", text)
+    assert is_prose(tmp_path / "r.txt") == prose
 
 
 def setup_text(folder):

@@ -25,6 +25,9 @@ field = { direction = "x" }
 # What a key needs beside it; "" where it stands alone.
 BESIDE = {
     "magnet": "position_mm = 3.0\nforce_pN = 4.1",
+    "magnets": "width_mm = 5.0\nlength_mm = 5.0\nheight_mm = 5.0\ngap_mm = 1.0\n"
+    'magnetised = "vertical"\nremanence_T = 1.4\ntouching_mm = 0.0\n'
+    "saturation_kA_per_m = 42.0\nsaturating_field_mT = 12.0",
     "source.beads": 'name = "b1"\nx = 2',
     "source.time": 'column = 1\nunit = "s"',
     "source.frame": "column = 1",

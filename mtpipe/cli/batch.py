@@ -59,7 +59,7 @@ def batch(
     if slurm and scheduler is not None:
         raise typer.BadParameter("give --scheduler or --slurm, not both")
     many = workers or os.cpu_count() or 1
-    with _lines() as lines, writing(out), _pool(many, scheduler, slurm, lines.at) as pool:
+    with shown_in_lines() as lines, writing(out), _pool(many, scheduler, slurm, lines.at) as pool:
         done = whole(folder, out, seed=seed, workers=many, pool=pool, watch=lines)
     _summary(done)
     raise typer.Exit(int(bool(done.failed)))
@@ -115,13 +115,18 @@ class Lines:
         """A recording that could not be worked on."""
         self._say(f"{name}: {why}")
 
+    def calibrated(self, name: str, plateaus: int, *, complete: bool) -> None:
+        """So many plateaus of a recording that arrives have forces now."""
+        how = "complete" if complete else "still being recorded"
+        self._say(f"{name}: {plateaus} plateau{'s' * (plateaus != 1)} calibrated, {how}")
+
     def _say(self, line: str) -> None:
         self._said_s = time.monotonic()
         self._bar.console.print(visible(line), soft_wrap=True, markup=False, highlight=False)
 
 
 @contextmanager
-def _lines() -> Iterator[Lines]:
+def shown_in_lines() -> Iterator[Lines]:
     """Show how a batch goes on."""
     console = Console(stderr=True)
     with Progress(

@@ -10,6 +10,7 @@ import traceback
 from mtpipe.cli import explain as _explain  # noqa: F401
 from mtpipe.cli import magnet_curve as _magnet_curve  # noqa: F401
 from mtpipe.cli import reports as _reports  # noqa: F401
+from mtpipe.cli import watch as _watch  # noqa: F401
 from mtpipe.cli.commands import app
 from mtpipe.cli.terminal import stopped_in_one_line
 from mtpipe.ground.errors import MtpipeError, unforeseen

@@ -167,7 +167,7 @@ def canonical_columns(names: Names) -> Assignment:
         match = POSITION_NAME.fullmatch(name)
         if match:
             found.setdefault(match["bead"], [-1, -1, -1])[AXES.index(match["axis"])] = i
-        elif name and name not in ("time_s", "frame", "magnet_mm"):
+        elif name and name not in ("time_s", "frame", "magnet_mm", "magnet_turns"):
             unused.append(name)
     # the tracker's own measure of each position: frames that failed are empty already
     unused = [
@@ -196,6 +196,7 @@ def canonical_columns(names: Names) -> Assignment:
         time=time,
         frame=frame,
         magnet=place.get("magnet_mm", -1),
+        rotation=place.get("magnet_turns", -1),
         unused=tuple(unused),
     )
 

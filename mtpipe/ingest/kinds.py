@@ -5,11 +5,13 @@ Text named `.xls` is common in this field.
 
 from __future__ import annotations
 
+import re
 from pathlib import Path
 
 import numpy as np
 
 from mtpipe.ground.errors import RecordingError
+from mtpipe.ingest.cells import is_value
 from mtpipe.ingest.data_files import DAMAGE, open_stream, read_begin
 from mtpipe.ingest.encodings import marked_encoding
 from mtpipe.ingest.gr import MARK as GR_MARK
@@ -18,6 +20,8 @@ from mtpipe.setup.source_parts import Format
 MATLAB_4_BYTES = 20
 # Programs pad words in text with zeros, but binary files are full of them.
 STRAY_SHARE = 0.02
+# Notes of a day are shorter; of a longer file its reader says what is wrong.
+LONGEST_PROSE = 1 << 16
 HEAD_BYTES = 4096
 FOREIGN = {
     b"\xd0\xcf\x11\xe0": ("is an Excel workbook", "Save it as text (CSV)."),
@@ -88,6 +92,26 @@ def kind_of(path: Path) -> Format:
     if marked_encoding(head) is None and _is_binary(head.rstrip(b"\x00")):
         raise RecordingError("is a binary file of a kind that is not known", where=str(path))
     return "text"
+
+
+def is_prose(path: Path) -> bool:
+    """Whether a text file is plainly no table: short, and without a line of mostly numbers.
+
+    A file that ends after its header is no prose if the names are those of a canonical recording.
+    """
+    try:
+        with open_stream(path) as stream:
+            text = read_begin(stream, LONGEST_PROSE + 1)
+    except DAMAGE:  # whoever reads it says what is wrong
+        return False
+    if len(text) > LONGEST_PROSE or b"\0" in text or b"_nm" in text:
+        return False
+    return not any(_is_row(line) for line in text.decode("utf-8", "replace").splitlines())
+
+
+def _is_row(line: str) -> bool:
+    cells = [cell for cell in re.split(r"[\s,;|]+", line.replace('"', " ")) if cell]
+    return 2 * sum(is_value(cell, ".") for cell in cells) > len(cells)
 
 
 def _is_binary(head: bytes) -> bool:

@@ -30,9 +30,10 @@ from mtpipe.setup.source_table import Source
 
 @dataclass(frozen=True)
 class Magnets:
-    """Position and rotation at each frame, (n_frames,) or None, and where they are at rest."""
+    """Position and turns at each frame, (n_frames,) or None, and where they do not rotate."""
 
     position_mm: FloatArray | None
+    turns: FloatArray | None
     resting: NDArray[np.bool_] | None
     notices: tuple[Notice, ...] = ()
 
@@ -65,15 +66,16 @@ def read_magnets(
     if position is None:
         said_none = "There is no magnet position: the whole recording is taken as one plateau."
         notices.append(Notice("no_magnet", "info", said_none))
-    rotation = source.rotation if source is not None else None
-    if rotation is None or turns is None:
-        return Magnets(position, None, tuple(notices))
+    if turns is None:
+        return Magnets(position, None, None, tuple(notices))
+    stated = source.rotation if source is not None else None
+    rotation = stated or Rotation(column="magnet_turns", unit="turn")
     resting = ~rotating(turns, rate_hz, rotation)
     away = len(resting) - int(np.count_nonzero(resting))
     if away:
         said_away = f"The magnets rotate during {away / rate_hz:.3g} s: no plateau there."
         notices.append(Notice("rotation", "info", said_away))
-    return Magnets(position, resting, tuple(notices))
+    return Magnets(position, turns, resting, tuple(notices))
 
 
 def _missing(position: FloatArray | None, data: Collected, rate_hz: float) -> list[Notice]:

@@ -100,7 +100,11 @@ def _open(files: tuple[Path, ...], source: Source | None) -> list[OpenTable]:
         return list(open_magscope(files))
     stated = source if source is not None else Source()
     layout = stated if stated.beads else stated.canonical_text
-    asked = stated.names_asked if stated.beads else ("time_s", "frame", "magnet_mm", "_nm")
+    asked = (
+        stated.names_asked
+        if stated.beads
+        else ("time_s", "frame", "magnet_mm", "magnet_turns", "_nm")
+    )
     return [open_table(file, layout, stated.lost.tokens, asked) for file in files]
 
 
@@ -190,6 +194,7 @@ def _assembled(
         frame=clock.frame,
         positions_nm=positions,
         magnet_mm=magnets.position_mm,
+        magnet_turns=magnets.turns,
         plateaus=plateaus,
         files=tuple(describe(file, folder) for file in files),
     )

@@ -89,7 +89,7 @@ def batch(
             "there is no recording with a setup.toml beside it or above it", where=str(folder)
         )
     make_ready(out)
-    day = _Day(out, there, aside, seed, watch)
+    day = Day(out, there, aside, seed, watch)
     with enduring_executor(workers if pool is None else pool, hear=watch.at) as spread:
         for works in (day.calibrations, day.checks):
             for one, result in side_by_side(works(spread, workers), AHEAD * workers):
@@ -98,8 +98,8 @@ def batch(
 
 
 @dataclass
-class _Day:
-    """The recordings of a batch, and how far each is, by name.
+class Day:
+    """The recordings of a folder, and how far each is, by name.
 
     Attributes
     ----------
@@ -126,18 +126,18 @@ class _Day:
         """Works of the recordings of whose content there are no forces yet."""
         for one in self.there:
             try:
-                self.content[one.name] = identity(self._asked(one))
+                self.content[one.name] = identity(self.asked(one))
             except Exception as error:
                 self.ended(one, error)
                 continue
-            if self._told(one):
+            if self.told(one):
                 self.ended(one)
             else:
                 yield one, self._run(one, pool, workers, only_forces=True)
 
     def checks(self, pool: Executor, workers: int) -> Iterator[tuple[There, Steps[Run]]]:
         """Works of the recordings that are calibrated, and not cross-checked."""
-        waiting = [one for one in self.there if (run := self._told(one)) and not is_done(run)]
+        waiting = [one for one in self.there if (run := self.told(one)) and not is_done(run)]
         for one in waiting:
             table = pd.read_parquet(self.out / one.name / "beads.parquet", columns=["plateaus"])
             self.beads[one.name] = int((table["plateaus"] > 0).sum())
@@ -161,17 +161,17 @@ class _Day:
             self.failures[one.name] = str(result) if known else unforeseen(result)
             self.watch.failed(one.name, self.failures[one.name])
             self._count(one.name, self.beads.get(one.name, 0))
-        elif is_done(self._told(one)):
+        elif is_done(self.told(one)):
             clear_journals(self.out / one.name)
         failure, name = self.failures.get(one.name, ""), one.name
-        self.rows[name] = rows_of(name, self.out / name, self._told(one), failure)
+        self.rows[name] = rows_of(name, self.out / name, self.told(one), failure)
         if not self.began:
             self.watch.counted("recordings calibrated", len(self.rows), len(self.there), None)
         self.write()
 
     def with_curve(self) -> Summary:
         """Write the magnet's curve of all runs that are there, and the summary with it."""
-        runs = {one.name: self.out / one.name for one in self.there if self._told(one)}
+        runs = {one.name: self.out / one.name for one in self.there if self.told(one)}
         self.magnet = told_magnet_curve(self.out, runs)
         return self.write()
 
@@ -185,10 +185,11 @@ class _Day:
         write_summary(summary)
         return summary
 
-    def _asked(self, one: There) -> Asked:
+    def asked(self, one: There) -> Asked:
+        """What the run of a recording is asked for."""
         return Asked(one.path, self.out / one.name, one.setup, self.seed, overwrite=True)
 
-    def _told(self, one: There) -> dict[str, Any]:
+    def told(self, one: There) -> dict[str, Any]:
         """`run.json` where it is of the content that is asked for, else nothing."""
         earlier = told(self.out / one.name)
         mine = one.name in self.content and earlier.get("content") == self.content[one.name]
@@ -204,7 +205,7 @@ class _Day:
                 self.watch.at(f"{one.name}: {step}")
 
         return running(
-            self._asked(one), pool, workers=workers, only_forces=only_forces, progress=say
+            self.asked(one), pool, workers=workers, only_forces=only_forces, progress=say
         )
 
     def _count(self, name: str, checked: int) -> None:

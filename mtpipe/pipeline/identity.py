@@ -28,6 +28,7 @@ class Asked:
     Attributes
     ----------
     path, out, setup, seed, methods, cross_check, overwrite : as of `mtpipe.run`.
+    growing : its files are still being written; what of it is whole is taken (`pipeline.growing`).
     """
 
     path: Path
@@ -37,6 +38,7 @@ class Asked:
     methods: tuple[str, ...] = ()
     cross_check: bool = True
     overwrite: bool = False
+    growing: bool = False
 
     @property
     def film(self) -> bool:
@@ -62,8 +64,7 @@ def identity(asked: Asked) -> str:
     ------
     MtpipeError : there is no setup that can be read, or no file.
     """
-    setup, files, folder = _of_film(asked) if asked.film else _of_recording(asked)
-    there = [file for file in dict.fromkeys(files) if file.is_file()]
+    setup, there, folder = _read_from(asked)
     content = {
         "left out": [(one.bead, one.stretch_s) for one in asked.stretches],
         "version": VERSION,
@@ -73,8 +74,25 @@ def identity(asked: Asked) -> str:
         "seed": asked.seed,
         "methods": asked.methods,
         "cross_check": asked.cross_check,
+        "growing": asked.growing,
     }
     return hashlib.sha256(json.dumps(content, sort_keys=True).encode()).hexdigest()
+
+
+def files_of(asked: Asked) -> list[Path]:
+    """All files that a run reads, but for its setup.
+
+    Raises
+    ------
+    MtpipeError : as `identity`.
+    """
+    return _read_from(asked)[1]
+
+
+def _read_from(asked: Asked) -> tuple[Setup, list[Path], Path]:
+    """Setup, files that are there, and the folder of the recording."""
+    setup, files, folder = _of_film(asked) if asked.film else _of_recording(asked)
+    return setup, [file for file in dict.fromkeys(files) if file.is_file()], folder
 
 
 def _with_version(entry: EntryPoint) -> str:

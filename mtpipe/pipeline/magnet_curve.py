@@ -3,27 +3,32 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pandas as pd
 
+from mtpipe.experiment.known_force import known_force
 from mtpipe.ground.errors import MtpipeError
 from mtpipe.ground.files import write_atomically
 from mtpipe.ground.spreadsheets import as_csv
 from mtpipe.magnet_curve.curve import MagnetCurve, magnet_curve
 from mtpipe.magnet_curve.measured import measured_forces
 from mtpipe.magnet_curve.outliers import TESTS
+from mtpipe.magnet_curve.prediction import Prediction, beside
 from mtpipe.report.magnet_curve_figure import magnet_curve_figure
 from mtpipe.report.marked import read_marked_run
 from mtpipe.report.plotly_json import PlainArrays
 from mtpipe.report.run_folder import RUN
+from mtpipe.setup.setup import Setup
 
 TABLE, RESULT, FIGURE, TABLES = (
     "magnet_curve.csv", "magnet_curve.json", "magnet_curve.html", "magnet.toml",
 )  # fmt: skip
+# Sources of forces that the configured experiment is in, and so what its `[[magnet]]` says.
+FROM_HEIGHTS = ("heights", "heights_alone", "named")
 # Of the curve as it is drawn and tabled.
 STEPS = 101
 
@@ -47,16 +52,57 @@ def write_magnet_curve(out: Path, runs: Mapping[str, Path]) -> str:
     """
     for name in (TABLE, RESULT, FIGURE, TABLES):
         (out / name).unlink(missing_ok=True)
-    tables = [(name, read_marked_run(folder).forces) for name, folder in runs.items()]
-    curve = magnet_curve(measured_forces(tables))
+    read = {name: read_marked_run(folder) for name, folder in runs.items()}
+    own = {name: own_forces(run.forces, run.setup) for name, run in read.items()}
+    curve = magnet_curve(measured_forces(own.items()))
     positions = curve.forces.only(curve.kept).positions_mm
     grid = np.linspace(positions[0], positions[-1], STEPS)
-    write_atomically(out / TABLE, as_csv(_table(curve, grid)))
+    predicted, beside_it = _predicted(curve, [run.setup for run in read.values()], grid)
+    write_atomically(out / TABLE, as_csv(_table(curve, grid, predicted)))
     write_atomically(out / TABLES, _magnet_tables(curve, positions))
-    write_atomically(out / FIGURE, _page(curve, grid))
-    said = sentence(curve)
+    write_atomically(out / FIGURE, _page(curve, grid, predicted))
+    stated = sum(len(run.forces) - len(own[name]) for name, run in read.items())
+    said = " ".join(one for one in (sentence(curve), _left_out(stated), beside_it) if one)
     write_atomically(out / RESULT, json.dumps(_result(curve, said), indent=2) + "\n")
     return said
+
+
+def own_forces(forces: pd.DataFrame, setup: Setup) -> pd.DataFrame:
+    """Rows of a forces table without those in which a force of `[[magnet]]` is already.
+
+    The spectra's forces do not know of it. What comes of heights does, at that position.
+    """
+    states = {
+        at: known_force(setup, None if pd.isna(at) else float(at)) is not None
+        for at in forces["magnet_mm"].unique()
+    }
+    rests = forces["magnet_mm"].map(states) & forces["force_source"].isin(FROM_HEIGHTS)
+    return forces[~rests.astype(bool)]
+
+
+def _left_out(rows: int) -> str:
+    if not rows:
+        return ""
+    return (
+        "Forces that rest on those of [[magnet]] are left out, as these are of a curve themselves."
+    )
+
+
+def _predicted(
+    curve: MagnetCurve, setups: Sequence[Setup], grid: np.ndarray[Any, Any]
+) -> tuple[Prediction | None, str]:
+    """What the `[magnets]` of all setups predict, and the sentence about it."""
+    stated = {(one.magnets, one.beads.radius_nm) for one in setups if one.magnets is not None}
+    if not stated:
+        return None, ""
+    if len(stated) > 1:
+        return None, "The setups state different [magnets] or radii: no force is predicted."
+    magnets, radius = stated.pop()
+    try:
+        found = beside(curve, magnets, radius, grid)
+    except MtpipeError as error:
+        return None, f"Of [magnets] nothing is predicted: {error}."
+    return found, found.sentence
 
 
 def sentence(curve: MagnetCurve) -> str:
@@ -74,7 +120,9 @@ def sentence(curve: MagnetCurve) -> str:
     return said
 
 
-def _table(curve: MagnetCurve, grid: np.ndarray[Any, Any]) -> pd.DataFrame:
+def _table(
+    curve: MagnetCurve, grid: np.ndarray[Any, Any], predicted: Prediction | None
+) -> pd.DataFrame:
     middle, new = curve.curve(grid), curve.new_bead(grid)
     return pd.DataFrame(
         {
@@ -85,6 +133,8 @@ def _table(curve: MagnetCurve, grid: np.ndarray[Any, Any]) -> pd.DataFrame:
             "high_pN": middle.high_pN,
             "new_bead_low_pN": new.low_pN,
             "new_bead_high_pN": new.high_pN,
+            "predicted_pN": np.nan if predicted is None else predicted.force_pN,
+            "predicted_stderr_pN": np.nan if predicted is None else predicted.stderr_pN,
         }
     )
 
@@ -139,10 +189,10 @@ def _result(curve: MagnetCurve, said: str) -> dict[str, Any]:
     }
 
 
-def _page(curve: MagnetCurve, grid: np.ndarray[Any, Any]) -> str:
+def _page(curve: MagnetCurve, grid: np.ndarray[Any, Any], predicted: Prediction | None) -> str:
     import plotly.graph_objects as go
 
-    page: str = go.Figure(magnet_curve_figure(PlainArrays(), curve, grid)).to_html()
+    page: str = go.Figure(magnet_curve_figure(PlainArrays(), curve, grid, predicted)).to_html()
     return page
 
 

@@ -15,7 +15,7 @@ from pathlib import Path
 from mtpipe.ground.errors import MtpipeError, RecordingError
 from mtpipe.ground.files import as_text
 from mtpipe.ingest.data_files import SETUP_NAME, Found, data_files, find_recording, natural_order
-from mtpipe.ingest.kinds import kind_of
+from mtpipe.ingest.kinds import is_prose, kind_of
 from mtpipe.ingest.read import with_preset
 from mtpipe.report.run_folder import RUN
 from mtpipe.setup.setup import Setup, read_setup
@@ -175,8 +175,10 @@ class _In:
 
     def _is_data(self, file: Path) -> bool:
         try:
-            kind_of(file)
+            prose = kind_of(file) == "text" and is_prose(file)
         except RecordingError as error:
             self.aside[file] = error.message
             return False
-        return True
+        if prose:
+            self.aside[file] = "has no row of numbers"
+        return not prose

@@ -21,6 +21,7 @@ from mtpipe.ground.shown import Shown
 from mtpipe.pipeline.tables import beads_table
 from mtpipe.recording.recording import Recording
 from mtpipe.report.marks import Mark
+from mtpipe.rotation.beads import TurnedBead
 from mtpipe.verdicts.verdict import BeadVerdict
 
 CHECK_FAILED = "crosscheck_failed"
@@ -41,7 +42,8 @@ class Run(Shown):
     forces; `checked` is the cross-check, unless left out; `mismatch`, `before_after` and
     `unexplained` are the content of the diagnosis's files. `marks` are the stretches of time that a
     reader had left out before. `content` is the identity of what went in (`pipeline.identity`);
-    `complete` unless the cross-check is still to come.
+    `complete` unless the cross-check is still to come. `turned` are the beads that the magnets
+    turned.
     """
 
     recording: Recording
@@ -61,6 +63,7 @@ class Run(Shown):
     seconds: dict[str, float]
     content: str
     complete: bool
+    turned: tuple[TurnedBead, ...] = ()
 
     @property
     def failed(self) -> Mapping[str, str]:
@@ -112,6 +115,7 @@ class Run(Shown):
             *self.calibration.notices,
             *flags,
             *curves,
+            *(one.notice for one in self.turned),
             *unchecked,
             *beyond,
         )

@@ -46,6 +46,7 @@ from mtpipe.report.run_folder import (
     refuse_to_erase,
     told,
 )
+from mtpipe.rotation.beads import turned_beads
 from mtpipe.states import with_states
 from mtpipe.verdicts.diagnosed import with_diagnosis
 from mtpipe.verdicts.verdict import BeadVerdict, bead_verdicts
@@ -115,6 +116,7 @@ def running(
     *,
     workers: int = 1,
     only_forces: bool = False,
+    raw: Recording | None = None,
     progress: NamedProgress,
 ) -> Steps[Run]:
     """`run` in steps: forces first, then the cross-check of each bead, all of it in the pool.
@@ -125,6 +127,7 @@ def running(
     ----------
     workers : processes that this recording's beads may take.
     only_forces : end once the forces are written, the cross-check to come.
+    raw : the recording, where it is read already.
 
     Raises
     ------
@@ -137,7 +140,7 @@ def running(
     content = identity(asked)
     with journal(out, content) as done:
         kept, clock = Kept(pool, done), _Clock()
-        raw, recording = _read(asked, done, pool, workers, clock, progress)
+        raw, recording = _read(asked, raw, done, pool, workers, clock, progress)
         beads = len(recording.tethered)
         progress("calibrating beads", 0, beads)
         calibration = yield from calibrating(
@@ -173,7 +176,13 @@ def _room_for_forces(out: Path, content: str, *, overwrite: bool) -> bool:
 
 
 def _read(
-    asked: Asked, done: Path, pool: Executor, workers: int, clock: _Clock, say: NamedProgress
+    asked: Asked,
+    raw: Recording | None,
+    done: Path,
+    pool: Executor,
+    workers: int,
+    clock: _Clock,
+    say: NamedProgress,
 ) -> tuple[Recording, Recording]:
     """The recording as it came, and ready for calibration; a film is tracked first, once."""
     if asked.film:
@@ -186,7 +195,7 @@ def _read(
             )
         clock.lap("track")
         raw = replace(load(film, asked.setup_file), name=asked.path.name)
-    else:
+    elif raw is None:
         say("reading", 0, 1)
         raw = load(asked.path, asked.setup)
     clock.lap("read")
@@ -253,6 +262,7 @@ def _found(
         dict(clock.seconds),
         content,
         complete,
+        turned_beads(recording, forces, calibration.conditions),
     )
 
 

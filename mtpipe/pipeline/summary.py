@@ -11,6 +11,7 @@ import pandas as pd
 
 from mtpipe.ground.files import write_atomically
 from mtpipe.ground.spreadsheets import as_csv
+from mtpipe.pipeline.growing import GROWS
 from mtpipe.pipeline.results import CHECK_FAILED
 from mtpipe.report.batch_page import batch_page
 from mtpipe.report.pages import page_names
@@ -18,14 +19,14 @@ from mtpipe.report.pages import page_names
 SUMMARY, PAGE = "summary.csv", "index.html"
 # How far a bead is. Only `done` is all that can be known of it.
 DONE, TO_COME, NOT_SIMULATED, FAILED = "done", "cross-check to come", "not simulated", "failed"
-NOT_BEGUN = "calibration to come"
+NOT_BEGUN, RECORDED = "calibration to come", "being recorded"
 # Columns taken from `beads.parquet`.
 OF_BEADS = (
     *("verdict", "mismatch", "force_min_pN", "force_max_pN"),
     *("persistence_length_nm", "persistence_length_stderr_nm"),
     *("contour_length_nm", "contour_length_stderr_nm"),
 )
-STATUS_OF = {"not_crosschecked": NOT_SIMULATED, CHECK_FAILED: FAILED}
+STATUS_OF = {"not_crosschecked": NOT_SIMULATED, CHECK_FAILED: FAILED, GROWS: RECORDED}
 
 
 @dataclass(frozen=True)
@@ -89,7 +90,7 @@ def rows_of(name: str, folder: Path, run: Mapping[str, Any], failure: str) -> li
     said = {n["bead"]: n for n in run["notices"] if n["code"] in STATUS_OF}
     rows = []
     for bead in beads.where(beads.notna(), None).to_dict("records"):
-        notice = said.get(bead["bead"])
+        notice = said.get(bead["bead"]) or said.get(None)
         status = DONE if run["complete"] else TO_COME
         status = STATUS_OF[notice["code"]] if notice else status
         reasons = [failure, notice["message"] if notice else "", bead["reasons"] or ""]

@@ -13,9 +13,11 @@ import pandas as pd
 
 from mtpipe.curves import curve_tables
 from mtpipe.ground.files import write_atomically
+from mtpipe.ground.spreadsheets import as_csv
 from mtpipe.ground.version import VERSION
 from mtpipe.pipeline import tables, tables_crosscheck, tables_traces
 from mtpipe.pipeline.results import Run
+from mtpipe.pipeline.rotation import rotation_page, rotation_table
 from mtpipe.recording.recording import Recording
 
 
@@ -48,6 +50,9 @@ def write_tables(result: Run, raw: Recording, out: Path, title: str) -> None:
     write_atomically(out / "crosscheck.parquet", _parquet(looks, identity))
     for name, table in details.items():
         write_atomically(out / "details" / f"{name}.parquet", _parquet(table, identity))
+    if result.turned:
+        write_atomically(out / "rotation.csv", as_csv(rotation_table(result.turned)))
+        write_atomically(out / "rotation.html", rotation_page(result.turned))
     mismatch = {**result.mismatch, "run": identity}
     text = json.dumps(mismatch, indent=2, ensure_ascii=False, allow_nan=False)
     write_atomically(out / "mismatch.json", text)

@@ -160,7 +160,7 @@ class Recording(Shown):
         a jump by more than one is a camera gap.
     positions_nm : for each bead, (n_frames, 3) float64; NaN where the tracker lost the bead, whole
         columns of NaN where an axis was not recorded.
-    magnet_mm : (n_frames,) or None.
+    magnet_mm, magnet_turns : (n_frames,) or None; how far up the magnets are, and how far turned.
     plateaus : in time order.
     z_zero_stderr_nm : standard error of each bead's z = 0, where it was estimated; infinite where
         z has another zero than the surface. Beads that are not named have their extension as z.
@@ -182,6 +182,7 @@ class Recording(Shown):
     z_zero_stderr_nm: Mapping[str, float] = field(default_factory=dict)
     tracked: Tracked | None = None
     states: States | None = None
+    magnet_turns: FloatArray | None = None
 
     def __post_init__(self) -> None:
         n = len(self.time_s)

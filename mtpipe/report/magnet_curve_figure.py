@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from mtpipe.ground.types import FloatArray
 from mtpipe.magnet_curve.curve import MagnetCurve
+from mtpipe.magnet_curve.prediction import Prediction
 from mtpipe.report.plotly_json import (
     GREY,
     INK,
@@ -20,12 +21,15 @@ from mtpipe.report.plotly_json import (
 )
 
 
-def magnet_curve_figure(arrays: Arrays, curve: MagnetCurve, grid_mm: FloatArray) -> Figure:
+def magnet_curve_figure(
+    arrays: Arrays, curve: MagnetCurve, grid_mm: FloatArray, predicted: Prediction | None
+) -> Figure:
     """Forces against position; those of beads that were left out are open and in another colour.
 
     Parameters
     ----------
     grid_mm : (n,) positions at which the curve is drawn.
+    predicted : by the magnets' field, where they are stated.
     """
     forces, middle, new = curve.forces, curve.curve(grid_mm), curve.new_bead(grid_mm)
     data = [
@@ -39,6 +43,17 @@ def magnet_curve_figure(arrays: Arrays, curve: MagnetCurve, grid_mm: FloatArray)
             "line": {"color": INK, "width": 1.5},
         },
     ]
+    if predicted is not None:
+        data.append(
+            {
+                "type": "scatter",
+                "mode": "lines",
+                "name": "field of [magnets]",
+                "x": arrays.add(predicted.position_mm),
+                "y": arrays.add(predicted.force_pN),
+                "line": {"color": PALETTE[2], "width": 1.5, "dash": "dash"},
+            }
+        )
     for name, kept, colour, symbol in (
         ("beads", True, PALETTE[0], "circle"),
         ("left out", False, PALETTE[1], "circle-open"),

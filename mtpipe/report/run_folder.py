@@ -27,6 +27,7 @@ RUN, RECORDING = "run.json", "recording.csv"
 RESULTS = (
     *("forces.parquet", "forces.csv", "beads.parquet", "beads.csv"),
     *("crosscheck.parquet", "mismatch.json", "details", "report"),
+    *("rotation.csv", "rotation.html"),
 )
 # The new run: whole, while the old one goes; and while its files take their places.
 WHOLE, COMING = ".mtpipe-whole", ".mtpipe-coming"

@@ -25,7 +25,7 @@ from mtpipe.setup.usual_errors import USUAL_RELATIVE, USUAL_TEMPERATURE_K
 # Endings of keys, and the units they stand for; a longer one comes before its own ending.
 UNITS = {
     "_mPa_s": "mPa s", "_hz": "Hz", "_nm": "nm", "_mm": "mm", "_s": "s", "_K": "K", "_pN": "pN",
-    "_px": "pixels", "_turns": "turns",
+    "_px": "pixels", "_turns": "turns", "_kA_per_m": "kA/m", "_mT": "mT", "_T": "T",
 }  # fmt: skip
 LIMITS = {"gt": "above", "ge": "at least", "lt": "below", "le": "at most"}
 WORDS = {float: "number", int: "whole number", str: "text", bool: "true or false"}

@@ -24,6 +24,7 @@ from mtpipe.setup.tables import (
     DriftChoice,
     FieldAxis,
     Magnet,
+    Magnets,
     Model,
     Plateaus,
     ReportChoice,
@@ -59,6 +60,11 @@ class Setup(BaseModel):
     magnet: tuple[Magnet, ...] = Field(
         default=(),
         description="Forces known beforehand: a table [[magnet]] for each magnet position.",
+    )
+    magnets: Magnets | None = Field(
+        default=None,
+        description="The pair of magnets and the bead's magnetisation: forces that follow from "
+        "them are compared with the magnet's curve (docs/magnet-curve.md).",
     )
     plateaus: Plateaus = Field(
         default=Plateaus(), description="What counts as a plateau of constant force."

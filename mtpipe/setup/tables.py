@@ -13,7 +13,7 @@ from typing import Literal
 
 from pydantic import BaseModel, ConfigDict, Field, model_validator
 
-from mtpipe.setup.measured import Finite, Positive, Section, within
+from mtpipe.setup.measured import Finite, Measured, Positive, Section, within
 
 # An effect is one file, called as it is; the files beside them are these.
 PACKAGE, ROOMS = Path(__file__).parents[1], ("effects", "corrections")
@@ -171,6 +171,49 @@ class Magnet(Section):
         description="Magnet position at which the force is known beforehand.", examples=[3.0]
     )
     force_pN: Positive = Field(description="The force there.", examples=[4.1])
+
+
+class Magnets(Section):
+    """The pair of magnets and the bead's magnetisation, from which forces are predicted."""
+
+    width_mm: Positive = Field(
+        description="Edge of one magnet in the direction from one to the other.", examples=[5.0]
+    )
+    length_mm: Positive = Field(description="Edge of one magnet along the gap.", examples=[5.0])
+    height_mm: Positive = Field(description="Vertical edge of one magnet.", examples=[5.0])
+    gap_mm: Positive = Field(description="Gap between the two magnets.", examples=[1.0])
+    magnetised: Literal["vertical", "horizontal"] = Field(
+        description="Direction of the magnetisation. The magnets of a vertical pair point against "
+        "each other, those of a horizontal one the same way across the gap.",
+        examples=["vertical"],
+    )
+    remanence_T: Positive = Field(description="Remanence of the magnets.", examples=[1.4])
+    touching_mm: Finite = Field(
+        description="Magnet position at which the magnets' lower faces would be as low as the "
+        "beads. Their distance is that to this position.",
+        examples=[0.0],
+    )
+    saturation_kA_per_m: Positive = Field(
+        description="Magnetisation of a bead in a strong field, per volume of the bead.",
+        examples=[42.0],
+    )
+    saturating_field_mT: Positive = Field(
+        description="Field B0 of the bead's magnetisation, which is saturation times "
+        "coth(B/B0) - B0/B.",
+        examples=[12.0],
+    )
+
+    @model_validator(mode="after")
+    def _is_a_pair_of_magnets(self) -> Magnets:
+        for name in ("width_mm", "length_mm", "height_mm", "gap_mm"):
+            within(name, getattr(self, name), 0.01, 1000, "mm")
+        within("remanence_T", self.remanence_T, 0.01, 2.5, "T")
+        within("saturation_kA_per_m", self.saturation_kA_per_m, 0.1, 2000, "kA/m")
+        within("saturating_field_mT", self.saturating_field_mT, 0.1, 10_000, "mT")
+        for name in type(self).model_fields:
+            if isinstance(value := getattr(self, name), Measured) and not value.known:
+                raise ValueError(f"{name}: forces are predicted from numbers; leave [magnets] out")
+        return self
 
 
 class Plateaus(BaseModel):

@@ -2,18 +2,20 @@
 
     python workflows/kills/batch.py [--parts main worker disc] [--main 40] [--worker 10] [--discs 4]
 
-main : SIGKILL of `python -m mtpipe batch --workers 2` at a moment drawn evenly over its time
-worker : SIGKILL of one of its two workers, at a moment drawn evenly over their time
+main : SIGKILL of `python -m mtpipe batch --workers 2` at a moment drawn evenly over its work
+worker : SIGKILL of one of its two workers, at such a moment
 disc : a file system in memory (tmpfs) that is full after some bytes, then room; needs root
 
 After each disturbance the folders of runs are looked at; then the same command is given until it
-comes to its end (`main` disturbs it a second time first). Prints a row per part; every column after
+comes to its end (`main` disturbs it a second time first). Moments are of processor time, so that
+they are the same of the work however busy the machine is. Prints a row per part; every column after
 `between` has to be 0, else the exit code is 1. Needs Linux. docs/kills.md has the figures.
 """
 
 from __future__ import annotations
 
 import argparse
+import resource
 import shutil
 import subprocess
 import sys
@@ -25,7 +27,7 @@ from pathlib import Path
 
 import numpy as np
 from folders import Contents, contents, found
-from sessions import kill_worker, left, started, workers
+from sessions import kill_worker, left, started, wait_until_spent, workers
 from study import FRAMES, FULL, SETUP, WORKER_TOLD, table
 
 from mtpipe.ground.processes import executor
@@ -46,14 +48,14 @@ class Day:
     Attributes
     ----------
     runs : of each recording, the run with forces alone and the whole one. summary : the two files.
-    lasts_s : how long a batch takes.
+    spends_s : processor time of a batch.
     """
 
     folder: Path
     out: Path
     runs: Mapping[str, Mapping[str, Contents]]
     summary: Mapping[str, bytes]
-    lasts_s: float
+    spends_s: float
 
     def arguments(self) -> list[str]:
         """Of the command."""
@@ -120,16 +122,22 @@ def prepared(scratch: Path) -> Day:
         with executor(1) as pool:
             finished(running(asked, pool, only_forces=True, progress=lambda *_: None))
         runs[name] = {"forces": contents(first)}
-    began = time.monotonic()
+    before_s = _children_s()
     day = Day(folder, undisturbed, runs, {}, 0.0)
     _, said = started(day.arguments()).communicate()
-    lasts_s = time.monotonic() - began
+    spends_s = _children_s() - before_s
     for name in RECORDINGS:
         if not (undisturbed / name).exists():
             raise RuntimeError(said.decode())
         runs[name]["whole"] = contents(undisturbed / name)
     summary = {name: (undisturbed / name).read_bytes() for name in (SUMMARY, PAGE)}
-    return Day(folder, scratch / "trial" / "out", runs, summary, lasts_s)
+    return Day(folder, scratch / "trial" / "out", runs, summary, spends_s)
+
+
+def _children_s() -> float:
+    """Processor time of all commands that have ended, their workers included."""
+    used = resource.getrusage(resource.RUSAGE_CHILDREN)
+    return used.ru_utime + used.ru_stime
 
 
 def tried(day: Day, counts: Counts, disturb: Disturb) -> None:
@@ -174,31 +182,29 @@ def ended(counts: Counts, process: subprocess.Popen[bytes], expected: tuple[str,
 
 def killed(day: Day, asked: argparse.Namespace) -> Iterator[tuple[str, Disturb]]:
     """The main process is killed, and once more as it goes on."""
-    moments = np.random.default_rng(0).uniform(0, day.lasts_s, (asked.main, 2))
+    moments = np.random.default_rng(0).uniform(0, day.spends_s, (asked.main, 2))
     for first_s, second_s in moments.tolist():
 
         def disturb(counts: Counts, after_s: tuple[float, float] = (first_s, second_s)) -> None:
             for moment_s in after_s:
                 process = started(day.arguments())
-                try:
-                    process.wait(timeout=moment_s)
-                except subprocess.TimeoutExpired:
-                    process.kill()
+                wait_until_spent(process, moment_s)
+                process.kill()
                 ended(counts, process, ())
                 look(day, counts)
 
-        yield f"after {first_s:.1f} and {second_s:.1f} of {day.lasts_s:.1f} s", disturb
+        yield f"after {first_s:.1f} and {second_s:.1f} of {day.spends_s:.1f} s", disturb
 
 
 def with_a_worker_killed(day: Day, asked: argparse.Namespace) -> Iterator[tuple[str, Disturb]]:
     """One of the workers is killed."""
-    for moment_s in np.random.default_rng(0).uniform(0, day.lasts_s, asked.worker).tolist():
+    for moment_s in np.random.default_rng(0).uniform(0, day.spends_s, asked.worker).tolist():
 
         def disturb(counts: Counts, after_s: float = moment_s) -> None:
             process = started(day.arguments())
             while process.poll() is None and not workers(process.pid):
                 time.sleep(0.05)
-            time.sleep(after_s)
+            wait_until_spent(process, after_s)
             kill_worker(process.pid)
             ended(counts, process, (WORKER_TOLD,))
             look(day, counts)

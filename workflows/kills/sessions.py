@@ -57,6 +57,25 @@ def members(session: int) -> list[int]:
     return found
 
 
+def wait_until_spent(process: subprocess.Popen[bytes], seconds: float) -> None:
+    """Wait until a session has taken so much processor time, or has ended.
+
+    Unlike the time of a clock that is the same moment of the work on a busy machine too.
+    """
+    while process.poll() is None and _spent_s(process.pid) < seconds:
+        time.sleep(LOOKS_S)
+
+
+def _spent_s(session: int) -> float:
+    """Processor time of a session's processes, and of those of their own that have ended."""
+    ticks = 0
+    for pid in members(session):
+        with suppress(OSError):
+            fields = Path(f"/proc/{pid}/stat").read_text().rpartition(")")[2].split()
+            ticks += sum(int(field) for field in fields[11:15])
+    return ticks / os.sysconf("SC_CLK_TCK")
+
+
 def left(session: int) -> int:
     """How many processes of a session do not end by themselves; they are killed then."""
     end = time.monotonic() + PATIENCE_S
