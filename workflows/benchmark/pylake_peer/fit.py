@@ -24,7 +24,8 @@ from lumicks.pylake.force_calibration.power_spectrum_calibration import (
 # Ordinates per block: 80 points of the 8192 of a trace; the default is for 78 kHz.
 BLOCK = 100
 ALIASES = 10
-UM_PER_NM, KG_PER_S = 1e-3, 1e-3  # of pN s/nm
+UM_PER_NM, M_PER_UM = 1e-3, 1e-6
+KG_PER_S = 1e-3  # in 1 pN s/nm
 
 
 def main() -> None:
@@ -33,20 +34,24 @@ def main() -> None:
     friction, temperature = float(asked["friction_pN_s_per_nm"]), float(asked["temperature_K"])
     rate, exposure = float(asked["frame_rate_hz"]), float(asked["exposure_s"])
     diameter = 2 * float(asked["radius_nm"]) * UM_PER_NM
-    known = {"temperature": temperature - 273.15, "fast_sensor": True}
+    # the viscosity that gives this friction by Stokes' law
+    viscosity = friction * KG_PER_S / (3 * math.pi * diameter * M_PER_UM)
+    known = {
+        "temperature": temperature - 273.15,
+        "viscosity": viscosity,
+        "fast_sensor": True,
+    }
     band = (rate / len(asked["x_nm"][0]), rate / 2)
 
     def plain(x_um: np.ndarray) -> float:
         found = pylake.calibrate_force(
-            x_um, diameter, sample_rate=rate, num_points_per_block=BLOCK, fit_range=band,
-            drag=friction * KG_PER_S, **known,
-        )  # fmt: skip
+            x_um, diameter, sample_rate=rate, num_points_per_block=BLOCK, fit_range=band, **known
+        )
         return float(found["kappa"].value)
 
     def seen_by_a_camera(x_um: np.ndarray) -> float:
-        model = pylake.PassiveCalibrationModel(
-            diameter, drag=friction * KG_PER_S, **known
-        )._motion_blur(exposure)._alias_model(rate, ALIASES)  # fmt: skip
+        model = pylake.PassiveCalibrationModel(diameter, **known)
+        model = model._motion_blur(exposure)._alias_model(rate, ALIASES)
         spectrum = calculate_power_spectrum(x_um, rate, band, BLOCK)
         return float(fit_power_spectrum(spectrum, model)["kappa"].value)
 
