@@ -11,7 +11,8 @@ MAGNET_MM = (15.0, 6.0, 5.0, 4.0, 3.0)
 DWELL_S, MOVE_S = 12.0, 1.0
 FOCUS_NM = 3200.0
 PLACES_NM = {"ref": (80_600.0, 34_900.0), "b1": (72_800.0, 17_800.0), "b2": (48_000.0, 23_600.0)}
-LOG_STARTS_S = 33.4
+# The log's clock began that much later, and its first entry is before the first frame.
+LOG_STARTS_S, LOG_BEFORE_S = 33.4, -3.0
 
 
 class Laboratory:
@@ -67,9 +68,10 @@ class Laboratory:
         )
 
     def rests(self, recording):
-        """The magnets' dwells are its plateaus."""
+        """The magnets' dwells are its plateaus, but for one that was taken to tell z = 0."""
+        down = recording.setup.source.z_zero.touch_rows is not None
         found = [round(plateau.magnet_mm, 1) for plateau in recording.plateaus]
-        assert found == list(MAGNET_MM)
+        assert found == list(MAGNET_MM[1:] if down else MAGNET_MM)
 
     def rows_of(self, dwell):
         """The first row of a dwell."""
@@ -79,11 +81,11 @@ class Laboratory:
     def log(self):
         """The magnets at 20 Hz with some noise of their readout, from before to after."""
         random = np.random.default_rng(3)
-        time_s = np.arange(-3.0, self.time_s[-1] + 3.0, 0.05)
+        time_s = np.arange(LOG_BEFORE_S, self.time_s[-1] + 3.0, 0.05)
         magnet = np.interp(time_s, self.time_s, self.magnet_mm)
         return time_s, magnet + random.normal(0, 0.001, len(time_s))
 
-    def german(self, folder):
+    def german(self, folder, *, log_in_times_of_day=False):
         """Semicolons, decimal commas, Windows' letters, and a log with a clock of its own."""
         heads = {"ref": "Ref", "b1": "Kugel1", "b2": "Kugel2"}
         lines = ["Messprogramm 4.2", "Bildrate: 100 Hz", "Belichtungszeit (ms): 8,0", ""]
@@ -94,12 +96,18 @@ class Laboratory:
             cells = ["" if np.isnan(v) else comma(v, 5) for v in row]
             lines.append(";".join([str(k), comma(1e3 * self.time_s[k], 1), *cells]))
         (folder / "Messung 12.txt").write_bytes("\r\n".join([*lines, ""]).encode("cp1252"))
-        lines = ["Zeit (s);Magnetposition (mm)"]
         time_s, magnet = self.log()
-        lines += [
-            f"{comma(t - LOG_STARTS_S, 3)};{comma(m, 4)}"
-            for t, m in zip(time_s, magnet, strict=True)
-        ]
+        head, clock = "Zeit (s)", [comma(t - LOG_STARTS_S, 3) for t in time_s]
+        if log_in_times_of_day:
+            head, clock = (
+                "Uhrzeit",
+                [
+                    f"14:0{int(t - LOG_BEFORE_S) // 60}:{(t - LOG_BEFORE_S) % 60:06.3f}"
+                    for t in time_s
+                ],
+            )
+        lines = [f"{head};Magnetposition (mm)"]
+        lines += [f"{at};{comma(m, 4)}" for at, m in zip(clock, magnet, strict=True)]
         (folder / "Motor 12.txt").write_bytes("\r\n".join([*lines, ""]).encode("cp1252"))
 
     def columns(self, path, rows):
@@ -127,6 +135,19 @@ class Laboratory:
             file["tracking/positions"] = array / 1e3
             file["tracking/time"] = self.time_s
             file["motor/time"], file["motor/position"] = time_s, magnet
+
+    def hdf5_by_bead(self, path):
+        """A group for each bead with an array of frames × axes, and what the camera was set to."""
+        import h5py
+
+        time_s, magnet = self.log()
+        with h5py.File(path, "w") as file:
+            file["camera/t"] = self.time_s
+            file["camera"].attrs["exposure_ms"] = 8.0
+            for k, xyz in enumerate(self.positions_nm.values()):
+                file[f"roi/{k:02}/pos"] = xyz / 1e3
+                file[f"roi/{k:02}/quality"] = np.linspace(0.8, 0.9, len(xyz))
+            file["rig/time"], file["rig/magnet_height"] = time_s, magnet
 
     def tdms(self, path):
         """Groups of the tracker and of the motor, units in the names."""

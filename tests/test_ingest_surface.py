@@ -113,6 +113,22 @@ def test_a_touching_stretch_puts_zero_at_the_surface_after_drift(tmp_path, stret
     assert np.median(again.positions_nm["b1"][4000:, 2]) == pytest.approx(800, abs=8)
 
 
+def test_a_rest_on_the_surface_is_no_plateau(tmp_path):
+    path, source = lab_file(tmp_path)
+    magnet = np.repeat([5.0, 9.0, 5.0, 3.0], [1000, 2000, 1500, 1500])
+    np.savez(path, **np.load(path), magnet=magnet)
+    source |= {"magnet": {"column": "magnet", "unit": "mm"}}
+    whole = load(path, setup_of({**source, "z_zero": {"value_nm": 9000.0}}))
+    assert [one.magnet_mm for one in whole.plateaus] == [5.0, 9.0, 5.0, 3.0]
+    touched = load(path, setup_of({**source, "z_zero": {"touch_rows": [1101, 2900]}}))
+    assert [one.magnet_mm for one in touched.plateaus] == [5.0, 5.0, 3.0]
+    assert [one.number for one in touched.plateaus] == [0, 1, 2]
+    assert "touching_left_out" in codes(touched)
+    # a stretch that is a small part of a plateau leaves it
+    part = load(path, setup_of({**source, "z_zero": {"touch_rows": [1101, 1700]}}))
+    assert len(part.plateaus) == 4
+
+
 def test_a_stretch_counts_rows_before_any_is_left_out(tmp_path):
     path, source = lab_file(tmp_path)
     source |= {"skip_rows": [[1, 500]], "z_zero": {"touch_rows": [1001, 3000]}}

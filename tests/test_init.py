@@ -24,7 +24,7 @@ from tests.ingest_recordings import (
     write,
     write_magscope,
 )
-from tests.laboratory_files import RATE, Laboratory
+from tests.laboratory_files import LENGTH_NM, LOG_BEFORE_S, RATE, Laboratory
 from tests.stack_images import draw
 from tests.test_ingest_presets import write_calisto, write_calisto_hdf5, write_shon
 
@@ -104,6 +104,34 @@ def test_hdf5_with_an_array_of_three_axes(laboratory, tmp_path, axes_first):
     laboratory.holds(recording, {"b1": "ref", "b2": "b1", "b3": "b2"})
     assert recording.references == ("b1",)  # by its motion
     laboratory.rests(recording)
+
+
+def test_hdf5_with_a_group_for_each_bead(laboratory, tmp_path):
+    """Each bead has an array in a group with its number; an attribute says the exposure."""
+    path = tmp_path / "chan4.h5"
+    laboratory.hdf5_by_bead(path)
+    _, recording = proposed(tmp_path, name=path.name)
+    laboratory.holds(recording, {"b00": "ref", "b01": "b1", "b02": "b2"})
+    assert recording.references == ("b00",)
+    assert recording.setup.camera.exposure_s.value == pytest.approx(0.008)
+    laboratory.rests(recording)
+
+
+def test_a_log_in_times_of_day_is_set_right_by_the_beads(laboratory, tmp_path):
+    """Its first entry is before the recording's first frame: the two do not begin together."""
+    laboratory.german(tmp_path, log_in_times_of_day=True)
+    proposal, recording = proposed(tmp_path, name="Messung 12.txt")
+    assert recording.setup.source.magnet.clock_offset_s == pytest.approx(LOG_BEFORE_S, abs=1.0)
+    assert any("clock_offset_s" in guess for guess in proposal.guesses)
+    laboratory.rests(recording)
+
+
+def test_a_stated_length_speaks_against_a_touch(laboratory, tmp_path):
+    """A chain far shorter than the tether is known to be is no sign that beads lie down."""
+    laboratory.german(tmp_path)
+    answers = {"contour_length_nm": 3 * LENGTH_NM}
+    _, recording = proposed(tmp_path, answers, name="Messung 12.txt")
+    assert recording.setup.source.z_zero.touch_rows is None
 
 
 def test_tdms_with_a_group_for_the_motor(laboratory, tmp_path):
@@ -243,6 +271,11 @@ def test_answers_in_the_units_of_people():
     assert parsed("beads.radius_nm", "unknown") == "unknown"
     with pytest.raises(SetupError):
         parsed("field.direction", "z")
+    told = as_setup_part({"temperature_K": "22 °C", "camera": {"exposure_s": "5 ms"}}, "answers")
+    assert told["buffer"]["temperature_K"] == pytest.approx(295.15)
+    assert told["camera"]["exposure_s"] == pytest.approx(0.005)
+    with pytest.raises(SetupError, match="radius_nm: a number"):
+        as_setup_part({"radius_nm": "sheep"}, "answers.toml")
     for wrong in ({"radius": 500.0}, {"beads": {"radius": 500.0}}):
         with pytest.raises(SetupError, match="Did you mean radius_nm"):
             as_setup_part(wrong, "answers.toml")
@@ -303,6 +336,9 @@ def test_film(tmp_path):
     assert "frame_rate_hz = 100.0" in proposal.text
     assert 'reference = ["bead1"]' in proposal.text
     assert checked(setup, proposal.film) == "the film"
+    assert any("mtpipe lut" in line for line in proposal.seen)
+    with pytest.raises(SetupError, match="this is a film"):
+        propose([tmp_path / "film.tif"], setup, answers={"source": {"scale": {"z": 0.88}}})
 
 
 @pytest.mark.skipif(not SHARED.is_dir(), reason="../shared is not beside this checkout")

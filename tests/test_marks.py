@@ -13,8 +13,9 @@ from mtpipe.cli.entry import app
 from mtpipe.curves.curve_tables import curves_of_tables
 from mtpipe.curves.extension_curve import fit_curves
 from mtpipe.ground.errors import MtpipeError
+from mtpipe.pipeline.summary import rows_of
 from mtpipe.report import write_report
-from mtpipe.report.export import write_tables
+from mtpipe.report.export import Exports, exported, write_tables
 from mtpipe.report.folder import read_run_folder
 from mtpipe.report.marked import read_marked_run
 from mtpipe.report.marks import MARKS, Mark, mark_of, read_marks, write_marks
@@ -199,3 +200,31 @@ def test_a_stretch_is_lost_frames_in_the_next_run(folder):
     assert [one["reason"] for one in content["marks"]] == ["focus was lost"]
     page = Page(Path(out / "report" / "index.html"))
     assert "focus was lost" in page.text
+
+
+def test_a_batch_shows_marks_in_its_summary(made_up):
+    mark(made_up, BEAD, "--reason", "two tethers")
+    mark(made_up, OTHER, "--plateau", 1, "--reason", "a neighbour came by")
+    run = json.loads((made_up / "run.json").read_text()) | {"complete": True}
+    rows = {row.bead: row for row in rows_of("day/r1", made_up, run, "")}
+    assert rows[BEAD].verdict == "refused"
+    assert "left out by hand: two tethers" in rows[BEAD].reasons
+    assert "plateau 1 (a neighbour came by)" in rows[OTHER].reasons
+    others = [row for bead, row in rows.items() if bead not in (BEAD, OTHER)]
+    assert others
+    assert not any("by hand" in row.reasons for row in others)
+    # a file of marks that cannot be read stops no batch, and is told
+    (made_up / MARKS).write_text("[[mark")
+    rows = {row.bead: row for row in rows_of("day/r1", made_up, run, "")}
+    assert "its marks are not in this row" in rows[BEAD].reasons
+
+
+def test_what_was_exported_is_written_again(made_up):
+    """Files beside the report show what its pages show, after a mark as well."""
+    write_tables(made_up)
+    table = made_up / "report" / "tables" / "forces.csv"
+    assert "a neighbour came by" not in table.read_text()
+    done = mark(made_up, BEAD, "--plateau", 2, "--reason", "a neighbour came by")
+    assert done.exit_code == 0, done.output
+    assert "a neighbour came by" in table.read_text()
+    assert exported(made_up) == Exports(tables=True)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from enum import StrEnum
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
@@ -12,6 +12,9 @@ from mtpipe.cli.commands import app
 from mtpipe.cli.terminal import progress_bar
 from mtpipe.ground.errors import writing
 from mtpipe.ground.streams import say
+
+if TYPE_CHECKING:
+    from mtpipe.report.export import Exports
 
 RunFolder = Annotated[
     Path, typer.Argument(metavar="DIR", help="Folder of a run.", exists=True, file_okay=False)
@@ -44,18 +47,9 @@ def report(
     ] = False,
 ) -> None:
     """Write the report of a run again, from the run's files; also its figures, tables and pages."""
-    from mtpipe.report import export, write_report
+    from mtpipe.report.export import Exports
 
-    with writing(folder, "DIR"), progress_bar() as progress:
-        index = write_report(folder)
-        if tables:
-            say(f"Tables: {export.write_tables(folder)}")
-        if figures:
-            written = export.write_figures(folder, form.value, progress=progress)
-            say(f"Figures: {written}")
-        if pdf:
-            say(f"PDF: {export.write_pdf(folder, progress=progress)}")
-    say(f"Report: {index}")
+    _write_again(folder, Exports(form.value if figures else None, tables, pdf))
 
 
 @app.command()
@@ -78,7 +72,7 @@ def mark(
     remove: Annotated[bool, typer.Option("--remove", help="Take such a mark back.")] = False,
 ) -> None:
     """Leave a bead out of curves, tables and report by hand, or a plateau or a stretch of it."""
-    from mtpipe.report import write_report
+    from mtpipe.report.export import Exports
     from mtpipe.report.folder import read_run_folder
     from mtpipe.report.marked import check_place
     from mtpipe.report.marks import MARKS, mark_of, read_marks, write_marks
@@ -97,9 +91,21 @@ def mark(
         others.append(new)
     with writing(folder, "DIR"):
         write_marks(folder, others)
-        index = write_report(folder)
     done = "No longer left out" if remove else "Left out"
     say(f"{done}: {new.place} ({folder / MARKS})")
     if new.stretch_s is not None:
         say("Say mtpipe run again with this --out: until then the forces are those of before.")
+    _write_again(folder, Exports())
+
+
+def _write_again(folder: Path, wanted: Exports) -> None:
+    """Write the report, what is wanted beside it, and what was beside it before."""
+    from mtpipe.report import write_report
+    from mtpipe.report.export import export, exported
+
+    with writing(folder, "DIR"), progress_bar() as progress:
+        wanted = wanted | exported(folder)
+        index = write_report(folder)
+        for what, where in export(folder, wanted, progress=progress):
+            say(f"{what}: {where}")
     say(f"Report: {index}")

@@ -35,7 +35,7 @@ from mtpipe.ingest.magscope import open_magscope
 from mtpipe.ingest.parquet import open_parquet
 from mtpipe.ingest.repeats import without_repeats
 from mtpipe.ingest.side_by_side import is_file_per_bead, side_by_side
-from mtpipe.ingest.surface import find_surface
+from mtpipe.ingest.surface import find_surface, off_the_surface
 from mtpipe.ingest.text import TextTable, open_text
 from mtpipe.ingest.tracked import read_tracked
 from mtpipe.recording.plateaus import find_plateaus
@@ -211,6 +211,8 @@ def _assembled(
             )
         recording = dataclasses.replace(recording, tracked=tracked)
     surface = find_surface(recording)
+    away = _settled_away(recording, magnets.resting)
+    recording, touching = off_the_surface(recording)
     for bead, height in surface.height_nm.items():
         positions[bead][:, 2] -= height
     notices = (
@@ -221,7 +223,8 @@ def _assembled(
         *check_gaps(clock.frame, locate),
         *repeats,
         *magnets.notices,
-        *_settled_away(recording, magnets.resting),
+        *away,
+        *touching,
         *sound.notices,
         *surface.notices,
     )

@@ -117,6 +117,34 @@ def find_surface(recording: Recording) -> Surface:
     return Surface(heights, errors, tuple(notices))
 
 
+def off_the_surface(recording: Recording) -> tuple[Recording, tuple[Notice, ...]]:
+    """A recording without the plateaus in which its beads lie on the surface to tell z = 0.
+
+    A bead that touches the surface is not on its tether alone, and has no force to measure. What
+    lies there by more than half is left out, unless nothing else is there.
+    """
+    source = recording.setup.source or Source()
+    choice = source.z_zero
+    if choice is None or choice.unknown or choice.value_nm is not None:
+        return recording, ()
+    down = _stretch(recording, source, choice)
+    left = [
+        one
+        for one in recording.plateaus
+        if 2 * (min(one.stop, down.stop) - max(one.start, down.start)) <= one.stop - one.start
+    ]
+    gone = len(recording.plateaus) - len(left)
+    if not left or not gone:
+        return recording, ()
+    plateaus = tuple(dataclasses.replace(one, number=k) for k, one in enumerate(left))
+    said = (
+        f"{gone} of {len(recording.plateaus)} rests of the magnets lie in the stretch in which "
+        "the beads touch the surface ([source.z_zero]), and are no plateaus."
+    )
+    told = Notice("touching_left_out", "info", said)
+    return dataclasses.replace(recording, plateaus=plateaus), (told,)
+
+
 def z_zero_time_s(recording: Recording, bead: str) -> float:
     """When z = 0 is at the surface: while a bead touches it, else at the recording's beginning."""
     source = recording.setup.source or Source()

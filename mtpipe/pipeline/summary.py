@@ -9,11 +9,14 @@ from typing import Any
 
 import pandas as pd
 
+from mtpipe.ground.errors import MtpipeError
 from mtpipe.ground.files import write_atomically
 from mtpipe.ground.spreadsheets import as_csv
 from mtpipe.pipeline.growing import GROWS
 from mtpipe.pipeline.results import CHECK_FAILED
 from mtpipe.report.batch_page import batch_page
+from mtpipe.report.marked import read_marked_run
+from mtpipe.report.marks import read_marks
 from mtpipe.report.pages import page_names
 
 SUMMARY, PAGE = "summary.csv", "index.html"
@@ -85,7 +88,7 @@ def rows_of(name: str, folder: Path, run: Mapping[str, Any], failure: str) -> li
     """
     if not run:
         return [Row(name, "", FAILED if failure else NOT_BEGUN, reasons=failure)]
-    beads = pd.read_parquet(folder / "beads.parquet").astype(object)
+    beads, marked, fault = _as_marked(folder)
     pages = page_names(list(beads["bead"]))
     said = {n["bead"]: n for n in run["notices"] if n["code"] in STATUS_OF}
     rows = []
@@ -93,7 +96,8 @@ def rows_of(name: str, folder: Path, run: Mapping[str, Any], failure: str) -> li
         notice = said.get(bead["bead"]) or said.get(None)
         status = DONE if run["complete"] else TO_COME
         status = STATUS_OF[notice["code"]] if notice else status
-        reasons = [failure, notice["message"] if notice else "", bead["reasons"] or ""]
+        reasons = [failure, fault, notice["message"] if notice else "", bead["reasons"] or ""]
+        reasons += marked.get(bead["bead"], [])
         rows.append(
             Row(
                 recording=name,
@@ -105,6 +109,23 @@ def rows_of(name: str, folder: Path, run: Mapping[str, Any], failure: str) -> li
             )
         )
     return rows
+
+
+def _as_marked(folder: Path) -> tuple[pd.DataFrame, dict[str, list[str]], str]:
+    """Beads of a run as its marks leave them, what is left out of each, and what hindered it."""
+    fault = ""
+    try:
+        if marks := read_marks(folder):
+            beads = read_marked_run(folder).beads
+            said: dict[str, list[str]] = {}
+            for mark in marks:
+                if mark.plateau is not None or mark.stretch_s is not None:
+                    words = f"left out by hand: {mark.place} ({mark.reason})"
+                    said.setdefault(mark.bead, []).append(words)
+            return beads.astype(object), said, ""
+    except MtpipeError as error:
+        fault = f"its marks are not in this row: {error}"
+    return pd.read_parquet(folder / "beads.parquet").astype(object), {}, fault
 
 
 def is_done(run: Mapping[str, Any]) -> bool:

@@ -86,7 +86,9 @@ def put_surface(draft: Draft, recording: Recording, stretches: Sequence[Plateau]
         update={"reference": tuple(draft.get("beads.reference") or ())}
     )
     setup = recording.setup.model_copy(update={"beads": beads})
-    surface = surface_of(replace(recording, setup=setup), stretches)
+    stated = draft.get("tether.contour_length_nm")
+    contour_nm = float(stated) if isinstance(stated, (int, float)) else None
+    surface = surface_of(replace(recording, setup=setup), stretches, contour_nm)
     if surface.touch is not None:
         rows = [surface.touch[0] + 1, surface.touch[1]]
         draft.put("source.z_zero.touch_rows", rows, f"a guess: {surface.why}", guess=True)

@@ -15,29 +15,18 @@ from typing import Any
 import numpy as np
 
 from mtpipe.ground.errors import RecordingError
+from mtpipe.proposal.array_columns import ARRAY, of_many_arrays, of_three_axes
+from mtpipe.proposal.bead_columns import Bead, Found, entry_of, names_of, patterns
 from mtpipe.proposal.look import Column, Look
 from mtpipe.proposal.nature import Nature, nature_of
-from mtpipe.proposal.words import is_reference, said_by
+from mtpipe.proposal.words import said_by
 
-ARRAY = re.compile(r"(?P<base>.*)\[(?P<index>\d+(?:,\d+)*)\]")
 HERTZ = re.compile(r"\b[kM]?Hz\b")
 # In a table with a row for each bead in each frame, frames repeat and beads are few.
 REPEATING_SHARE, MOST_BEADS_SHARE = 0.4, 0.1
 OF_BEAD = re.compile(r"bead|particle|kugel|track|^id$|label", re.IGNORECASE)
-NUMBER = re.compile(r"\d+")
-PLACE = "{n}"
 # Another number of columns per bead than three has to be so much better.
 CLEARLY, TINY = 0.5, 1e-30
-# Words that are good names of beads with a number; a group or a program's name is none.
-BEAD = re.compile(r"beads?|kugel|perle|bille|particle|tether|ref\w*|[bmrp]")
-
-
-@dataclass(frozen=True, eq=False)
-class Bead:
-    """A bead's columns by axis, and its name."""
-
-    name: str
-    axes: dict[str, Column]
 
 
 @dataclass(frozen=True, eq=False)
@@ -96,7 +85,7 @@ def columns_of(look: Look) -> Columns:
     named = [c for c in free if said[id(c)].axis is not None]
     if look.kind == "gr":  # one bead's height, which its program plots as y
         (height,) = (c for c in named if c.name == "y")
-        found = _Found((Bead("b1", {"z": height}),), [{"name": "b1", "z": "y"}], "PicoTwist's plot")
+        found = Found((Bead("b1", {"z": height}),), [{"name": "b1", "z": "y"}], "PicoTwist's plot")
     elif named and (pair := _array_alone(named)) is None:
         found = _by_names(named, look)
     else:
@@ -143,13 +132,6 @@ def _skips_nothing(frame: Column) -> bool:
     return bool(np.all(np.diff(frame.seconds) == 1))
 
 
-@dataclass(frozen=True, eq=False)
-class _Found:
-    beads: tuple[Bead, ...]
-    entries: list[dict[str, Any]]
-    how: str
-
-
 def _count_of_axes(group: Sequence[Column]) -> tuple[int, int]:
     return sum(said_by(c.name).axis is not None for c in group), len(group)
 
@@ -182,7 +164,7 @@ def _array_alone(named: Sequence[Column]) -> list[Column] | None:
     return list(named) if len({said_by(c.name).axis for c in named}) == 1 else None
 
 
-def _by_names(named: Sequence[Column], look: Look) -> _Found:
+def _by_names(named: Sequence[Column], look: Look) -> Found:
     """Beads whose columns are named by axis."""
     owners: dict[tuple[str, ...], dict[str, Column]] = {}
     for column in named:
@@ -204,80 +186,30 @@ def _by_names(named: Sequence[Column], look: Look) -> _Found:
     most = max(map(len, owners.values()))
     # what has an axis in its name and less axes than all others is no bead
     owners = {owner: axes for owner, axes in owners.items() if len(axes) == most}
-    names = _names_of(list(owners))
+    names = names_of(list(owners))
     beads = tuple(Bead(n, axes) for n, axes in zip(names, owners.values(), strict=True))
     if not look.table.has_names:
-        return _Found(beads, [_entry(bead) for bead in beads], "the names of the columns")
-    return _Found(beads, _patterns(beads), "the names of the columns")
-
-
-def _names_of(owners: list[tuple[str, ...]]) -> list[str]:
-    """Short names of beads: the words that tell them apart."""
-    if len(owners) > 1:
-        common = set.intersection(*(set(o) for o in owners)) if owners else set()
-        short = [tuple(word for word in o if word not in common) for o in owners]
-        # one word of all beads stays if only numbers are left of their names: bead1, bead2
-        last = [next((w for w in reversed(o) if BEAD.fullmatch(w)), "b") for o in owners]
-        names = [
-            "".join((w, *s)) if all(part.isdigit() for part in s) else "".join(s)
-            for w, s in zip(last, short, strict=True)
-        ]
-        if len(set(names)) == len(names):
-            return names
-        return ["".join(o) or "b" for o in owners]
-    word = "".join(owners[0])
-    numbered = any(part.isdigit() for part in owners[0]) and not word.isdigit()
-    return [word if is_reference(word) or numbered else "b1"]
-
-
-def _entry(bead: Bead) -> dict[str, Any]:
-    return {"name": bead.name, **{axis: bead.axes[axis].told for axis in sorted(bead.axes)}}
-
-
-def _patterns(beads: Sequence[Bead]) -> list[dict[str, Any]]:
-    """Entries of beads, one for all whose names differ in a number alone."""
-    entries: list[dict[str, Any]] = []
-    by_pattern: dict[tuple[str, ...], list[Bead]] = {}
-    for bead in beads:
-        by_pattern.setdefault(_pattern_of(bead), []).append(bead)
-    for pattern, members in by_pattern.items():
-        if len(members) > 1 and pattern and pattern[0]:
-            axes = sorted(members[0].axes)
-            entries.append({"name": pattern[0], **dict(zip(axes, pattern[1:], strict=True))})
-        else:
-            entries += [_entry(bead) for bead in members]
-    return entries
-
-
-def _pattern_of(bead: Bead) -> tuple[str, ...]:
-    """Names of the bead and its columns, with `{n}` for its number; () if they have no common."""
-    number = NUMBER.findall(bead.name)
-    if len(number) != 1:
-        return ()
-    texts = [bead.name, *(str(bead.axes[axis].told) for axis in sorted(bead.axes))]
-    found = []
-    for text in texts:
-        places = [m for m in NUMBER.finditer(text) if m[0] == number[0]]
-        if len(places) != 1:
-            return ()
-        found.append(text[: places[0].start()] + PLACE + text[places[0].end() :])
-    return tuple(found)
+        return Found(beads, [entry_of(bead) for bead in beads], "the names of the columns")
+    return Found(beads, patterns(beads), "the names of the columns")
 
 
 def _by_values(
     columns: Sequence[Column], natures: dict[int, Nature], roles: dict[str, Column | None]
-) -> _Found:
+) -> Found:
     """Beads among columns whose names say nothing of axes; completes the roles."""
     bases: dict[str, list[Column]] = {}
     for column in columns:
         match = ARRAY.fullmatch(column.name)
         bases.setdefault(match["base"] if match else "", []).append(column)
     if not bases:
-        return _Found((), [], "")
+        return Found((), [], "")
+    found = of_many_arrays(bases, natures)
+    if found is not None:
+        return found
     base, members = max(bases.items(), key=lambda one: len(one[1]))
     indices = [match["index"] for c in members if (match := ARRAY.fullmatch(c.name))]
     if indices and "," in indices[0]:
-        return _of_three_axes(base, members)
+        return of_three_axes(base, members)
     for column in columns:
         if column not in members and natures[id(column)] == "count" and roles["frame"] is None:
             roles["frame"] = column
@@ -294,7 +226,7 @@ def _by_values(
     while rest and natures[id(rest[0])] != "motion":
         before.append(rest.pop(0))
     if not rest:
-        return _Found((), [], "")
+        return Found((), [], "")
     width, extra = _width(rest)
     before += rest[:extra]
     rest = rest[extra:]
@@ -311,9 +243,9 @@ def _by_values(
     )
     how = f"the values of the columns, taken for {', '.join(order)} of each bead in turn"
     if len(beads) == 1:
-        return _Found(beads, [_entry(beads[0])], how)
+        return Found(beads, [entry_of(beads[0])], how)
     entry = {"first_column": rest[0].told, "order": order.ljust(width, "_"), "names": names}
-    return _Found(beads, [entry], how)
+    return Found(beads, [entry], how)
 
 
 def _width(columns: Sequence[Column]) -> tuple[int, int]:
@@ -342,51 +274,3 @@ def _mixed(columns: Sequence[Column], width: int) -> float:
     logs = np.log(place + TINY)
     within = np.mean([np.var(logs[k::width]) for k in range(width)])
     return float(within / max(np.var(logs), TINY))
-
-
-def _of_three_axes(base: str, members: Sequence[Column]) -> _Found:
-    """Beads of an array of frames × beads × axes, or frames × axes × beads."""
-    pairs = {
-        tuple(map(int, match["index"].split(","))): c
-        for c in members
-        if (match := ARRAY.fullmatch(c.name))
-    }
-    first, second = (max(pair[k] for pair in pairs) for k in (0, 1))
-    beads_first = second in (2, 3) or first not in (2, 3)
-    if first in (2, 3) and second in (2, 3) and first == second:
-        beads_first = _height_apart(pairs, second, 1) <= _height_apart(pairs, first, 0)
-    count, axes = (first, second) if beads_first else (second, first)
-    order = "xyz"[: min(axes, 3)]
-    names = [f"b{k + 1}" for k in range(count)]
-    beads = tuple(
-        Bead(
-            name,
-            {
-                axis: pairs[(k + 1, a + 1) if beads_first else (a + 1, k + 1)]
-                for a, axis in enumerate(order)
-            },
-        )
-        for k, name in enumerate(names)
-    )
-    told = "beads × axes" if beads_first else "axes × beads"
-    how = f"the shape of {base}, {told} in each frame"
-    if not beads_first:
-        columns = {axis: f"{base}[{a + 1},{PLACE}]" for a, axis in enumerate(order)}
-        return _Found(beads, [{"name": f"b{PLACE}", **columns}], how)
-    passed = "_" * (axes - len(order))
-    entry = {"first_column": f"{base}[1,1]", "order": order + passed, "names": names}
-    return _Found(beads, [entry], how)
-
-
-def _height_apart(pairs: dict[tuple[int, ...], Column], axes: int, axis: int) -> float:
-    """How far the last axis's places are apart, over those of the others: small for heights.
-
-    Parameters
-    ----------
-    axis : which of the two numbers of a column counts the axes.
-    """
-    spans = []
-    for k in range(1, axes + 1):
-        places = [np.nanmedian(c.seconds) for pair, c in pairs.items() if pair[axis] == k]
-        spans.append(float(np.ptp(places)))
-    return spans[-1] / max(min(spans[:-1]), 1e-300)

@@ -12,7 +12,7 @@ from typing import Any
 
 import numpy as np
 
-from mtpipe.ground.errors import MtpipeError, RecordingError
+from mtpipe.ground.errors import MtpipeError, RecordingError, SetupError
 from mtpipe.ground.processes import executor
 from mtpipe.ground.types import FloatArray, NamedProgress
 from mtpipe.ingest.column_attributes import PLACEHOLDER_HZ, RATE_TOLERANCE
@@ -43,6 +43,11 @@ NM_PER = {"nm": 1.0, "nanometer": 1.0, "um": 1e3, "µm": 1e3, "μm": 1e3, "micro
           "microns": 1e3, "micrometer": 1e3, "\\u00b5m": 1e3, "mm": 1e6}  # fmt: skip
 # A pixel in the sample; what programs write that do not know it is 1 µm, 1 inch/72 and the like.
 PIXELS_NM = (20.0, 900.0)
+NO_TABLE = (
+    "No look-up table lies beside the film. Without one z stays empty, and there is no force. Make "
+    "one of a focus scan: mtpipe lut SCAN.tif --z positions.csv --out bead.npz; then say mtpipe "
+    "init --overwrite"
+)
 
 
 @dataclass(frozen=True, eq=False)
@@ -71,6 +76,13 @@ def propose_film(
     ------
     MtpipeError : it is no film, or has no beads.
     """
+    if draft.states_some("source.scale") or draft.states_some("source.units"):
+        raise SetupError(
+            "scale and units of [source] are for files of numbers; this is a film",
+            where="answers",
+            mend="Leave them out. The refraction along z goes into the look-up table (mtpipe lut "
+            "--refractive-index-factor).",
+        )
     take = (draft.get("tracking") or {}).get("incomplete") == "take"
     channels = (draft.get("tracking") or {}).get("frames") == "channels"
     film = look_at_film(paths, Reading(channels, take), progress)
@@ -97,7 +109,7 @@ def propose_film(
         f"{len(next(iter(positions.values())))} frames",
     ]
     if not film.tables:
-        seen.append("No look-up table beside it: z stays empty, and there is no force (mtpipe lut)")
+        seen.append(NO_TABLE)
     return film.path, seen
 
 

@@ -16,7 +16,9 @@ from mtpipe.ground.errors import MtpipeError
 from mtpipe.ground.types import FloatArray
 from mtpipe.ingest.columns import Names, canonical_columns
 from mtpipe.ingest.data_files import open_stream
+from mtpipe.ingest.instants import since
 from mtpipe.ingest.text import TextTable
+from mtpipe.proposal.attributes import said_beside
 from mtpipe.proposal.columns import Columns
 from mtpipe.proposal.draft import Draft
 from mtpipe.proposal.files import FoundFiles
@@ -141,11 +143,16 @@ def put_log(
         _put_rotation(draft, log.rotation, log.rotation.seconds, in_log=True)
 
 
-def log_seconds(log: Log) -> Any:
-    """The log's own time in s, (n_log,), as reading has it."""
+def log_seconds(log: Log, clock: Column | None) -> FloatArray:
+    """The log's own time in s, (n_log,), as reading has it.
+
+    clock : the recording's column of times; both may be times of day.
+    """
     assert log.time is not None
+    if log.time.is_clock and clock is not None and clock.is_clock:
+        return since(clock.values[0], log.time.values)
     unit, _ = _time_of(log.time)
-    return log.time.seconds * (1.0 if log.time.is_clock else SECONDS_PER_UNIT[unit])
+    return np.asarray(log.time.seconds * (1.0 if log.time.is_clock else SECONDS_PER_UNIT[unit]))
 
 
 def put_position_units(draft: Draft, columns: Columns) -> None:
@@ -188,8 +195,9 @@ def put_time_unit(draft: Draft, column: Column) -> None:
 
 
 def put_remarks(draft: Draft, look: Look) -> None:
-    """Put what the lines before a text's numbers, or single numbers in a file, state."""
-    text = "\n".join(f"{name}: {value!r}" for name, value in _numbers_alone(look).items())
+    """Put what the lines before a text's numbers, or single numbers and attributes, state."""
+    beside = said_beside(look.path, look.kind) | _numbers_alone(look)
+    text = "\n".join(f"{name}: {value}" for name, value in beside.items())
     if isinstance(look.table, TextTable):
         text = _remarks_of(look.path, look.table)
     text = text.replace("_", " ")

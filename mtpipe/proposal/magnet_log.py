@@ -108,7 +108,12 @@ def _log_of(look: Look, group: Sequence[Column], rows: int) -> Log | None:
 
 
 def clock_offset(
-    log_s: FloatArray, magnet: FloatArray, time_s: FloatArray, heights_nm: Sequence[FloatArray]
+    log_s: FloatArray,
+    magnet: FloatArray,
+    time_s: FloatArray,
+    heights_nm: Sequence[FloatArray],
+    *,
+    related: bool = True,
 ) -> Offset:
     """Seconds to add to the log's clock.
 
@@ -116,12 +121,13 @@ def clock_offset(
     ----------
     log_s, magnet : (n_log,) the log's own time and positions.
     time_s : (n_frames,); heights_nm : z of beads, (n_frames,) each, NaN where lost.
+    related : False where the two cannot be one clock, as a time of day and seconds since the start.
     """
     known = np.isfinite(log_s) & np.isfinite(magnet)
     log_s, magnet = log_s[known], magnet[known]
     lasts, logged = time_s[-1] - time_s[0], log_s[-1] - log_s[0]
     overlap = min(time_s[-1], log_s[-1]) - max(time_s[0], log_s[0])
-    fits = overlap > COVERED_SHARE * min(lasts, logged)
+    fits = related and overlap > COVERED_SHARE * min(lasts, logged)
     plain = 0.0 if fits else float(time_s[0] - log_s[0])
     bins = _binned(time_s, heights_nm)
     if bins is None:

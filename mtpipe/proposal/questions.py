@@ -161,10 +161,12 @@ def as_setup_part(content: Mapping[str, Any], where: str) -> dict[str, Any]:
     }
     tables = {field.alias or name for name, field in Setup.model_fields.items()}
     part: dict[str, Any] = {}
-    for key, value in content.items():
+    for key, told in content.items():
+        value = _in_its_unit(key, told, where)
         if key in tables and (isinstance(value, (Mapping, list)) or key == "schema"):
             if key in SECTIONS and isinstance(value, Mapping):
-                part.setdefault(key, {}).update(value)
+                values = {name: _in_its_unit(name, one, where) for name, one in value.items()}
+                part.setdefault(key, {}).update(values)
             else:
                 part[key] = value
         elif key in homes:
@@ -178,6 +180,16 @@ def as_setup_part(content: Mapping[str, Any], where: str) -> dict[str, Any]:
             if homes.get(key) != table:
                 raise _no_key(key, [one for one, home in homes.items() if home == table], where)
     return part
+
+
+def _in_its_unit(key: str, value: Any, where: str) -> Any:
+    """An answer as the setup has it: `"22 °C"` of a temperature in K is 295.15."""
+    if not isinstance(value, str) or key.removesuffix("_stderr").rpartition("_")[2] not in UNITS:
+        return value
+    try:
+        return parsed(key.removesuffix("_stderr"), value)
+    except SetupError as error:
+        raise SetupError(f"{key}: {error.message}", where=where) from None
 
 
 def _no_key(key: str, known: Sequence[str], where: str) -> SetupError:

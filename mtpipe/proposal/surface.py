@@ -26,6 +26,8 @@ FEWEST_PLATEAUS = 3
 FEWEST_ROWS = 200
 # The lowest plateau touches if it is within this part of the chain's length from the surface.
 TOUCHING_SHARE = 0.3
+# Refraction (0.88), another persistence length and fragments make a chain seem this much shorter.
+SHORTEST_SHARE = 0.6
 # Levels this close to the lowest, in parts of the range of heights, are as low.
 ALIKE_SHARE, GAP_ROWS = 0.1, 400
 # With the magnets at one place, to this part of their range, heights agree better than this.
@@ -69,12 +71,15 @@ class Surface:
     touch: tuple[int, int] | None = None
 
 
-def surface_of(recording: Recording, stretches: Sequence[Plateau]) -> Surface:
+def surface_of(
+    recording: Recording, stretches: Sequence[Plateau], contour_nm: float | None = None
+) -> Surface:
     """Propose where z = 0 is.
 
     Parameters
     ----------
     recording : with its reference beads; z as the file has it, in nm.
+    contour_nm : length of the tether, where it is known.
     stretches : in which the magnets rest, short ones too; none where their place is not known.
     """
     beads = [b for b in recording.tethered if np.isfinite(recording.positions_nm[b][:, 2]).any()]
@@ -90,7 +95,7 @@ def surface_of(recording: Recording, stretches: Sequence[Plateau]) -> Surface:
     if len(levels) >= FEWEST_PLATEAUS:
         first, last = _down(levels)
         lowest = min(levels[first : last + 1], key=_median_height)
-        touching = [_touches(bead, levels, lowest) for bead in beads]
+        touching = [_touches(bead, levels, lowest, contour_nm) for bead in beads]
         if np.mean(touching) > 0.5:
             many = f"{sum(touching)} of {len(beads)} beads seem"
             many = many if len(beads) > 1 else "the bead seems"
@@ -196,8 +201,12 @@ def _level(
     return Level(start, stop, piece.magnet_mm, height, variance)
 
 
-def _touches(bead: str, levels: Sequence[Level], lowest: Level) -> bool:
-    """Whether a bead is down in its lowest level, by where a chain's force would vanish."""
+def _touches(bead: str, levels: Sequence[Level], lowest: Level, contour_nm: float | None) -> bool:
+    """Whether a bead is down in its lowest level, by where a chain's force would vanish.
+
+    A chain far shorter than the tether is known to be speaks against it: the bead hung too high,
+    or heights drifted.
+    """
     z = np.array([level.height_nm[bead] for level in levels])
     variance = np.array([level.variance_nm2[bead] for level in levels])
     low, reach = lowest.height_nm[bead], float(np.ptp(z))
@@ -218,4 +227,6 @@ def _touches(bead: str, levels: Sequence[Level], lowest: Level) -> bool:
         misfit = float(np.sum(((fitted - extension) / reach) ** 2))
         if misfit < cost:
             best, cost = (above, length), misfit
+    if contour_nm is not None and best[1] < SHORTEST_SHARE * contour_nm:
+        return False
     return bool(best[0] < TOUCHING_SHARE * best[1])

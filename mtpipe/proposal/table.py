@@ -30,6 +30,7 @@ from mtpipe.proposal.layout import (
     put_remarks,
     put_time_unit,
 )
+from mtpipe.proposal.look import Column
 from mtpipe.proposal.magnet_log import Log, clock_offset, find_log
 from mtpipe.proposal.questions import ASKED, USUAL_PIXEL_NM
 from mtpipe.proposal.trial import STAND_IN_HZ, FirstReading, first_reading
@@ -67,7 +68,9 @@ def propose_table(
     if _put_rate(draft, asking, first):
         first = first_reading(draft, folder)
     if log is not None:
-        offset_s, why = _offset(log, first.recording)
+        offset_s, why = _offset(
+            log, first.recording, found.columns.time if found is not None else None
+        )
         put_log(draft, log, folder, offset_s, why)
         say("reading", 0, 1)
         first = first_reading(draft, folder)
@@ -138,15 +141,16 @@ def _ask_about_columns(draft: Draft, asking: Asking) -> None:
             draft.guessed.remove("source.scale.z")
 
 
-def _offset(log: Log, recording: Recording) -> tuple[float, str]:
+def _offset(log: Log, recording: Recording, clock: Column | None) -> tuple[float, str]:
     name = as_text(log.look.path.name)
     if log.time is None:
         return 0.0, f"{name} has a row for each row of the recording"
     heights = [xyz[:, 2] for xyz in recording.positions_nm.values()]
     heights = [z for z in heights if np.isfinite(z).any()]
-    if not heights:
-        heights = []
-    found = clock_offset(log_seconds(log), log.magnet.seconds, recording.time_s, heights)
+    log_s = log_seconds(log, clock)
+    # a time of day and seconds since the start have no zero in common
+    related = not log.time.is_clock or (clock is not None and clock.is_clock)
+    found = clock_offset(log_s, log.magnet.seconds, recording.time_s, heights, related=related)
     if found.plain:
         return 0.0, f"{name} is on the recording's clock"
     if found.explains > 0:

@@ -99,6 +99,11 @@ def is_reference(bead: str) -> bool:
     return bool(words) and REFERENCE.fullmatch(words[0]) is not None
 
 
+def owner_of(name: str) -> tuple[str, ...]:
+    """Words and numbers of a name that say whose it is."""
+    return _owner(words_of(name))
+
+
 def _is_axis_alone(own: tuple[str, ...]) -> bool:
     """Whether the column's own part of a path is an axis and no more, whatever is around it."""
     return len(own) == 1 and AXIS.fullmatch(own[0]) is not None

@@ -2,13 +2,15 @@
 
 Figures and pages are drawn by the report's own scripts in a browser without a window
 (`mtpipe.report.browser`), so that they are what the pages show. Each kind fills a folder of
-`report/`, whole or not at all, and is gone with the report that it belongs to.
+`report/`, whole or not at all. A report that is written again takes them with it (`exported`,
+`export`), so that files never show another state of the run than the pages.
 """
 
 from __future__ import annotations
 
 import re
 import tempfile
+from dataclasses import dataclass
 from importlib.resources import files as resources
 from pathlib import Path
 from typing import Literal
@@ -30,6 +32,51 @@ body {{ margin: 0 }}
 svg {{ display: block }}
 </style>
 {svg}"""
+
+
+@dataclass(frozen=True)
+class Exports:
+    """Which files are beside a report; `figures` is their format, None where there are none."""
+
+    figures: Format | None = None
+    tables: bool = False
+    pdf: bool = False
+
+    def __or__(self, other: Exports) -> Exports:
+        """What either has; figures in the format of the first."""
+        return Exports(
+            self.figures or other.figures, self.tables or other.tables, self.pdf or other.pdf
+        )
+
+
+def exported(folder: Path) -> Exports:
+    """What was exported of a run's report, as the files beside it show."""
+    report = folder / "report"
+    form: Format = "pdf" if any((report / "figures").rglob("*.pdf")) else "svg"
+    return Exports(
+        form if (report / "figures").is_dir() else None,
+        (report / "tables").is_dir(),
+        (report / "pdf").is_dir(),
+    )
+
+
+def export(
+    folder: Path, exports: Exports, *, progress: NamedProgress | None = None
+) -> list[tuple[str, Path]]:
+    """Write files beside the report of a run: what each is in a word, and where.
+
+    Raises
+    ------
+    MtpipeError : as the functions that write them.
+    """
+    written = []
+    if exports.tables:
+        written.append(("Tables", write_tables(folder)))
+    if exports.figures is not None:
+        written.append(("Figures", write_figures(folder, exports.figures, progress=progress)))
+    if exports.pdf:
+        written.append(("PDF", write_pdf(folder, progress=progress)))
+    return written
 
 
 def write_figures(

@@ -262,7 +262,7 @@ def _actions(
         return ("Use the forces as they are.",)
     if kind == "unchecked":
         if _unsimulated(run, bead):
-            return ("Supply what the simulation lacks, and run mtpipe again.",)
+            return ("Add what is missing to the recording or the setup, then run mtpipe again.",)
         return (_finds_out(run),)
     named = tuple(
         f"{words.label(one['effect']).capitalize()}: {remedy(one['effect'])}"

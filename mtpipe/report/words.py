@@ -77,8 +77,8 @@ LABELS = {
     "crosscheck_failed": "not cross-checked",
     "crosscheck_to_come": "cross-check to come",
     "left_out_by_hand": "left out by hand",
-    "mark_of_nothing": "a mark of what is not there",
-    "tether_choice": "the chain that was chosen",
+    "mark_of_nothing": "a mark that fits nothing",
+    "tether_choice": "which chain was chosen",
     "tether_formula": "choice of the chain's formula",
     "tether_relation": "choice of the chain's relation",
 }
