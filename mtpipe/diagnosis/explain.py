@@ -300,6 +300,8 @@ def _with_alternatives(
     """The effect with what the recording cannot tell from it, given the others that are named."""
     if not isinstance(one.found, FittedEffect):
         return replace(one, odds_against=odds_against_correction(one.before))
+    if one.form:
+        return one  # a term has no name that others could have instead
     fitted = [other.found for other in named if isinstance(other.found, FittedEffect)]
     others = [other for other in fitted if other is not one.found]
     try:
