@@ -20,6 +20,7 @@ BEAD = "b1"
 # What is recorded of a named effect.
 OF_AN_EFFECT = (
     "effect", "parameters", "delta_bic", "heldout_gain_nats", "p_before", "p_after", "equivalent",
+    "probability",
 )  # fmt: skip
 # Significant digits of what is recorded of a diagnosis.
 DIGITS = 6

@@ -39,13 +39,16 @@ class Score:
     ----------
     kind, strength, chain, effects : of the answer. verdict, named : of the diagnosis.
     outcome : of clean recordings "right" or "false alarm"; of effects outside the catalogue
-        "right" (unexplained, at the right place), "located" (unexplained, elsewhere), "wrong"
+        "right" (unexplained or described without a name, at the right place), "located" (the same,
+        elsewhere), "wrong"
         (explained, with a name) or "missed"; of others "exact", "partial" (nothing wrong, but not
         all, or something unexplained), "wrong" (any wrong name), "located" or "missed".
     wrong : names that are not right. by_equivalent : some name is right by its equivalents.
     equivalents : how many are listed in all.
     bound : share of a force by which what is unexplained may move it, as stated.
     place : whether the most significant place is right; None where nothing defines it.
+    sure : of each name its probability, and whether it is right or has a right equivalent; names
+        of recordings that were made before there was a probability are not among them.
     """
 
     kind: str
@@ -62,6 +65,7 @@ class Score:
     place: bool | None
     forces: tuple[Force, ...]
     seconds: float
+    sure: tuple[tuple[float, bool], ...] = ()
 
 
 def score(answer: dict[str, Any], outcome: dict[str, Any]) -> Score:
@@ -105,6 +109,11 @@ def score(answer: dict[str, Any], outcome: dict[str, Any]) -> Score:
         place=place,
         forces=_forces(answer, bead),
         seconds=outcome["seconds"],
+        sure=tuple(
+            (one["probability"], one["effect"] not in wrong)
+            for one in named
+            if "probability" in one
+        ),
     )
 
 
@@ -141,7 +150,7 @@ def _inside(verdict: str, wrong: Sequence[str], left: Sequence[str], effects: Se
 
 
 def _outside(verdict: str, named: bool, place: bool | None) -> str:
-    if verdict == "unexplained":
+    if verdict == "unexplained" or (verdict == "described" and not named):
         return LOCATED if place is False else RIGHT
     return WRONG if named else MISSED
 

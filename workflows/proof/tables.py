@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 import math
 from collections import Counter
 from collections.abc import Callable, Iterable, Sequence
@@ -15,6 +16,8 @@ BIASED = 0.02
 VERDICTS = ("consistent", "explained", "described", "unexplained")
 # Share of a force that matters to a user who says nothing (`[report] tolerance`).
 TOLERANCE = 0.03
+# Edges of the probabilities by which names are counted.
+BINS = (0.0, 0.5, 0.8, 0.95, 1.0)
 Test = Callable[[Score], bool]
 
 
@@ -29,6 +32,7 @@ def everything(scores: Sequence[Score]) -> str:
         "Force": forces(scores),
         "Coverage": coverage(scores),
         "The force to quote, by verdict": by_verdict(scores),
+        "How sure names are": reliability(scores),
         "Time and failures": times(scores),
     }
     return "\n\n".join(f"### {title}\n\n{text}" for title, text in parts.items())
@@ -194,6 +198,22 @@ def by_verdict(scores: Sequence[Score]) -> str:
         f"of the unexplained recordings; of those whose limit is below {TOLERANCE:.0%}, and which "
         f"are therefore good, {_portion(len(kept), len(small))} have no force that is off by more."
     )
+
+
+def reliability(scores: Sequence[Score]) -> str:
+    """Of names by their probability, how many are right."""
+    names = [one for s in scores for one in s.sure]
+    if not names:
+        return "These recordings were diagnosed before names had a probability."
+    rows = []
+    for low, high in itertools.pairwise(BINS):
+        mine = [(p, right) for p, right in names if low <= p < high or p == high == 1.0]
+        if mine:
+            mean = f"{np.mean([p for p, _ in mine]):.3f}"
+            rows.append(
+                (f"{low:g} to {high:g}", mean, _portion(sum(r for _, r in mine), len(mine)))
+            )
+    return _table(("probability", "its mean", "right, or by an equivalent"), rows)
 
 
 def _limit_holds(one: Score, limit: float) -> bool:
