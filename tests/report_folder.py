@@ -201,8 +201,8 @@ def bead_row(bead: str, forces: pd.DataFrame, plateaus: int) -> dict[str, Any]:
     reasons = {
         NASTY: "it differs from the setup by viscosity; the forces to quote include this",
         NO_Z: "z was not recorded, so there is no force | stiffness and friction are determined",
-        REFUSED: f"all traces refused: the bead is stuck to the surface | {differs}",
-        UNEXPLAINED: f"its friction is 1.37 ± 0.06 times that expected | {differs}",
+        REFUSED: f"{differs} | all traces refused: the bead is stuck to the surface",
+        UNEXPLAINED: f"{differs} | its friction is 1.37 ± 0.06 times that expected",
     }
     row: dict[str, Any] = {
         "bead": bead,

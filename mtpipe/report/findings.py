@@ -92,8 +92,8 @@ def bead_finding(run: RunFolder, bead: Mapping[str, Any]) -> Finding:
     sources = [words.SOURCE.get(code, words.text(code)) for code in given["force_source"].unique()]
     reasons = tuple(words.sentence(r) for r in words.text(bead["reasons"]).split("|") if r.strip())
     if mismatch in DIFFERENT:
-        # the last one is of the diagnosis (mtpipe.verdicts.diagnosed), of which more is said here
-        reasons = reasons[:-1]
+        # the first is of the diagnosis (mtpipe.verdicts.diagnosed), of which more is said here
+        reasons = reasons[1:]
     return Finding(
         kind=kind,
         details=reasons if kind == "refused" else _details(run, name, found),

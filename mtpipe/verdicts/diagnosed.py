@@ -42,7 +42,7 @@ def with_diagnosis(
     said = _explained(found, forces) if accounted_for else _left(found, forces)
     if not material:
         said += f", within the tolerance of {100 * tolerance:.3g} %"
-    return replace(known, verdict=grade, reasons=(*verdict.reasons, said))
+    return replace(known, verdict=grade, reasons=(said, *verdict.reasons))
 
 
 def _explained(found: Explanation, forces: BeadForces) -> str:
