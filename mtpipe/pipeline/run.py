@@ -46,7 +46,7 @@ from mtpipe.report.run_folder import (
     refuse_to_erase,
     told,
 )
-from mtpipe.rotation.beads import turned_beads
+from mtpipe.rotation.beads import TurnedBead, turning
 from mtpipe.states import with_states
 from mtpipe.verdicts.diagnosed import with_diagnosis
 from mtpipe.verdicts.verdict import BeadVerdict, bead_verdicts
@@ -150,8 +150,9 @@ def running(
             progress=lambda done, total: progress("calibrating beads", done, total),
         )
         clock.lap("calibrate")
+        turned = yield from turning(recording, calibration.forces, calibration.conditions, kept)
         others = by_methods(calibration, asked.methods)
-        found = partial(_found, asked, content, recording, calibration, others, clock)
+        found = partial(_found, asked, content, recording, calibration, turned, others, clock)
         write = partial(_write, asked, raw, film=done / RECORDING, progress=progress)
         if not asked.cross_check:
             return write(found(None, complete=True))
@@ -214,6 +215,7 @@ def _found(
     content: str,
     recording: Recording,
     calibration: Calibration,
+    turned: tuple[TurnedBead, ...],
     others: tuple[MethodResult, ...],
     clock: _Clock,
     examined: Examined | None,
@@ -262,7 +264,7 @@ def _found(
         dict(clock.seconds),
         content,
         complete,
-        turned_beads(recording, forces, calibration.conditions),
+        turned,
     )
 
 

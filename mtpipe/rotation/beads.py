@@ -3,12 +3,15 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from concurrent.futures import Executor
 from dataclasses import dataclass
 
 import numpy as np
 
 from mtpipe.calibration.recommended_force import BeadForces
 from mtpipe.ground.notice import Notice
+from mtpipe.ground.processes import executor
+from mtpipe.ground.steps import Steps, finished
 from mtpipe.physics.tether import Chain, mean_extension_nm
 from mtpipe.recording.recording import Recording
 from mtpipe.rotation.kinds import Known
@@ -72,14 +75,29 @@ def turned_beads(
 
     Parameters
     ----------
-    recording : drift already subtracted. forces : to quote, by bead.
+    recording : drift already subtracted. forces : by bead.
     """
-    found = []
+    with executor(1) as pool:
+        return finished(turning(recording, forces, conditions, pool))
+
+
+def turning(
+    recording: Recording,
+    forces: Mapping[str, BeadForces],
+    conditions: Conditions,
+    pool: Executor,
+) -> Steps[tuple[TurnedBead, ...]]:
+    """`turned_beads` in steps; beads are spread over a pool."""
+    asked = []
     for turned in turned_stretches(recording):
         force, stderr = _force(recording, forces.get(turned.bead), turned.magnet_mm)
         known = _known(recording, conditions, turned, force, stderr)
-        found.append(TurnedBead(turned, force, stderr, verdict_of(turned, known)))
-    return tuple(found)
+        asked.append((turned, force, stderr, pool.submit(verdict_of, turned, known)))
+    yield [verdict for _, _, _, verdict in asked]
+    return tuple(
+        TurnedBead(turned, force, stderr, verdict.result())
+        for turned, force, stderr, verdict in asked
+    )
 
 
 def _force(
