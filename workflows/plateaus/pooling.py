@@ -8,7 +8,9 @@ white noise and walk by restricted likelihood; shares of the walk are pooled ove
 chance that a bead differs. What beads share is alike in nm for all pairs and plateaus ("alike"), or
 also, by Laplace's rule of succession, the stretch's own ("apart"). Each cell of the grid has
 Student's tail with the degrees of freedom of all beads. Prints how often chance makes steps, and
-how often real ones are found; docs/plateaus.md has what follows.
+how often real ones are found; docs/plateaus.md has what follows. With `--tails N`, of N recordings,
+only how the sum does if the probability is the mean of those under each noise, and not that of the
+mean variance.
 """
 
 from __future__ import annotations
@@ -20,7 +22,14 @@ import numpy as np
 from scipy import fft, special, stats
 
 from mtpipe.recording.recording import FloatArray
-from mtpipe.states.level import WALKS, step_scores
+from mtpipe.states.level import (
+    WALKS,
+    _likely_noises,
+    _normal_from_log_tail,
+    _without_step,
+    step_scores,
+)
+from mtpipe.states.level import _steps as _steps_of
 
 BLOCKS, PLATEAUS = 24, 8
 MODES = BLOCKS - 1
@@ -59,7 +68,11 @@ def main() -> None:
     parser.add_argument("--old", type=int, default=125, help="of them, by the sum alone")
     parser.add_argument("--steps", type=int, default=100, help="per number of beads and size")
     parser.add_argument("--noise", choices=NULLS, nargs="*", default=list(NULLS))
+    parser.add_argument("--tails", type=int, help="recordings for the sum's probability alone")
     choice = parser.parse_args()
+    if choice.tails:
+        print("\n".join(_tails(choice.tails)))
+        return
     for beads in (2, 3, 5, 10) if choice.steps else ():
         for size in (2.0, 3.0, 4.0):
             print(_found(np.random.default_rng([beads, 3]), beads, size, choice.steps), flush=True)
@@ -106,6 +119,26 @@ def _false(random: np.random.Generator, name: str, beads: int, count: int, few: 
     return lines
 
 
+def _tails(count: int) -> list[str]:
+    """How often chance makes steps, and 5 beads' own are found, by the sum's two probabilities."""
+    lines = []
+    for name in ("none", "walk"):
+        levels = _drawn(np.random.default_rng(4), count, 5, NULLS[name], 0.0)
+        scores = np.array([_by_two_tails(one) for one in levels.reshape(-1, 5, BLOCKS)])
+        p = 2 * MODES * stats.norm.sf(np.abs(scores).max(axis=-1))
+        for key, each in zip(("mean variance", "each noise"), p.T, strict=True):
+            false = ", ".join(f"{np.sum(each < a)} of {a * len(p):g}" for a in (1e-1, 1e-2, 1e-3))
+            lines.append(f"shared noise {name}, {key}: false {false} allowed")
+    for size in (2.0, 3.0, 4.0):
+        levels = _drawn(np.random.default_rng(9), count // 4, 5, NULLS["none"], size)[:, 0]
+        found = np.array([_by_two_tails(one) for one in levels])[..., NEAR].max(axis=-1)
+        share = np.mean(found > _limit(5), axis=0)
+        lines.append(
+            f"{size:g} sigma each: mean variance {share[0]:.2f}, each noise {share[1]:.2f}"
+        )
+    return lines
+
+
 def _limit(beads: int) -> float:
     """Score of a height that the code believes, if the sideways motion shows nothing."""
     tried = MODES * (beads + 1)
@@ -133,9 +166,26 @@ def _drawn(
 
 def _by_sum(levels: FloatArray) -> FloatArray:
     """(places,) scores of the sum by its own blocks, as in `mtpipe.states.change`."""
+    return step_scores(_sum(levels)).score
+
+
+def _sum(levels: FloatArray) -> FloatArray:
     noises = [step_scores(level).noise for level in levels]
     scale = [math.sqrt(noise.white * (2 + noise.walk_share)) for noise in noises]
-    return step_scores(np.sum(levels / np.array(scale)[:, None], axis=0)).score
+    return np.asarray(np.sum(levels / np.array(scale)[:, None], axis=0))
+
+
+def _by_two_tails(levels: FloatArray) -> FloatArray:
+    """(2, places) absolute scores of the sum: by mean size and variance of all noises, as in the
+    code, and by the mean of the probabilities under each.
+    """
+    total = _sum(levels)
+    noises, weights = _likely_noises(_without_step(np.diff(total)))
+    steps = [_steps_of(np.diff(total), noise) for noise in noises]
+    tails = [stats.t.logsf(np.abs(size / stderr), MODES - 4) for size, stderr in steps]
+    mean = special.logsumexp(np.log(weights)[:, None] + np.array(tails), axis=0)
+    each = _normal_from_log_tail(mean)
+    return np.stack([np.abs(step_scores(total).score), each])
 
 
 def pooled(levels: FloatArray, tested: int) -> tuple[FloatArray, FloatArray]:
