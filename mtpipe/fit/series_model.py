@@ -42,6 +42,11 @@ class SeriesTrace:
     extension_nm: float
     model: TraceModel
 
+    @functools.cached_property
+    def bare(self) -> TraceModel:
+        """The model with its noise as a variance to be fitted."""
+        return replace(self.model, noise_variance_nm2=None, noise_prior_nm=None)
+
 
 @dataclass(frozen=True)
 class BeadPrior:
@@ -176,8 +181,7 @@ class SeriesModel:
 
     def expected(self, theta: FloatArray, trace: SeriesTrace) -> FloatArray:
         """Expected binned periodogram of one trace, (n, n_bins) nm²/Hz."""
-        variance_of_noise = replace(trace.model, noise_variance_nm2=None, noise_prior_nm=None)
-        return variance_of_noise.expected(self.coordinates(theta, trace), self.modes(theta, trace))
+        return trace.bare.expected(self.coordinates(theta, trace), self.modes(theta, trace))
 
     def residuals(self, theta: FloatArray) -> FloatArray:
         """(n, all bins + priors), the squares of which sum to −2 ln of likelihood × prior."""
@@ -186,7 +190,7 @@ class SeriesModel:
 
     def log_likelihood(self, theta: FloatArray, trace: SeriesTrace) -> FloatArray:
         """(n,) ln of one trace's likelihood, up to a constant."""
-        return trace.model.log_likelihood(self.expected(theta, trace))
+        return trace.bare.log_likelihood(self.coordinates(theta, trace), self.modes(theta, trace))
 
     @functools.cached_property
     def common(self) -> list[int]:

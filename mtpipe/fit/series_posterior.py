@@ -8,7 +8,9 @@ the shared values. The number of plateaus does not make the sampling harder.
 
 from __future__ import annotations
 
+import functools
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -157,6 +159,14 @@ class _Forces:
         covariance = fit.covariance * np.outer(shrink, shrink)
         return cls(fit, covariance, noise, smooth, ridges, slope, stderr)
 
+    @functools.cached_property
+    def traces(self) -> dict[int, list[SeriesTrace]]:
+        """The traces of each force."""
+        found: dict[int, list[SeriesTrace]] = {drive: [] for drive in self.fit.model.drives}
+        for trace in self.fit.model.traces:
+            found[self.fit.model.drive(trace)].append(trace)
+        return found
+
     @property
     def is_smooth(self) -> slice:
         """Where the ridges hold the smooth coordinates; before them, the forces."""
@@ -184,30 +194,27 @@ class _Forces:
         if allowed.any():
             inside = theta[allowed]
             inside[:, model.drives] = self.likeliest(common[allowed])
-            top = self._maxima(inside)
-            out[allowed] += top.sum(axis=1) + self._matching_prior(inside)
+            top = np.sum([self._maximum(inside, drive) for drive in model.drives], axis=0)
+            out[allowed] += top + self._matching_prior(inside)
         return out
 
-    def _maxima(self, theta: FloatArray) -> FloatArray:
-        """(n, forces) ln of each force's likelihood integrated out; moves θ to the maxima.
+    def _maximum(self, theta: FloatArray, drive: int) -> FloatArray:
+        """(n,) ln of a force's likelihood integrated out; moves θ to the maximum.
 
         A force that turns out to be far from where it was taken to be is looked at again.
         """
-        model = self.fit.model
-        top = np.zeros((len(theta), len(model.drives)))
-        again = model.drives
+        top = np.zeros(len(theta))
+        far = np.arange(len(theta))
         for _ in range(NEWTON_STEPS):
-            low, here, high = (self._per_force(theta, s, again) for s in (-1.0, 0.0, 1.0))
+            low, here, high = self._law(theta[far], drive, (-1.0, 0.0, 1.0))
             # in standard errors: slope, curvature, and the parabola's top
             slope = (high - low) / 2
             curvature = np.maximum(2 * here - low - high, SMALLEST_CURVATURE)
             step = np.clip(slope / curvature, -LARGEST_STEP, LARGEST_STEP)
-            top[:, again] = here + slope * step - 0.5 * curvature * step**2
-            top[:, again] -= 0.5 * np.log(curvature)
-            theta[:, again] += step * self.stderr[again]
-            far = np.max(np.abs(step), axis=0) > FAR
-            again = [drive for drive, is_far in zip(again, far, strict=True) if is_far]
-            if not again:
+            top[far] = here + slope * step - 0.5 * curvature * step**2 - 0.5 * np.log(curvature)
+            theta[far, drive] += step * self.stderr[drive]
+            far = far[np.abs(step) > FAR]
+            if not len(far):
                 break
         return top
 
@@ -220,15 +227,17 @@ class _Forces:
                 out += log_matching_prior(theta[:, i], self.fit.theta[i], stderr, factor)
         return out
 
-    def _per_force(self, theta: FloatArray, step: float, drives: list[int]) -> FloatArray:
-        """(n, drives) ln likelihood of the traces of each, moved by standard errors."""
+    def _law(self, theta: FloatArray, drive: int, steps: Sequence[float]) -> FloatArray:
+        """(steps, n) ln likelihood of a force's traces, it moved by so many standard errors."""
         model = self.fit.model
-        moved = theta.copy()
-        moved[:, drives] += step * self.stderr[drives]
-        out = np.zeros((len(theta), len(drives)))
-        for trace in model.traces:
-            if model.drive(trace) in drives:
-                out[:, drives.index(model.drive(trace))] += model.log_likelihood(moved, trace)
+        out = np.zeros((len(steps), len(theta)))
+        for trace in self.traces[drive]:
+            at, modes = model.coordinates(theta, trace), model.modes(theta, trace)
+            before = 0.0
+            for i, step in enumerate(steps):
+                at[:, 0] += (step - before) * self.stderr[drive]
+                out[i] += trace.bare.log_likelihood(at, modes)
+                before = step
         return out
 
     def draw(self, common: FloatArray, generator: np.random.Generator) -> FloatArray:
@@ -237,11 +246,11 @@ class _Forces:
         theta = np.zeros((len(common), len(self.fit.theta)))
         theta[:, model.common] = common
         theta[:, model.drives] = self.likeliest(common)
-        self._maxima(theta)
-        table = np.stack([self._per_force(theta, node, model.drives) for node in NODES])
-        table -= table.max(axis=0)
         for i in model.drives:
-            law = np.exp(CubicSpline(NODES, table[:, :, i])(FINE))
+            self._maximum(theta, i)
+            table = self._law(theta, i, NODES.tolist())
+            table -= table.max(axis=0)
+            law = np.exp(CubicSpline(NODES, table)(FINE))
             cumulative = np.cumsum(law, axis=0)
             at = generator.random(len(common)) * cumulative[-1]
             chosen = np.sum(cumulative < at, axis=0)

@@ -26,7 +26,7 @@ class Modes:
     rates: tuple[Any, ...]
 
     def __post_init__(self) -> None:
-        if not np.allclose(sum(self.shares), 1, rtol=1e-9, atol=0):
+        if not np.all(np.abs(sum(self.shares) - 1) < 1e-9):
             raise ValueError(f"the shares must sum to 1, got {self.shares}")
 
 
