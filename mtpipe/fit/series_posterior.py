@@ -30,8 +30,7 @@ from mtpipe.ground.estimate import Estimate
 from mtpipe.ground.types import FloatArray
 
 METHOD = "series of spectra, posterior"
-WALKERS = 16
-LONGEST_CHAIN = 1000
+LONGEST_CHAIN = 500
 DRAWS = 600
 # A force's law is tabulated from −5 to 5 of its standard errors, and finely inverted.
 NODES = np.linspace(-5.0, 5.0, 13)
@@ -97,7 +96,6 @@ def sample_series(fit: SeriesFit, *, seed: int | np.random.Generator = 0) -> Ser
         proposal,
         fit.theta[common],
         generator,
-        walkers=WALKERS,
         longest=LONGEST_CHAIN,
     )
     kept = chain.theta[np.linspace(0, len(chain.theta) - 1, DRAWS).astype(int)]
