@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 
 from mtpipe.ground.compiled import compiled
 from mtpipe.ground.types import FloatArray
+from mtpipe.spectra.elementary import exponentials
 from mtpipe.spectra.recorded_mode import seen_mode
 
 # A correlation of no more than this adds nothing to what is white.
@@ -48,8 +49,10 @@ def of_one_mode(
         x -= knots[at]
         for i in range(bins):
             ln = (cubics[0, at, i] * x + cubics[1, at, i]) * x + cubics[2, at, i]
-            decaying = math.exp(ln * x + cubics[3, at, i])
-            power[i] = white * of_white[i] + correlated * decaying
+            power[i] = ln * x + cubics[3, at, i]
+        exponentials(power)
+        for i in range(bins):
+            power[i] = white * of_white[i] + correlated * power[i]
         return
     for i in range(bins):
         power[i] = white * of_white[i]
