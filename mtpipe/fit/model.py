@@ -77,7 +77,7 @@ class TraceModel:
         return self.spectrum.window.expected_of(*motions, self.exposure_s)
 
     def log_likelihood(self, theta: FloatArray, modes: Modes | None = None) -> FloatArray:
-        """(n,) ln of the likelihood of coordinates (n, 3), up to a constant; modes as `expected`."""
+        """(n,) ln of the likelihood of coordinates (n, 3), up to a constant (as `expected`)."""
         motions = self._motions(theta, modes or self.modes)
         window, power = self.spectrum.window, self.spectrum.power
         return window.log_likelihood(power, self.ordinates, *motions, self.exposure_s)

@@ -16,6 +16,7 @@ from __future__ import annotations
 
 import functools
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -116,7 +117,11 @@ class SeriesModel:
 
     def drive(self, trace: SeriesTrace) -> int:
         """Index of the coordinate that holds a trace's force or stiffness."""
-        return self._drives.index(self._drive_of(trace))
+        return self._place[self._drive_of(trace)]
+
+    @functools.cached_property
+    def _place(self) -> dict[tuple[int, ...], int]:
+        return {drive: i for i, drive in enumerate(self._drives)}
 
     @property
     def ln_radius(self) -> int:
@@ -158,26 +163,43 @@ class SeriesModel:
 
     def coordinates(self, theta: FloatArray, trace: SeriesTrace) -> FloatArray:
         """(n, 3) coordinates of one trace as in `mtpipe.fit.model`, its noise as variance."""
-        ln_stiffness = theta[:, self.drive(trace)]
+        return np.asarray(self.coordinates_of(theta, (trace,))[0])
+
+    def coordinates_of(self, theta: FloatArray, traces: Sequence[SeriesTrace]) -> FloatArray:
+        """(traces, n, 3) the same of several traces at once."""
+        lengths = np.array([trace.extension_nm for trace in traces])
+        radius = self.radius_nm(theta)[:, None]
+        out = np.empty((len(traces), len(theta), 3))
+        out[:, :, 0] = theta[:, [self.drive(trace) for trace in traces]].T
         if self.force_shared:
-            ln_stiffness = ln_stiffness - np.log(self.lever_nm(theta, trace))
+            along = np.array([trace.axis == self.bead.along for trace in traces])
+            out[:, :, 0] -= np.log(lever_nm(lengths, radius, along=along)).T
         expected = friction_pN_s_per_nm(
-            trace.extension_nm,
-            self.radius_nm(theta),
-            self.bead.viscosity_mPa_s,
-            wall=self.bead.wall,
+            lengths, radius, self.bead.viscosity_mPa_s, wall=self.bead.wall
         )
-        noise = theta[:, self.noise(trace.axis)]
-        if self.noise_is_log(trace.axis):
-            noise = np.exp(noise)
-        ln_friction = np.log(expected) + theta[:, self.friction_scale]
-        return np.column_stack([ln_stiffness, ln_friction, noise])
+        out[:, :, 1] = (np.log(expected) + theta[:, [self.friction_scale]]).T
+        for axis in self.axes:
+            noise = theta[:, self.noise(axis)]
+            here = [trace.axis == axis for trace in traces]
+            out[here, :, 2] = np.exp(noise) if self.noise_is_log(axis) else noise
+        return out
 
     def modes(self, theta: FloatArray, trace: SeriesTrace) -> Modes:
         """Relaxation modes of one trace, arrays (n,)."""
-        if trace.axis == self.bead.along or not self.bead.rotation:
-            return SINGLE_MODE
-        return turning_modes(trace.extension_nm, self.radius_nm(theta), wall=self.bead.wall)
+        return self.modes_of(theta, (trace,))[0]
+
+    def modes_of(self, theta: FloatArray, traces: Sequence[SeriesTrace]) -> list[Modes]:
+        """The same of several traces at once."""
+        turning = [t for t in traces if self.bead.rotation and t.axis != self.bead.along]
+        if not turning:
+            return [SINGLE_MODE] * len(traces)
+        lengths = np.array([trace.extension_nm for trace in turning])
+        radius = self.radius_nm(theta)[:, None]
+        together = turning_modes(lengths, radius, wall=self.bead.wall)
+        return [
+            SINGLE_MODE if trace not in turning else together.of((..., turning.index(trace)))
+            for trace in traces
+        ]
 
     def expected(self, theta: FloatArray, trace: SeriesTrace) -> FloatArray:
         """Expected binned periodogram of one trace, (n, n_bins) nm²/Hz."""

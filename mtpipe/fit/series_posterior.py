@@ -14,6 +14,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
+from numpy.typing import NDArray
 from scipy.interpolate import CubicSpline
 
 from mtpipe.fit.posterior import Posterior
@@ -28,6 +29,7 @@ from mtpipe.fit.series import SeriesFit
 from mtpipe.fit.series_model import SeriesTrace
 from mtpipe.ground.estimate import Estimate
 from mtpipe.ground.types import FloatArray
+from mtpipe.physics.modes import Modes
 
 METHOD = "series of spectra, posterior"
 LONGEST_CHAIN = 500
@@ -41,6 +43,8 @@ NEWTON_STEPS = 3
 FAR = 1.0
 # Where the data say nothing the Gaussian approximation is no guide: keep it within reason.
 LARGEST_LN_STDERR = 1.0
+# Coordinates of a trace, (n, 3), and its modes.
+Motion = tuple[FloatArray, Modes]
 
 
 @dataclass(frozen=True)
@@ -158,12 +162,12 @@ class _Forces:
         return cls(fit, covariance, noise, smooth, ridges, slope, stderr)
 
     @functools.cached_property
-    def traces(self) -> dict[int, list[SeriesTrace]]:
-        """The traces of each force."""
-        found: dict[int, list[SeriesTrace]] = {drive: [] for drive in self.fit.model.drives}
-        for trace in self.fit.model.traces:
-            found[self.fit.model.drive(trace)].append(trace)
-        return found
+    def members(self) -> list[list[int]]:
+        """Places of each force's traces."""
+        drives = [self.fit.model.drive(trace) for trace in self.fit.model.traces]
+        return [
+            [i for i, one in enumerate(drives) if one == drive] for drive in self.fit.model.drives
+        ]
 
     @property
     def is_smooth(self) -> slice:
@@ -192,28 +196,35 @@ class _Forces:
         if allowed.any():
             inside = theta[allowed]
             inside[:, model.drives] = self.likeliest(common[allowed])
-            top = np.sum([self._maximum(inside, drive) for drive in model.drives], axis=0)
-            out[allowed] += top + self._matching_prior(inside)
+            motions = self._motions(inside)
+            tops = [self._maximum(inside, drive, motions) for drive in model.drives]
+            out[allowed] += np.sum(tops, axis=0) + self._matching_prior(inside)
         return out
 
-    def _maximum(self, theta: FloatArray, drive: int) -> FloatArray:
+    def _motions(self, theta: FloatArray) -> list[Motion]:
+        """What moves each trace, its forces where θ (n, d) has them."""
+        model = self.fit.model
+        modes = model.modes_of(theta, model.traces)
+        return list(zip(model.coordinates_of(theta, model.traces), modes, strict=True))
+
+    def _maximum(self, theta: FloatArray, drive: int, motions: list[Motion]) -> FloatArray:
         """(n,) ln of a force's likelihood integrated out; moves θ to the maximum.
 
         A force that turns out to be far from where it was taken to be is looked at again.
         """
-        top = np.zeros(len(theta))
-        far = np.arange(len(theta))
+        top, moved, far = np.zeros(len(theta)), np.zeros(len(theta)), np.arange(len(theta))
         for _ in range(NEWTON_STEPS):
-            low, here, high = self._law(theta[far], drive, (-1.0, 0.0, 1.0))
+            low, here, high = self._law(drive, motions, far, moved[far], (-1.0, 0.0, 1.0))
             # in standard errors: slope, curvature, and the parabola's top
             slope = (high - low) / 2
             curvature = np.maximum(2 * here - low - high, SMALLEST_CURVATURE)
             step = np.clip(slope / curvature, -LARGEST_STEP, LARGEST_STEP)
             top[far] = here + slope * step - 0.5 * curvature * step**2 - 0.5 * np.log(curvature)
-            theta[far, drive] += step * self.stderr[drive]
+            moved[far] += step
             far = far[np.abs(step) > FAR]
             if not len(far):
                 break
+        theta[:, drive] += moved * self.stderr[drive]
         return top
 
     def _matching_prior(self, theta: FloatArray) -> FloatArray:
@@ -225,17 +236,27 @@ class _Forces:
                 out += log_matching_prior(theta[:, i], self.fit.theta[i], stderr, factor)
         return out
 
-    def _law(self, theta: FloatArray, drive: int, steps: Sequence[float]) -> FloatArray:
-        """(steps, n) ln likelihood of a force's traces, it moved by so many standard errors."""
-        model = self.fit.model
-        out = np.zeros((len(steps), len(theta)))
-        for trace in self.traces[drive]:
-            at, modes = model.coordinates(theta, trace), model.modes(theta, trace)
-            before = 0.0
-            for i, step in enumerate(steps):
-                at[:, 0] += (step - before) * self.stderr[drive]
-                out[i] += trace.bare.log_likelihood(at, modes)
-                before = step
+    def _law(
+        self,
+        drive: int,
+        motions: list[Motion],
+        rows: NDArray[np.int64],
+        moved: FloatArray,
+        steps: Sequence[float],
+    ) -> FloatArray:
+        """(steps, rows) ln likelihood of a force's traces, it moved by so many standard errors.
+
+        Parameters
+        ----------
+        moved : (rows,) where the steps begin.
+        """
+        out = np.zeros((len(steps), len(rows)))
+        for i in self.members[drive]:
+            at, modes = motions[i][0][rows], motions[i][1].of(rows)
+            begin = at[:, 0] + moved * self.stderr[drive]
+            for j, step in enumerate(steps):
+                at[:, 0] = begin + step * self.stderr[drive]
+                out[j] += self.fit.model.traces[i].bare.log_likelihood(at, modes)
         return out
 
     def draw(self, common: FloatArray, generator: np.random.Generator) -> FloatArray:
@@ -244,9 +265,12 @@ class _Forces:
         theta = np.zeros((len(common), len(self.fit.theta)))
         theta[:, model.common] = common
         theta[:, model.drives] = self.likeliest(common)
+        motions, rows = self._motions(theta), np.arange(len(theta))
         for i in model.drives:
-            self._maximum(theta, i)
-            table = self._law(theta, i, NODES.tolist())
+            begin = theta[:, i].copy()
+            self._maximum(theta, i, motions)
+            moved = (theta[:, i] - begin) / self.stderr[i]
+            table = self._law(i, motions, rows, moved, NODES.tolist())
             table -= table.max(axis=0)
             law = np.exp(CubicSpline(NODES, table)(FINE))
             cumulative = np.cumsum(law, axis=0)

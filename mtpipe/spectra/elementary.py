@@ -32,7 +32,7 @@ def exponentials(x: FloatArray) -> None:
         value = min(max(x[i], -LARGEST), LARGEST)
         power = np.floor(value * LOG2_E + 0.5)
         rest = (value - power * LN2_HIGH) - power * LN2_LOW
-        # written out, as a loop over coefficients keeps the loop over numbers from going in parallel
+        # written out: a loop over coefficients would keep this one from being done several at once
         series = ((E[13] * rest + E[12]) * rest + E[11]) * rest + E[10]
         series = ((series * rest + E[9]) * rest + E[8]) * rest + E[7]
         series = ((series * rest + E[6]) * rest + E[5]) * rest + E[4]
@@ -42,4 +42,3 @@ def exponentials(x: FloatArray) -> None:
     scale = powers.view(np.float64)
     for i in range(len(x)):
         x[i] *= scale[i]
-
