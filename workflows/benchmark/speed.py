@@ -39,7 +39,7 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.partition("\n")[0])
     parser.add_argument("--base", default="52e64af", help="the older commit")
     parser.add_argument("--recordings", type=int, default=36, help="of the series, at most")
-    parser.add_argument("--beads", type=int, default=40, help="of the simulated field of view")
+    parser.add_argument("--beads", type=int, default=40, help="simulated in one field of view")
     parser.add_argument("--write", type=Path, help="page to put the table into")
     options = parser.parse_args()
     with unpacked(options.base) as base, tree(base) as older, tree(ROOT) as newer:
@@ -55,8 +55,8 @@ def main() -> None:
         rows.append(row(f"cross-check of a consistent bead, {forces} × {FRAMES} frames", [check]))
         memory = [one["beyond_arrays_MiB"] for one in of_field[0]]
     lines = [
-        f"Printed by `python workflows/benchmark/speed.py --base {options.base}`, "
-        f"Python {platform.python_version()} on {platform.machine()}.",
+        f"Printed by `python workflows/benchmark/speed.py --base {options.base} --recordings "
+        f"{options.recordings} --beads {options.beads}`, Python {platform.python_version()} on {platform.machine()}.",
         "",
         f"| CPU seconds on one core | {options.base} | now | ratio |",
         "| --- | --- | --- | --- |",
