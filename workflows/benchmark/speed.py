@@ -56,7 +56,8 @@ def main() -> None:
         memory = [one["beyond_arrays_MiB"] for one in of_field[0]]
     lines = [
         f"Printed by `python workflows/benchmark/speed.py --base {options.base} --recordings "
-        f"{options.recordings} --beads {options.beads}`, Python {platform.python_version()} on {platform.machine()}.",
+        f"{options.recordings} --beads {options.beads}`, Python {platform.python_version()} on "
+        f"{platform.machine()}.",
         "",
         f"| CPU seconds on one core | {options.base} | now | ratio |",
         "| --- | --- | --- | --- |",
