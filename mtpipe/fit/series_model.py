@@ -16,7 +16,7 @@ from __future__ import annotations
 
 import functools
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -201,18 +201,22 @@ class SeriesModel:
             for trace in traces
         ]
 
+    def motions(self, theta: FloatArray) -> list[tuple[FloatArray, Modes]]:
+        """Coordinates and modes of every trace."""
+        modes = self.modes_of(theta, self.traces)
+        return list(zip(self.coordinates_of(theta, self.traces), modes, strict=True))
+
     def expected(self, theta: FloatArray, trace: SeriesTrace) -> FloatArray:
         """Expected binned periodogram of one trace, (n, n_bins) nm²/Hz."""
         return trace.bare.expected(self.coordinates(theta, trace), self.modes(theta, trace))
 
     def residuals(self, theta: FloatArray) -> FloatArray:
         """(n, all bins + priors), the squares of which sum to −2 ln of likelihood × prior."""
-        parts = [t.model.deviance_roots(self.expected(theta, t)) for t in self.traces]
+        parts = [
+            trace.model.deviance_roots(trace.bare.expected(at, modes))
+            for trace, (at, modes) in zip(self.traces, self.motions(theta), strict=True)
+        ]
         return np.hstack([*parts, self._pulls(theta)])
-
-    def log_likelihood(self, theta: FloatArray, trace: SeriesTrace) -> FloatArray:
-        """(n,) ln of one trace's likelihood, up to a constant."""
-        return trace.bare.log_likelihood(self.coordinates(theta, trace), self.modes(theta, trace))
 
     @functools.cached_property
     def common(self) -> list[int]:
@@ -238,32 +242,33 @@ class SeriesModel:
 
     def slopes(self, theta: FloatArray) -> list[tuple[list[int], FloatArray]]:
         """Per trace, which coordinates move it, and (those, n_bins): how its ln power follows."""
-        around = self.around(theta)
-        return [
-            (mine, (np.log(self.expected(high, t)) - np.log(self.expected(low, t))) / width)
-            for t in self.traces
-            for mine, low, high, width in [self._around_trace(around, t)]
-        ]
+        return self._derivatives(theta, lambda _, power: np.log(power))
 
     def jacobian(self, theta: FloatArray) -> FloatArray:
         """(residuals, dimensions) derivatives of the residuals at one θ."""
-        around, blocks = self.around(theta), []
-        for trace in self.traces:
-            mine, low, high, width = self._around_trace(around, trace)
-            roots = trace.model.deviance_roots
-            block = np.zeros((len(trace.model.ordinates), len(theta)))
-            change = roots(self.expected(high, trace)) - roots(self.expected(low, trace))
-            block[:, mine] = (change / width).T
+        blocks = []
+        for mine, slope in self._derivatives(theta, lambda t, p: t.model.deviance_roots(p)):
+            block = np.zeros((slope.shape[1], len(theta)))
+            block[:, mine] = slope.T
             blocks.append(block)
         return np.vstack([*blocks, self._pull_slopes(theta).T])
 
-    def _around_trace(
-        self, around: tuple[FloatArray, FloatArray], trace: SeriesTrace
-    ) -> tuple[list[int], FloatArray, FloatArray, FloatArray]:
-        """Coordinates that move a trace, θ below and above in each, and how far apart."""
-        mine = [self.drive(trace), *self.common]
-        low, high = (rows[mine] for rows in around)
-        return mine, low, high, np.sum(high - low, axis=1)[:, None]
+    def _derivatives(
+        self, theta: FloatArray, of: Callable[[SeriesTrace, FloatArray], FloatArray]
+    ) -> list[tuple[list[int], FloatArray]]:
+        """Per trace, which coordinates move it, and (those, n_bins) derivatives of what `of` makes
+        of its expected power."""
+        low, high = self.around(theta)
+        width = np.sum(high - low, axis=1)[:, None]
+        found = []
+        for trace, (at, modes) in zip(
+            self.traces, self.motions(np.vstack([low, high])), strict=True
+        ):
+            mine = [self.drive(trace), *self.common]
+            rows = [*mine, *(len(theta) + i for i in mine)]
+            value = of(trace, trace.bare.expected(at[rows], modes.of(rows)))
+            found.append((mine, (value[len(mine) :] - value[: len(mine)]) / width[mine]))
+        return found
 
     def _pull_slopes(self, theta: FloatArray) -> FloatArray:
         """(dimensions, number of priors) derivatives of the pulls."""

@@ -36,6 +36,8 @@ LONGEST_CHAIN = 500
 DRAWS = 600
 # A force's law is tabulated from −5 to 5 of its standard errors, and finely inverted.
 NODES = np.linspace(-5.0, 5.0, 13)
+# Where its standard error, of ln force, is smaller, it is near enough to a Gaussian for fewer.
+SMALL_LN, FEWER_NODES = 0.2, np.linspace(-5.0, 5.0, 7)
 FINE = np.linspace(-5.0, 5.0, 401)
 LARGEST_STEP = 3.0
 SMALLEST_CURVATURE = 0.05
@@ -196,16 +198,10 @@ class _Forces:
         if allowed.any():
             inside = theta[allowed]
             inside[:, model.drives] = self.likeliest(common[allowed])
-            motions = self._motions(inside)
+            motions = model.motions(inside)
             tops = [self._maximum(inside, drive, motions) for drive in model.drives]
             out[allowed] += np.sum(tops, axis=0) + self._matching_prior(inside)
         return out
-
-    def _motions(self, theta: FloatArray) -> list[Motion]:
-        """What moves each trace, its forces where θ (n, d) has them."""
-        model = self.fit.model
-        modes = model.modes_of(theta, model.traces)
-        return list(zip(model.coordinates_of(theta, model.traces), modes, strict=True))
 
     def _maximum(self, theta: FloatArray, drive: int, motions: list[Motion]) -> FloatArray:
         """(n,) ln of a force's likelihood integrated out; moves θ to the maximum.
@@ -265,14 +261,15 @@ class _Forces:
         theta = np.zeros((len(common), len(self.fit.theta)))
         theta[:, model.common] = common
         theta[:, model.drives] = self.likeliest(common)
-        motions, rows = self._motions(theta), np.arange(len(theta))
+        motions, rows = model.motions(theta), np.arange(len(theta))
         for i in model.drives:
             begin = theta[:, i].copy()
             self._maximum(theta, i, motions)
             moved = (theta[:, i] - begin) / self.stderr[i]
-            table = self._law(i, motions, rows, moved, NODES.tolist())
+            nodes = FEWER_NODES if self.stderr[i] < SMALL_LN else NODES
+            table = self._law(i, motions, rows, moved, nodes.tolist())
             table -= table.max(axis=0)
-            law = np.exp(CubicSpline(NODES, table)(FINE))
+            law = np.exp(CubicSpline(nodes, table)(FINE))
             cumulative = np.cumsum(law, axis=0)
             at = generator.random(len(common)) * cumulative[-1]
             chosen = np.sum(cumulative < at, axis=0)

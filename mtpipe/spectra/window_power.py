@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from mtpipe.ground.compiled import compiled
 from mtpipe.ground.types import FloatArray
-from mtpipe.spectra.elementary import exponentials
+from mtpipe.spectra.elementary import exponentials, logarithms
 from mtpipe.spectra.recorded_mode import seen_mode
 
 # A correlation of no more than this adds nothing to what is white.
@@ -144,9 +144,10 @@ def log_likelihoods(
             variance[k], tau_s[k], noise[k], frame_s, exposure_s,
             of_white, of_lag, knots, cubics, unit, power,
         )  # fmt: skip
+        logarithms(power, unit)
         total = 0.0
         for i in range(len(power)):
-            total -= ordinates[i] * (math.log(power[i]) + measured[i] / power[i])
+            total -= ordinates[i] * (unit[i] + measured[i] / power[i])
         out[k] = total
     return out
 
