@@ -32,6 +32,7 @@ BLOCK = "<!-- speed -->\n"
 END = "<!-- end -->\n"
 ONE_CORE = dict.fromkeys(("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS"), "1")
 FRAMES, PLATEAUS = 8192, 8
+WORKS = ("series", "field", "crosscheck")
 
 
 def main() -> None:
@@ -40,31 +41,21 @@ def main() -> None:
     parser.add_argument("--base", default="52e64af", help="the older commit")
     parser.add_argument("--recordings", type=int, default=36, help="of the series, at most")
     parser.add_argument("--beads", type=int, default=40, help="simulated in one field of view")
+    parser.add_argument("--works", nargs="+", choices=WORKS, default=WORKS)
     parser.add_argument("--write", type=Path, help="page to put the table into")
     options = parser.parse_args()
     with unpacked(options.base) as base, tree(base) as older, tree(ROOT) as newer:
         both = (older, newer)
-        names, rows = recordings(options.recordings), []
-        series = [compared(both, {"what": "series", "path": str(path)}) for path in names]
-        rows.append(row(f"a bead's series, mean of {len(names)} recordings", series))
-        field = {"what": "field", "beads": options.beads, "frames": FRAMES, "plateaus": PLATEAUS}
-        of_field = [compared(both, field)]
-        rows.append(row(f"{options.beads} beads × {PLATEAUS} plateaus × {FRAMES} frames", of_field))
-        check = compared(both, {"what": "crosscheck", "frames": FRAMES})
-        forces = len(CONSISTENT_FORCES_PN)
-        rows.append(row(f"cross-check of a consistent bead, {forces} × {FRAMES} frames", [check]))
-        memory = [one["beyond_arrays_MiB"] for one in of_field[0]]
+        rows = [table_row(what, both, options) for what in options.works]
     lines = [
-        f"Printed by `python workflows/benchmark/speed.py --base {options.base} --recordings "
-        f"{options.recordings} --beads {options.beads}`, Python {platform.python_version()} on "
+        f"Printed by `python workflows/benchmark/speed.py --base {options.base}"
+        f" --recordings {options.recordings} --beads {options.beads}"
+        f" --works {' '.join(options.works)}`, Python {platform.python_version()} on "
         f"{platform.machine()}.",
         "",
-        f"| CPU seconds on one core | {options.base} | now | ratio |",
-        "| --- | --- | --- | --- |",
+        f"| CPU seconds on one core | {options.base} | now | ratio | MiB beyond arrays: then, now |",
+        "| --- | --- | --- | --- | --- |",
         *rows,
-        "",
-        f"Memory beyond the arrays of {options.beads} beads: {memory[0]:.0f} MiB then, "
-        f"{memory[1]:.0f} MiB now.",
     ]
     text = "\n".join(lines) + "\n"
     print(text)
@@ -90,10 +81,23 @@ def compared(both: tuple[Any, Any], work: dict[str, Any]) -> tuple[dict[str, Any
     return answers
 
 
-def row(what: str, measured: list[tuple[dict[str, Any], ...]]) -> str:
-    """A line of the table: the means of both trees and their ratio."""
-    then, now = (sum(answers[i]["cpu_s"] for answers in measured) / len(measured) for i in range(2))
-    return f"| {what} | {then:.2f} | {now:.2f} | {then / now:.1f} |"
+def table_row(what: str, both: tuple[Any, Any], options: argparse.Namespace) -> str:
+    """A line of the table: the means of both trees, their ratio, and the most memory."""
+    work: dict[str, Any] = {"what": what, "frames": FRAMES}
+    if what == "series":
+        paths = recordings(options.recordings)
+        name = f"a bead's series, mean of {len(paths)} recordings"
+        measured = [compared(both, work | {"path": str(path)}) for path in paths]
+    elif what == "field":
+        name = f"{options.beads} beads × {PLATEAUS} plateaus × {FRAMES} frames"
+        measured = [compared(both, work | {"beads": options.beads, "plateaus": PLATEAUS})]
+    else:
+        name = f"a consistent bead, cross-checked, {len(CONSISTENT_FORCES_PN)} × {FRAMES} frames"
+        measured = [compared(both, work)]
+    then, now = (sum(one[i]["cpu_s"] for one in measured) / len(measured) for i in range(2))
+    memory = (max(one[i]["beyond_arrays_MiB"] for one in measured) for i in range(2))
+    numbers = f"{then:.2f} | {now:.2f} | {then / now:.1f}"
+    return f"| {name} | {numbers} | {', '.join(f'{one:.0f}' for one in memory)} |"
 
 
 def asked(process: subprocess.Popen[str], work: dict[str, Any]) -> dict[str, Any]:
