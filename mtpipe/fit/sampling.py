@@ -29,8 +29,9 @@ REFINED_WIDENING = 1.2
 WEIGHED, LEAST_WORTH = 512, 64
 STRETCHED = 0.1
 STEPS_AT_ONCE = 10
-# Discarded: so many steps, and no less than this share of the chain.
-BURN_IN, BURN_IN_SHARE = 10, 0.2
+# Discarded: so many steps, where the points were worth too little so many, and no less than this
+# share of the chain.
+BURN_IN, BURN_IN_FROM_AFAR, BURN_IN_SHARE = 10, 100, 0.2
 # Steps per autocorrelation time, and independent samples of all walkers together.
 AUTOCORRELATION_TIMES = 10
 EFFECTIVE_SAMPLES = 800
@@ -93,7 +94,9 @@ def sample(
 
     weighed = _Weighed.of(log_probability, proposal, generator)
     law: list[Proposal] = [proposal]
+    burn_in = BURN_IN
     if weighed.worth < LEAST_WORTH:
+        burn_in = BURN_IN_FROM_AFAR
         start = _inside(weighed.points[:walkers], centre, log_probability)
     else:
         start = weighed.resampled(walkers, generator)
@@ -118,13 +121,12 @@ def sample(
     state, autocorrelation, enough = start, math.inf, False
     while sampler.iteration < longest and not enough:
         state = sampler.run_mcmc(state, STEPS_AT_ONCE, skip_initial_state_check=True)
-        if sampler.iteration <= BURN_IN:
+        if sampler.iteration <= burn_in:
+            if len(law) == 1 and sampler.iteration == burn_in:
+                flat = sampler.get_chain(discard=burn_in // 2, flat=True)
+                law.append(_Refined.by(proposal, flat, np.full(len(flat), 1 / len(flat))))
             continue
-        chain = sampler.get_chain(discard=max(BURN_IN, int(BURN_IN_SHARE * sampler.iteration)))
-        if len(law) == 1:
-            flat = chain.reshape(-1, dimensions)
-            law.append(_Refined.by(proposal, flat, np.full(len(flat), 1 / len(flat))))
-            continue
+        chain = sampler.get_chain(discard=max(burn_in, int(BURN_IN_SHARE * sampler.iteration)))
         # a walker that never moved has no autocorrelation function
         with np.errstate(invalid="ignore", divide="ignore"):
             times = emcee.autocorr.integrated_time(chain, tol=0, quiet=True)

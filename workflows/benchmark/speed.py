@@ -53,7 +53,7 @@ def main() -> None:
         f" --works {' '.join(options.works)}`, Python {platform.python_version()} on "
         f"{platform.machine()}.",
         "",
-        f"| CPU seconds on one core | {options.base} | now | ratio | MiB beyond arrays: then, now |",
+        f"| CPU seconds on one core | {options.base} | now | ratio | MiB beyond arrays |",
         "| --- | --- | --- | --- | --- |",
         *rows,
     ]
