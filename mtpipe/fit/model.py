@@ -49,7 +49,7 @@ class TraceModel:
     noise_prior_nm: tuple[float, float] | None = None
     modes: Modes = SINGLE_MODE
 
-    @property
+    @functools.cached_property
     def ordinates(self) -> FloatArray:
         """(n_bins,) weight of each bin in the likelihood."""
         return self.spectrum.ordinates * self.spectrum.share
@@ -73,15 +73,26 @@ class TraceModel:
 
         `modes`: instead of the model's own, e.g. one set for each of the n.
         """
-        modes = modes or self.modes
+        motions = self._motions(theta, modes or self.modes)
+        return self.spectrum.window.expected_of(*motions, self.exposure_s)
+
+    def log_likelihood(self, theta: FloatArray, modes: Modes | None = None) -> FloatArray:
+        """(n,) ln of the likelihood of coordinates (n, 3), up to a constant (as `expected`)."""
+        motions = self._motions(theta, modes or self.modes)
+        window, power = self.spectrum.window, self.spectrum.power
+        return window.log_likelihood(power, self.ordinates, *motions, self.exposure_s)
+
+    def _motions(
+        self, theta: FloatArray, modes: Modes
+    ) -> tuple[FloatArray, FloatArray, FloatArray]:
+        """(n, modes) variances in nm² and relaxation times in s, and (n,) noise in nm²."""
         stiffness, friction = np.exp(theta[:, 0]), np.exp(theta[:, 1])
-        window = self.spectrum.window
-        noise = 2 * window.frame_s * self.noise_nm2(theta)[:, None] * window.white
-        variance = self.thermal_energy_pN_nm / stiffness
-        for share, rate in zip(modes.shares, modes.rates, strict=True):
-            tau_s = friction / (stiffness * rate)
-            noise = noise + window.expected(share * variance, tau_s, self.exposure_s)
-        return noise
+        variance = np.empty((len(theta), len(modes.shares)))
+        tau_s = np.empty_like(variance)
+        for i, (share, rate) in enumerate(zip(modes.shares, modes.rates, strict=True)):
+            variance[:, i] = share * self.thermal_energy_pN_nm / stiffness
+            tau_s[:, i] = friction / (stiffness * rate)
+        return variance, tau_s, np.ascontiguousarray(self.noise_nm2(theta))
 
     def residuals(self, theta: FloatArray) -> FloatArray:
         """Signed roots of the deviance per bin (and of the prior): their squares sum to −2 ln L.
@@ -107,10 +118,6 @@ class TraceModel:
         deviance = 2 * self.ordinates * (u - 1 - np.log(u))
         return np.asarray(np.sign(u - 1) * np.sqrt(np.maximum(deviance, 0.0)))
 
-    def log_likelihood(self, expected: FloatArray) -> FloatArray:
-        """(n,) ln of the likelihood of an expectation (n, n_bins), up to a constant."""
-        return np.asarray(-(np.log(expected) + self.spectrum.power / expected) @ self.ordinates)
-
     def log_posterior(self, theta: FloatArray) -> FloatArray:
         """ln of likelihood × prior, (n,), up to a constant; −inf for negative noise.
 
@@ -123,8 +130,7 @@ class TraceModel:
         out = np.full(len(theta), -np.inf)
         if allowed.any():
             inside = theta[allowed]
-            value = self.log_likelihood(self.expected(inside))
-            value = value + self.log_reference_prior(inside)
+            value = self.log_likelihood(inside) + self.log_reference_prior(inside)
             out[allowed] = value - 0.5 * np.sum(self._pulls(inside) ** 2, axis=1)
         return out
 

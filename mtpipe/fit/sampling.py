@@ -1,11 +1,13 @@
-"""Sampling of posteriors with emcee, until the chain is long enough or a limit is reached.
+"""Sampling of posteriors with emcee, as long as its autocorrelation asks.
 
-Walkers start from a proposal law, the Gaussian approximation at the maximum with heavier tails, and
-mostly propose from it anew (independence proposals, nearly uncorrelated where the posterior is
-nearly Gaussian); about every fifth step is a stretch move (Goodman & Weare 2010), which does not
-need that to be so. After the first steps, which are discarded, half of the proposals come from a
-Student law about the sample so far. The chain grows until it is 50 autocorrelation times long;
-whether it got there is part of the result.
+A proposal law, the Gaussian approximation at the maximum with heavier tails, is drawn from and
+weighed by the posterior (importance sampling; Rubin 1988). Walkers start at points resampled by
+these weights, so that they have little to forget, and mostly propose anew, in equal parts from that
+law and from a Student law about the weighed points (independence proposals, nearly uncorrelated
+where the posterior is nearly Gaussian); every tenth step is a stretch move (Goodman & Weare 2010),
+which does not need that to be so. Where the weights rest on few points the Student law is that of
+the chain's first steps instead. The chain grows until it holds enough independent samples and each
+walker's part is many autocorrelation times long; whether it got there is part of the result.
 """
 
 from __future__ import annotations
@@ -23,8 +25,16 @@ from mtpipe.ground.types import FloatArray
 
 STUDENT_DEGREES = 5.0
 REFINED_WIDENING = 1.2
-STEPS_AT_ONCE = 100
-AUTOCORRELATION_TIMES = 50
+# Points of the proposal that are weighed; they have to be worth so many of the posterior.
+WEIGHED, LEAST_WORTH = 512, 64
+STRETCHED = 0.1
+STEPS_AT_ONCE = 10
+# Discarded: so many steps, where the points were worth too little so many, and no less than this
+# share of the chain.
+BURN_IN, BURN_IN_FROM_AFAR, BURN_IN_SHARE = 10, 100, 0.2
+# Steps per autocorrelation time, and independent samples of all walkers together.
+AUTOCORRELATION_TIMES = 10
+EFFECTIVE_SAMPLES = 800
 R_HAT_LIMIT = 1.05
 HALVINGS = 60
 
@@ -48,7 +58,8 @@ class Chain:
     theta : (n_samples, dimensions).
     r_hat : largest split R-hat over the coordinates (Gelman et al. 2013, section 11.4).
     effective_samples : smallest number of independent samples over the coordinates.
-    converged : chain of at least 50 autocorrelation times and R-hat below 1.05.
+    converged : at least 10 autocorrelation times long with 800 independent samples, and R-hat
+        below 1.05.
     """
 
     theta: FloatArray
@@ -81,7 +92,15 @@ def sample(
     """
     import emcee
 
+    weighed = _Weighed.of(log_probability, proposal, generator)
     law: list[Proposal] = [proposal]
+    burn_in = BURN_IN
+    if weighed.worth < LEAST_WORTH:
+        burn_in = BURN_IN_FROM_AFAR
+        start = _inside(weighed.points[:walkers], centre, log_probability)
+    else:
+        start = weighed.resampled(walkers, generator)
+        law.append(_Refined.by(proposal, weighed.points, weighed.shares))
 
     def propose(walkers: FloatArray, random: object) -> tuple[FloatArray, FloatArray]:
         drawn = law[-1].draw(len(walkers), generator)
@@ -93,24 +112,29 @@ def sample(
         dimensions,
         log_probability,
         vectorize=True,
-        moves=[(emcee.moves.MHMove(propose), 0.8), (emcee.moves.StretchMove(), 0.2)],
+        moves=[
+            (emcee.moves.MHMove(propose), 1 - STRETCHED),
+            (emcee.moves.StretchMove(), STRETCHED),
+        ],
     )
-    start = proposal.draw(walkers, generator)
     sampler.random_state = np.random.RandomState(generator.integers(2**31)).get_state()
-    state = _inside(start, centre, log_probability)
-    autocorrelation, enough = math.inf, False
+    state, autocorrelation, enough = start, math.inf, False
     while sampler.iteration < longest and not enough:
         state = sampler.run_mcmc(state, STEPS_AT_ONCE, skip_initial_state_check=True)
-        if len(law) == 1:
-            law.append(_Refined.by(proposal, sampler.get_chain(discard=STEPS_AT_ONCE // 2)))
+        if sampler.iteration <= burn_in:
+            if len(law) == 1 and sampler.iteration == burn_in:
+                flat = sampler.get_chain(discard=burn_in // 2, flat=True)
+                law.append(_Refined.by(proposal, flat, np.full(len(flat), 1 / len(flat))))
             continue
-        chain = sampler.get_chain(discard=max(STEPS_AT_ONCE, sampler.iteration // 5))
+        chain = sampler.get_chain(discard=max(burn_in, int(BURN_IN_SHARE * sampler.iteration)))
         # a walker that never moved has no autocorrelation function
         with np.errstate(invalid="ignore", divide="ignore"):
             times = emcee.autocorr.integrated_time(chain, tol=0, quiet=True)
         autocorrelation = float(np.max(times)) if np.all(np.isfinite(times)) else math.inf
         r_hat = float(np.max(split_r_hat(chain)))
-        long = len(chain) >= AUTOCORRELATION_TIMES * autocorrelation
+        long = len(chain) >= autocorrelation * max(
+            AUTOCORRELATION_TIMES, EFFECTIVE_SAMPLES / walkers
+        )
         enough = long and r_hat < R_HAT_LIMIT
     flat = chain.reshape(-1, dimensions)
     return Chain(
@@ -122,6 +146,42 @@ def sample(
 
 
 @dataclass(frozen=True)
+class _Weighed:
+    """Points of a proposal and what share of the posterior each stands for (they sum to 1)."""
+
+    points: FloatArray
+    shares: FloatArray
+
+    @classmethod
+    def of(
+        cls,
+        log_probability: Callable[[FloatArray], FloatArray],
+        proposal: Proposal,
+        generator: np.random.Generator,
+    ) -> _Weighed:
+        points = proposal.draw(WEIGHED, generator)
+        log_weight = log_probability(points) - proposal.log_density(points)
+        known = np.isfinite(log_weight)
+        shares = np.zeros(len(points))
+        if known.any():
+            shares[known] = np.exp(log_weight[known] - np.max(log_weight[known]))
+            shares /= shares.sum()
+        return cls(points, shares)
+
+    @property
+    def worth(self) -> float:
+        """How many draws from the posterior the points are worth (Kong 1992)."""
+        squares = float(np.sum(self.shares**2))
+        return 1 / squares if squares > 0 else 0.0
+
+    def resampled(self, n: int, generator: np.random.Generator) -> FloatArray:
+        """(n, dimensions) points by their shares, in even steps (systematic resampling)."""
+        at = (np.arange(n) + generator.random()) / n
+        chosen = np.searchsorted(np.cumsum(self.shares), at)
+        return self.points[np.minimum(chosen, len(self.points) - 1)]
+
+
+@dataclass(frozen=True)
 class _Refined:
     """In equal parts the proposal so far and a Student law about a sample."""
 
@@ -129,11 +189,12 @@ class _Refined:
     sampled: Student
 
     @classmethod
-    def by(cls, before: Proposal, chain: FloatArray) -> _Refined:
-        """For a chain (n_steps, n_walkers, dimensions)."""
-        flat = chain.reshape(-1, chain.shape[-1])
-        covariance = np.atleast_2d(np.cov(flat.T)) + 1e-12 * np.eye(flat.shape[1])
-        return cls(before, Student.about(flat.mean(axis=0), covariance, REFINED_WIDENING))
+    def by(cls, before: Proposal, points: FloatArray, shares: FloatArray) -> _Refined:
+        """For points (n, dimensions) of which each stands for a share (n,) of the posterior."""
+        centre = shares @ points
+        covariance = np.atleast_2d(np.cov(points.T, aweights=shares, bias=True))
+        covariance = covariance + 1e-12 * np.eye(len(centre))
+        return cls(before, Student.about(centre, covariance, REFINED_WIDENING))
 
     def draw(self, n: int, generator: np.random.Generator) -> FloatArray:
         chosen = generator.random(n) < 0.5

@@ -16,6 +16,7 @@ from __future__ import annotations
 
 import functools
 import math
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -41,6 +42,11 @@ class SeriesTrace:
     axis: int
     extension_nm: float
     model: TraceModel
+
+    @functools.cached_property
+    def bare(self) -> TraceModel:
+        """The model with its noise as a variance to be fitted."""
+        return replace(self.model, noise_variance_nm2=None, noise_prior_nm=None)
 
 
 @dataclass(frozen=True)
@@ -111,7 +117,11 @@ class SeriesModel:
 
     def drive(self, trace: SeriesTrace) -> int:
         """Index of the coordinate that holds a trace's force or stiffness."""
-        return self._drives.index(self._drive_of(trace))
+        return self._place[self._drive_of(trace)]
+
+    @functools.cached_property
+    def _place(self) -> dict[tuple[int, ...], int]:
+        return {drive: i for i, drive in enumerate(self._drives)}
 
     @property
     def ln_radius(self) -> int:
@@ -153,40 +163,60 @@ class SeriesModel:
 
     def coordinates(self, theta: FloatArray, trace: SeriesTrace) -> FloatArray:
         """(n, 3) coordinates of one trace as in `mtpipe.fit.model`, its noise as variance."""
-        ln_stiffness = theta[:, self.drive(trace)]
+        return np.asarray(self.coordinates_of(theta, (trace,))[0])
+
+    def coordinates_of(self, theta: FloatArray, traces: Sequence[SeriesTrace]) -> FloatArray:
+        """(traces, n, 3) the same of several traces at once."""
+        lengths = np.array([trace.extension_nm for trace in traces])
+        radius = self.radius_nm(theta)[:, None]
+        out = np.empty((len(traces), len(theta), 3))
+        out[:, :, 0] = theta[:, [self.drive(trace) for trace in traces]].T
         if self.force_shared:
-            ln_stiffness = ln_stiffness - np.log(self.lever_nm(theta, trace))
+            along = np.array([trace.axis == self.bead.along for trace in traces])
+            out[:, :, 0] -= np.log(lever_nm(lengths, radius, along=along)).T
         expected = friction_pN_s_per_nm(
-            trace.extension_nm,
-            self.radius_nm(theta),
-            self.bead.viscosity_mPa_s,
-            wall=self.bead.wall,
+            lengths, radius, self.bead.viscosity_mPa_s, wall=self.bead.wall
         )
-        noise = theta[:, self.noise(trace.axis)]
-        if self.noise_is_log(trace.axis):
-            noise = np.exp(noise)
-        ln_friction = np.log(expected) + theta[:, self.friction_scale]
-        return np.column_stack([ln_stiffness, ln_friction, noise])
+        out[:, :, 1] = (np.log(expected) + theta[:, [self.friction_scale]]).T
+        for axis in self.axes:
+            noise = theta[:, self.noise(axis)]
+            here = [trace.axis == axis for trace in traces]
+            out[here, :, 2] = np.exp(noise) if self.noise_is_log(axis) else noise
+        return out
 
     def modes(self, theta: FloatArray, trace: SeriesTrace) -> Modes:
         """Relaxation modes of one trace, arrays (n,)."""
-        if trace.axis == self.bead.along or not self.bead.rotation:
-            return SINGLE_MODE
-        return turning_modes(trace.extension_nm, self.radius_nm(theta), wall=self.bead.wall)
+        return self.modes_of(theta, (trace,))[0]
+
+    def modes_of(self, theta: FloatArray, traces: Sequence[SeriesTrace]) -> list[Modes]:
+        """The same of several traces at once."""
+        turning = [t for t in traces if self.bead.rotation and t.axis != self.bead.along]
+        if not turning:
+            return [SINGLE_MODE] * len(traces)
+        lengths = np.array([trace.extension_nm for trace in turning])
+        radius = self.radius_nm(theta)[:, None]
+        together = turning_modes(lengths, radius, wall=self.bead.wall)
+        return [
+            SINGLE_MODE if trace not in turning else together.of((..., turning.index(trace)))
+            for trace in traces
+        ]
+
+    def motions(self, theta: FloatArray) -> list[tuple[FloatArray, Modes]]:
+        """Coordinates and modes of every trace."""
+        modes = self.modes_of(theta, self.traces)
+        return list(zip(self.coordinates_of(theta, self.traces), modes, strict=True))
 
     def expected(self, theta: FloatArray, trace: SeriesTrace) -> FloatArray:
         """Expected binned periodogram of one trace, (n, n_bins) nm²/Hz."""
-        variance_of_noise = replace(trace.model, noise_variance_nm2=None, noise_prior_nm=None)
-        return variance_of_noise.expected(self.coordinates(theta, trace), self.modes(theta, trace))
+        return trace.bare.expected(self.coordinates(theta, trace), self.modes(theta, trace))
 
     def residuals(self, theta: FloatArray) -> FloatArray:
         """(n, all bins + priors), the squares of which sum to −2 ln of likelihood × prior."""
-        parts = [t.model.deviance_roots(self.expected(theta, t)) for t in self.traces]
+        parts = [
+            trace.model.deviance_roots(trace.bare.expected(at, modes))
+            for trace, (at, modes) in zip(self.traces, self.motions(theta), strict=True)
+        ]
         return np.hstack([*parts, self._pulls(theta)])
-
-    def log_likelihood(self, theta: FloatArray, trace: SeriesTrace) -> FloatArray:
-        """(n,) ln of one trace's likelihood, up to a constant."""
-        return trace.model.log_likelihood(self.expected(theta, trace))
 
     @functools.cached_property
     def common(self) -> list[int]:
@@ -212,32 +242,33 @@ class SeriesModel:
 
     def slopes(self, theta: FloatArray) -> list[tuple[list[int], FloatArray]]:
         """Per trace, which coordinates move it, and (those, n_bins): how its ln power follows."""
-        around = self.around(theta)
-        return [
-            (mine, (np.log(self.expected(high, t)) - np.log(self.expected(low, t))) / width)
-            for t in self.traces
-            for mine, low, high, width in [self._around_trace(around, t)]
-        ]
+        return self._derivatives(theta, lambda _, power: np.log(power))
 
     def jacobian(self, theta: FloatArray) -> FloatArray:
         """(residuals, dimensions) derivatives of the residuals at one θ."""
-        around, blocks = self.around(theta), []
-        for trace in self.traces:
-            mine, low, high, width = self._around_trace(around, trace)
-            roots = trace.model.deviance_roots
-            block = np.zeros((len(trace.model.ordinates), len(theta)))
-            change = roots(self.expected(high, trace)) - roots(self.expected(low, trace))
-            block[:, mine] = (change / width).T
+        blocks = []
+        for mine, slope in self._derivatives(theta, lambda t, p: t.model.deviance_roots(p)):
+            block = np.zeros((slope.shape[1], len(theta)))
+            block[:, mine] = slope.T
             blocks.append(block)
         return np.vstack([*blocks, self._pull_slopes(theta).T])
 
-    def _around_trace(
-        self, around: tuple[FloatArray, FloatArray], trace: SeriesTrace
-    ) -> tuple[list[int], FloatArray, FloatArray, FloatArray]:
-        """Coordinates that move a trace, θ below and above in each, and how far apart."""
-        mine = [self.drive(trace), *self.common]
-        low, high = (rows[mine] for rows in around)
-        return mine, low, high, np.sum(high - low, axis=1)[:, None]
+    def _derivatives(
+        self, theta: FloatArray, of: Callable[[SeriesTrace, FloatArray], FloatArray]
+    ) -> list[tuple[list[int], FloatArray]]:
+        """Per trace, which coordinates move it, and (those, n_bins) derivatives of what `of` makes
+        of its expected power."""
+        low, high = self.around(theta)
+        width = np.sum(high - low, axis=1)[:, None]
+        found = []
+        for trace, (at, modes) in zip(
+            self.traces, self.motions(np.vstack([low, high])), strict=True
+        ):
+            mine = [self.drive(trace), *self.common]
+            rows = [*mine, *(len(theta) + i for i in mine)]
+            value = of(trace, trace.bare.expected(at[rows], modes.of(rows)))
+            found.append((mine, (value[len(mine) :] - value[: len(mine)]) / width[mine]))
+        return found
 
     def _pull_slopes(self, theta: FloatArray) -> FloatArray:
         """(dimensions, number of priors) derivatives of the pulls."""

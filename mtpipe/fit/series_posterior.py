@@ -8,10 +8,13 @@ the shared values. The number of plateaus does not make the sampling harder.
 
 from __future__ import annotations
 
+import functools
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
+from numpy.typing import NDArray
 from scipy.interpolate import CubicSpline
 
 from mtpipe.fit.posterior import Posterior
@@ -26,13 +29,15 @@ from mtpipe.fit.series import SeriesFit
 from mtpipe.fit.series_model import SeriesTrace
 from mtpipe.ground.estimate import Estimate
 from mtpipe.ground.types import FloatArray
+from mtpipe.physics.modes import Modes
 
 METHOD = "series of spectra, posterior"
-WALKERS = 16
-LONGEST_CHAIN = 1000
+LONGEST_CHAIN = 500
 DRAWS = 600
 # A force's law is tabulated from −5 to 5 of its standard errors, and finely inverted.
 NODES = np.linspace(-5.0, 5.0, 13)
+# Where its standard error, of ln force, is smaller, it is near enough to a Gaussian for fewer.
+SMALL_LN, FEWER_NODES = 0.2, np.linspace(-5.0, 5.0, 7)
 FINE = np.linspace(-5.0, 5.0, 401)
 LARGEST_STEP = 3.0
 SMALLEST_CURVATURE = 0.05
@@ -40,6 +45,8 @@ NEWTON_STEPS = 3
 FAR = 1.0
 # Where the data say nothing the Gaussian approximation is no guide: keep it within reason.
 LARGEST_LN_STDERR = 1.0
+# Coordinates of a trace, (n, 3), and its modes.
+Motion = tuple[FloatArray, Modes]
 
 
 @dataclass(frozen=True)
@@ -95,7 +102,6 @@ def sample_series(fit: SeriesFit, *, seed: int | np.random.Generator = 0) -> Ser
         proposal,
         fit.theta[common],
         generator,
-        walkers=WALKERS,
         longest=LONGEST_CHAIN,
     )
     kept = chain.theta[np.linspace(0, len(chain.theta) - 1, DRAWS).astype(int)]
@@ -157,6 +163,14 @@ class _Forces:
         covariance = fit.covariance * np.outer(shrink, shrink)
         return cls(fit, covariance, noise, smooth, ridges, slope, stderr)
 
+    @functools.cached_property
+    def members(self) -> list[list[int]]:
+        """Places of each force's traces."""
+        drives = [self.fit.model.drive(trace) for trace in self.fit.model.traces]
+        return [
+            [i for i, one in enumerate(drives) if one == drive] for drive in self.fit.model.drives
+        ]
+
     @property
     def is_smooth(self) -> slice:
         """Where the ridges hold the smooth coordinates; before them, the forces."""
@@ -184,31 +198,29 @@ class _Forces:
         if allowed.any():
             inside = theta[allowed]
             inside[:, model.drives] = self.likeliest(common[allowed])
-            top = self._maxima(inside)
-            out[allowed] += top.sum(axis=1) + self._matching_prior(inside)
+            motions = model.motions(inside)
+            tops = [self._maximum(inside, drive, motions) for drive in model.drives]
+            out[allowed] += np.sum(tops, axis=0) + self._matching_prior(inside)
         return out
 
-    def _maxima(self, theta: FloatArray) -> FloatArray:
-        """(n, forces) ln of each force's likelihood integrated out; moves θ to the maxima.
+    def _maximum(self, theta: FloatArray, drive: int, motions: list[Motion]) -> FloatArray:
+        """(n,) ln of a force's likelihood integrated out; moves θ to the maximum.
 
         A force that turns out to be far from where it was taken to be is looked at again.
         """
-        model = self.fit.model
-        top = np.zeros((len(theta), len(model.drives)))
-        again = model.drives
+        top, moved, far = np.zeros(len(theta)), np.zeros(len(theta)), np.arange(len(theta))
         for _ in range(NEWTON_STEPS):
-            low, here, high = (self._per_force(theta, s, again) for s in (-1.0, 0.0, 1.0))
+            low, here, high = self._law(drive, motions, far, moved[far], (-1.0, 0.0, 1.0))
             # in standard errors: slope, curvature, and the parabola's top
             slope = (high - low) / 2
             curvature = np.maximum(2 * here - low - high, SMALLEST_CURVATURE)
             step = np.clip(slope / curvature, -LARGEST_STEP, LARGEST_STEP)
-            top[:, again] = here + slope * step - 0.5 * curvature * step**2
-            top[:, again] -= 0.5 * np.log(curvature)
-            theta[:, again] += step * self.stderr[again]
-            far = np.max(np.abs(step), axis=0) > FAR
-            again = [drive for drive, is_far in zip(again, far, strict=True) if is_far]
-            if not again:
+            top[far] = here + slope * step - 0.5 * curvature * step**2 - 0.5 * np.log(curvature)
+            moved[far] += step
+            far = far[np.abs(step) > FAR]
+            if not len(far):
                 break
+        theta[:, drive] += moved * self.stderr[drive]
         return top
 
     def _matching_prior(self, theta: FloatArray) -> FloatArray:
@@ -220,15 +232,27 @@ class _Forces:
                 out += log_matching_prior(theta[:, i], self.fit.theta[i], stderr, factor)
         return out
 
-    def _per_force(self, theta: FloatArray, step: float, drives: list[int]) -> FloatArray:
-        """(n, drives) ln likelihood of the traces of each, moved by standard errors."""
-        model = self.fit.model
-        moved = theta.copy()
-        moved[:, drives] += step * self.stderr[drives]
-        out = np.zeros((len(theta), len(drives)))
-        for trace in model.traces:
-            if model.drive(trace) in drives:
-                out[:, drives.index(model.drive(trace))] += model.log_likelihood(moved, trace)
+    def _law(
+        self,
+        drive: int,
+        motions: list[Motion],
+        rows: NDArray[np.int64],
+        moved: FloatArray,
+        steps: Sequence[float],
+    ) -> FloatArray:
+        """(steps, rows) ln likelihood of a force's traces, it moved by so many standard errors.
+
+        Parameters
+        ----------
+        moved : (rows,) where the steps begin.
+        """
+        out = np.zeros((len(steps), len(rows)))
+        for i in self.members[drive]:
+            at, modes = motions[i][0][rows], motions[i][1].of(rows)
+            begin = at[:, 0] + moved * self.stderr[drive]
+            for j, step in enumerate(steps):
+                at[:, 0] = begin + step * self.stderr[drive]
+                out[j] += self.fit.model.traces[i].bare.log_likelihood(at, modes)
         return out
 
     def draw(self, common: FloatArray, generator: np.random.Generator) -> FloatArray:
@@ -237,11 +261,15 @@ class _Forces:
         theta = np.zeros((len(common), len(self.fit.theta)))
         theta[:, model.common] = common
         theta[:, model.drives] = self.likeliest(common)
-        self._maxima(theta)
-        table = np.stack([self._per_force(theta, node, model.drives) for node in NODES])
-        table -= table.max(axis=0)
+        motions, rows = model.motions(theta), np.arange(len(theta))
         for i in model.drives:
-            law = np.exp(CubicSpline(NODES, table[:, :, i])(FINE))
+            begin = theta[:, i].copy()
+            self._maximum(theta, i, motions)
+            moved = (theta[:, i] - begin) / self.stderr[i]
+            nodes = FEWER_NODES if self.stderr[i] < SMALL_LN else NODES
+            table = self._law(i, motions, rows, moved, nodes.tolist())
+            table -= table.max(axis=0)
+            law = np.exp(CubicSpline(nodes, table)(FINE))
             cumulative = np.cumsum(law, axis=0)
             at = generator.random(len(common)) * cumulative[-1]
             chosen = np.sum(cumulative < at, axis=0)

@@ -2,9 +2,10 @@
 
 This is the only module that imports numba, so whoever imports a simulator pays for it and whoever
 imports mtpipe does not. No fast-math: the order of floating-point operations is the written one,
-which keeps the numbers of a seed the same on every machine. The compiled code is kept on disk next
-to the module, or in the user's cache folder where that one cannot be written; where neither can,
-the disc is full or the user has no home, it is compiled again by every process.
+which keeps the numbers of a seed the same on every machine. What is divided by zero is infinite, as
+in numpy: a loop that has to look at each divisor does one number at a time. The compiled code is
+kept on disk next to the module, or in the user's cache folder where that one cannot be written;
+where neither can, the disc is full or the user has no home, it is compiled again by every process.
 """
 
 from __future__ import annotations
@@ -22,7 +23,7 @@ Function = TypeVar("Function", bound=Callable[..., object])
 
 def compiled(function: Function) -> Function:
     """The function as machine code; its type, for whoever calls it, stays the same."""
-    dispatcher = numba.njit(function)
+    dispatcher: Any = numba.njit(error_model="numpy")(function)
     # numba raises RuntimeError where it finds no folder that it may write
     with suppress(RuntimeError, OSError):
         Path.home()  # raises RuntimeError where there is none: numba would make a folder "~" here

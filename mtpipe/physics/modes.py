@@ -26,8 +26,14 @@ class Modes:
     rates: tuple[Any, ...]
 
     def __post_init__(self) -> None:
-        if not np.allclose(sum(self.shares), 1, rtol=1e-9, atol=0):
+        if not np.all(np.abs(sum(self.shares) - 1) < 1e-9):
             raise ValueError(f"the shares must sum to 1, got {self.shares}")
+
+    def of(self, which: Any) -> Modes:
+        """Those of some of the beads that are described at once, by an index of numpy's."""
+        if np.ndim(self.rates[0]) == 0:
+            return self
+        return Modes(tuple(s[which] for s in self.shares), tuple(r[which] for r in self.rates))
 
 
 SINGLE_MODE = Modes((1.0,), (1.0,))

@@ -47,7 +47,7 @@ def friction_pN_s_per_nm(
     return np.asarray(bulk * factor(np.asarray(extension_nm) + radius, radius))
 
 
-def lever_nm(extension_nm: ArrayLike, radius_nm: ArrayLike, *, along: bool) -> FloatArray:
+def lever_nm(extension_nm: ArrayLike, radius_nm: ArrayLike, *, along: ArrayLike) -> FloatArray:
     """Force over lateral stiffness, nm: L along the field, L + R across.
 
     Along the field the bead keeps its orientation and tilts the tether alone; across, tether and

@@ -13,10 +13,10 @@ from scipy import fft, interpolate
 
 from mtpipe.ground.errors import FitError
 from mtpipe.ground.types import FloatArray
-from mtpipe.physics import camera as cam
 from mtpipe.physics.camera import Camera
 from mtpipe.spectra.lag_weights import LagWeights
-from mtpipe.spectra.window_power import power_matrices, powers_of_modes
+from mtpipe.spectra.recorded_mode import seen_modes_of
+from mtpipe.spectra.window_power import expected_powers, log_likelihoods, power_matrices
 
 # Bins grow to this ratio of frequencies: the spectrum of a mode changes by at most 8 % across one.
 BIN_GROWTH = 1.04
@@ -25,8 +25,6 @@ SHORT_LAGS = 36
 LN_TAU_STEP = 0.2
 # So many covariances are transformed at once.
 AT_A_TIME = 8
-# Modes that relax within a smaller share of a frame are as white as this one.
-SHORTEST = 1e-9
 
 
 @dataclass(frozen=True, eq=False)
@@ -71,10 +69,45 @@ class Window:
 
         Source: PHYSICS section 1, forms A and B with the window's lag weights.
         """
-        modes = seen_modes(tau_s, self.longest_s, Camera(self.frame_s, exposure_s))
-        of_window = (self.white, self.short, self.slow.x, self.slow.c)
-        unit = powers_of_modes(*modes, *of_window)
-        return np.asarray((2 * self.frame_s * np.asarray(variance))[:, None] * unit)
+        one_each = np.asarray(variance, dtype=float)[:, None], np.asarray(tau_s)[:, None]
+        return self.expected_of(*one_each, np.zeros(len(tau_s)), exposure_s)
+
+    def expected_of(
+        self, variance: FloatArray, tau_s: FloatArray, noise: FloatArray, exposure_s: float
+    ) -> FloatArray:
+        """Expected power of motions of several modes each, with white tracking noise.
+
+        Parameters
+        ----------
+        variance, tau_s : (n, modes). noise : (n,) variance in nm².
+
+        Returns
+        -------
+        (n, n_bins) nm²/Hz, one-sided.
+        """
+        return expected_powers(variance, tau_s, noise, self.frame_s, exposure_s, *self._compiled)
+
+    def log_likelihood(
+        self,
+        power: FloatArray,
+        ordinates: FloatArray,
+        variance: FloatArray,
+        tau_s: FloatArray,
+        noise: FloatArray,
+        exposure_s: float,
+    ) -> FloatArray:
+        """(n,) ln of a measured power's likelihood (n_bins,) for n motions, up to a constant.
+
+        Parameters
+        ----------
+        ordinates : (n_bins,) shape of each bin's Gamma law. The others : as of `expected_of`.
+        """
+        motions = (variance, tau_s, noise, self.frame_s, exposure_s)
+        return log_likelihoods(power, ordinates, *motions, *self._compiled)
+
+    @functools.cached_property
+    def _compiled(self) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
+        return self.white, self.short, self.slow.x, self.slow.c
 
     @functools.cached_property
     def longest_s(self) -> float:
@@ -93,10 +126,9 @@ def seen_modes(
     ----------
     tau_s : (n,). longest_s : (n,) or one for all, of the windows they are seen through.
     """
-    tau = np.clip(tau_s, SHORTEST * camera.frame_s, longest_s)
-    seen = np.minimum(longest_s / np.asarray(tau_s), 1.0)
-    white, correlated = cam.recorded_parts(tau, camera)
-    return tau / camera.frame_s, seen * white, seen * correlated
+    tau = np.asarray(tau_s, dtype=float)
+    longest = np.broadcast_to(np.asarray(longest_s, dtype=float), tau.shape)
+    return seen_modes_of(tau, np.ascontiguousarray(longest), camera.frame_s, camera.exposure_s)
 
 
 def expected_matrices(

@@ -12,6 +12,11 @@ from numpy.typing import NDArray
 
 from mtpipe.ground.compiled import compiled
 from mtpipe.ground.types import FloatArray
+from mtpipe.spectra.elementary import exponentials, logarithms
+from mtpipe.spectra.recorded_mode import seen_mode
+
+# A correlation of no more than this adds nothing to what is white.
+NOTHING = 1e-18
 
 
 @compiled
@@ -44,36 +49,107 @@ def of_one_mode(
         x -= knots[at]
         for i in range(bins):
             ln = (cubics[0, at, i] * x + cubics[1, at, i]) * x + cubics[2, at, i]
-            decaying = math.exp(ln * x + cubics[3, at, i])
-            power[i] = white * of_white[i] + correlated * decaying
+            power[i] = ln * x + cubics[3, at, i]
+        exponentials(power)
+        for i in range(bins):
+            power[i] = white * of_white[i] + correlated * power[i]
         return
     for i in range(bins):
         power[i] = white * of_white[i]
     decay, left = math.exp(-1 / tau), correlated
     for lag in range(len(of_lag)):
+        if left < NOTHING:
+            break
         for i in range(bins):
             power[i] += left * of_lag[lag, i]
         left *= decay
 
 
 @compiled
-def powers_of_modes(
-    tau: FloatArray,
-    white: FloatArray,
-    correlated: FloatArray,
+def _add_modes(
+    variance: FloatArray,
+    tau_s: FloatArray,
+    noise: float,
+    frame_s: float,
+    exposure_s: float,
+    of_white: FloatArray,
+    of_lag: FloatArray,
+    knots: FloatArray,
+    cubics: FloatArray,
+    unit: FloatArray,
+    power: FloatArray,
+) -> None:
+    """A motion of (modes,) into `power` (n_bins,); `unit` (n_bins,) is overwritten."""
+    longest_s = frame_s * math.exp(knots[-1])
+    for i in range(len(power)):
+        power[i] = 2 * frame_s * noise * of_white[i]
+    for mode in range(len(tau_s)):
+        tau, white, correlated = seen_mode(tau_s[mode], longest_s, frame_s, exposure_s)
+        of_one_mode(tau, white, correlated, of_white, of_lag, knots, cubics, unit)
+        scale = 2 * frame_s * variance[mode]
+        for i in range(len(power)):
+            power[i] += scale * unit[i]
+
+
+@compiled
+def expected_powers(
+    variance: FloatArray,
+    tau_s: FloatArray,
+    noise: FloatArray,
+    frame_s: float,
+    exposure_s: float,
     of_white: FloatArray,
     of_lag: FloatArray,
     knots: FloatArray,
     cubics: FloatArray,
 ) -> FloatArray:
-    """(n, n_bins) expected binned periodograms, over 2D, of n modes of unit variance.
+    """(n, n_bins) expected binned periodograms of n motions along one axis, per Hz, one-sided.
 
-    Parameters: as of `of_one_mode`, the first three (n,).
+    Parameters
+    ----------
+    variance, tau_s : (n, modes) of each motion's modes.
+    noise : (n,) variance of white tracking noise.
+    frame_s, exposure_s : of the camera. The others: as of `of_one_mode`.
     """
-    powers = np.empty((len(tau), len(of_white)))
-    for k in range(len(tau)):
-        of_one_mode(tau[k], white[k], correlated[k], of_white, of_lag, knots, cubics, powers[k])
+    powers, unit = np.empty((len(noise), len(of_white))), np.empty(len(of_white))
+    for k in range(len(noise)):
+        _add_modes(
+            variance[k], tau_s[k], noise[k], frame_s, exposure_s,
+            of_white, of_lag, knots, cubics, unit, powers[k],
+        )  # fmt: skip
     return powers
+
+
+@compiled
+def log_likelihoods(
+    measured: FloatArray,
+    ordinates: FloatArray,
+    variance: FloatArray,
+    tau_s: FloatArray,
+    noise: FloatArray,
+    frame_s: float,
+    exposure_s: float,
+    of_white: FloatArray,
+    of_lag: FloatArray,
+    knots: FloatArray,
+    cubics: FloatArray,
+) -> FloatArray:
+    """(n,) ln of the likelihood of a measured power (n_bins,), each bin of a Gamma law of so many
+    ordinates (n_bins,), for n motions, up to a constant. The others: as of `expected_powers`.
+    """
+    out = np.empty(len(noise))
+    power, unit = np.empty(len(of_white)), np.empty(len(of_white))
+    for k in range(len(noise)):
+        _add_modes(
+            variance[k], tau_s[k], noise[k], frame_s, exposure_s,
+            of_white, of_lag, knots, cubics, unit, power,
+        )  # fmt: skip
+        logarithms(power, unit)
+        total = 0.0
+        for i in range(len(power)):
+            total -= ordinates[i] * (unit[i] + measured[i] / power[i])
+        out[k] = total
+    return out
 
 
 @compiled
