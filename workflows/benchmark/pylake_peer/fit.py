@@ -5,7 +5,7 @@
 Passive calibration with the friction of the bead stated, which pylake needs: its stiffness is
 2π · friction · corner frequency. "pylake" is `calibrate_force` as documented for a sensor without a
 filter of its own, fitted below the Nyquist frequency. "pylake, blur and aliases" adds both to its
-model, with methods that pylake has for its own tests and does not document.
+model, with private methods of pylake, which it does not document.
 """
 
 from __future__ import annotations
