@@ -17,6 +17,9 @@ from mtpipe.joint_fit.hypotheses import FittedEffect
 
 # How likely it is beforehand that what differs has no name in the catalogue, over that it has.
 UNKNOWN = 0.05
+# And that what has no name looks just like an effect that has one, over that it is this effect: of
+# recordings with an effect outside the catalogue one in 45 or fewer are given a name (docs/proof.md).
+IMITATED = 0.02
 # A cause is one of so many beforehand (nats). A form with a law of its own fits more than physics
 # does: a term takes a name's place only where it is clearly better, by as much more.
 CAUSE_NATS = math.log(27)
@@ -45,7 +48,7 @@ def odds_against(
     ]
     unnamed = smooth_gain(without) - smooth_gain(with_it) - one.net + math.log(UNKNOWN)
     nothing = CAUSE_NATS - one.net
-    return sum(weight(nats) for nats in (*others, unnamed, nothing))
+    return IMITATED + sum(weight(nats) for nats in (*others, unnamed, nothing))
 
 
 def odds_against_correction(before: BeadCheck) -> float:
@@ -54,7 +57,7 @@ def odds_against_correction(before: BeadCheck) -> float:
     −e p ln p (Sellke, Bayarri & Berger 2001, Am. Stat. 55, 62).
     """
     p = min(max(before.p_value, 1e-300), 1 / math.e)
-    return -math.e * p * math.log(p)
+    return IMITATED - math.e * p * math.log(p)
 
 
 def weight(nats: float) -> float:

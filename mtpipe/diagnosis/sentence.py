@@ -19,8 +19,6 @@ from mtpipe.recording.recording import AXES
 # Forces that change by less are said not to change: less than any calibration of magnetic tweezers
 # knows a force to, as radius and viscosity are seldom known to better than a percent.
 LEAST_TOLD = 0.01
-# No name is told to be surer: what was weighed is a catalogue, and not the world.
-SUREST = 0.99
 
 
 def sentence(found: Explanation, one: Named) -> str:
@@ -49,14 +47,8 @@ def sentence(found: Explanation, one: Named) -> str:
     others = f" {one.others}" if one.others else ""
     without = "leaving it out" if single else f"leaving out {it}"
     left_out = f"{without} {_consequence(found)}"
-    sure = "" if one.form else f" The name is {_sure(one.probability)} sure."
+    sure = "" if one.form else f" The name is {100 * one.probability:.0f} % sure."
     return f"{where}{cause}; {left_out}; {agrees} {p_values}.{sure}{also}{others}"
-
-
-def _sure(probability: float) -> str:
-    if probability > SUREST:
-        return f"more than {100 * SUREST:.0f} %"
-    return f"{100 * probability:.0f} %"
 
 
 def _consequence(found: Explanation) -> str:
