@@ -17,8 +17,8 @@ from mtpipe.joint_fit.hypotheses import FittedEffect
 
 # How likely it is beforehand that what differs has no name in the catalogue, over that it has.
 UNKNOWN = 0.05
-# And that what has no name looks just like an effect that has one, over that it is this effect: of
-# recordings with an effect outside the catalogue one in 45 or fewer are given a name (docs/proof.md).
+# And that what has no name looks just like an effect that has one, over that it is this effect: one
+# in 45 recordings with an effect outside the catalogue, or fewer, is given a name (docs/proof.md).
 IMITATED = 0.02
 # A cause is one of so many beforehand (nats). A form with a law of its own fits more than physics
 # does: a term takes a name's place only where it is clearly better, by as much more.
