@@ -118,14 +118,18 @@ def test_a_rest_on_the_surface_is_no_plateau(tmp_path):
     magnet = np.repeat([5.0, 9.0, 5.0, 3.0], [1000, 2000, 1500, 1500])
     np.savez(path, **np.load(path), magnet=magnet)
     source |= {"magnet": {"column": "magnet", "unit": "mm"}}
-    whole = load(path, setup_of({**source, "z_zero": {"value_nm": 9000.0}}))
+
+    def down(rows, **beside):
+        return {**source, "z_zero": {"touch_rows": rows, "no_plateau": True} | beside}
+
+    whole = load(path, setup_of(down([1101, 2900], no_plateau=False)))
     assert [one.magnet_mm for one in whole.plateaus] == [5.0, 9.0, 5.0, 3.0]
-    touched = load(path, setup_of({**source, "z_zero": {"touch_rows": [1101, 2900]}}))
+    touched = load(path, setup_of(down([1101, 2900])))
     assert [one.magnet_mm for one in touched.plateaus] == [5.0, 5.0, 3.0]
     assert [one.number for one in touched.plateaus] == [0, 1, 2]
     assert "touching_left_out" in codes(touched)
     # a stretch that is a small part of a plateau leaves it
-    part = load(path, setup_of({**source, "z_zero": {"touch_rows": [1101, 1700]}}))
+    part = load(path, setup_of(down([1101, 1700])))
     assert len(part.plateaus) == 4
 
 

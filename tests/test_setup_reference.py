@@ -83,6 +83,8 @@ def with_example(key):
         case "row_by_row":
             place.pop("time_column", None)
             place["file"] = "log.txt"
+        case "no_plateau":
+            place["touch_rows"] = [1, 100]
         case "file" | "clock_offset_s":
             place["time_column"] = 1
         case "in_log":

@@ -121,11 +121,11 @@ def off_the_surface(recording: Recording) -> tuple[Recording, tuple[Notice, ...]
     """A recording without the plateaus in which its beads lie on the surface to tell z = 0.
 
     A bead that touches the surface is not on its tether alone, and has no force to measure. What
-    lies there by more than half is left out, unless nothing else is there.
+    lies there by more than half is left out if the setup says so, unless nothing else is there.
     """
     source = recording.setup.source or Source()
     choice = source.z_zero
-    if choice is None or choice.unknown or choice.value_nm is not None:
+    if choice is None or not choice.no_plateau or choice.unknown or choice.value_nm is not None:
         return recording, ()
     down = _stretch(recording, source, choice)
     left = [

@@ -1,4 +1,4 @@
-"""What one more number promises to gain, from one look at a fit (score test, PHYSICS 4.2)."""
+"""What one more number promises to gain, from one look at a fit (score test)."""
 
 from __future__ import annotations
 

@@ -92,6 +92,7 @@ def put_surface(draft: Draft, recording: Recording, stretches: Sequence[Plateau]
     if surface.touch is not None:
         rows = [surface.touch[0] + 1, surface.touch[1]]
         draft.put("source.z_zero.touch_rows", rows, f"a guess: {surface.why}", guess=True)
+        draft.put("source.z_zero.no_plateau", True)
     else:
         draft.put("source.z_zero", surface.z_zero, f"a guess: {surface.why}", guess=True)
 

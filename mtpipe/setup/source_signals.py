@@ -148,7 +148,7 @@ class Lost(Table):
 
 
 class ZZero(Table):
-    """Where a bead's z is 0: exactly one of four keys."""
+    """Where a bead's z is 0: exactly one of four keys, and `no_plateau` beside a stretch."""
 
     value_nm: float | None = Field(
         default=None,
@@ -172,9 +172,16 @@ class ZZero(Table):
         examples=[True],
     )
 
+    no_plateau: bool = Field(
+        default=False,
+        description="A rest of the magnets that lies in the stretch by more than half is no "
+        "plateau: a bead on the surface has no force to measure.",
+        examples=[True],
+    )
+
     @model_validator(mode="after")
     def _is_one_way(self) -> ZZero:
-        if len(self.model_fields_set) != 1:
+        if len(self.model_fields_set - {"no_plateau"}) != 1:
             raise ValueError("give one of value_nm, touch_rows, touch_time_s, unknown = true")
         for stretch in (self.touch_rows, self.touch_time_s):
             if stretch is not None and not stretch[0] < stretch[1]:
