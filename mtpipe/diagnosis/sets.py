@@ -18,7 +18,7 @@ import numpy as np
 
 from mtpipe.crosschecking.check import CLEARLY_NOT, ENOUGH, BeadCheck, check_bead
 from mtpipe.diagnosis.evidence import evidence_of
-from mtpipe.diagnosis.explanation import AGREES_P, Named, agrees
+from mtpipe.diagnosis.explanation import AGREES_P, ALIKE_NATS, Named, agrees
 from mtpipe.diagnosis.heldout import heldout_gain
 from mtpipe.diagnosis.kept import SEARCHING, SURE_SIMULATIONS
 from mtpipe.diagnosis.probability import CAUSE_NATS, TERM_NATS
@@ -27,7 +27,13 @@ from mtpipe.diagnosis.unexplained import SPECTRAL
 from mtpipe.effects.effect import Effect, Evidence
 from mtpipe.ground.errors import FitError
 from mtpipe.joint_fit.fit import ConfiguredFit
-from mtpipe.joint_fit.hypotheses import FittedEffect, model_with, together, try_effects
+from mtpipe.joint_fit.hypotheses import (
+    FittedEffect,
+    gained_by_motion,
+    model_with,
+    together,
+    try_effects,
+)
 from mtpipe.joint_fit.score_test import most_promising
 from mtpipe.terms.catalogue import TERMS
 
@@ -204,6 +210,8 @@ def _grown(
         for other in by_worth[:BEAM]:
             if other.gain <= price(other):
                 break
+            if gained_by_motion(other) < ALIKE_NATS:
+                continue  # all of it but its motion fits as well
             larger = _needed(without, (*one.members, other), other.fit)
             if larger.names not in weighed:
                 weighed[larger.names] = larger
