@@ -65,6 +65,8 @@ def test_two_causes_are_named_together_with_their_sizes(seen):
     assert all(a.after is b.before for a, b in itertools.pairwise(named))
     assert named[-1].after.p_value > 0.01
     assert all(one.heldout_gain > 0 for one in named)
+    # nothing was fitted in their place yet, which makes no name certain
+    assert all(one.probability < 0.99 for one in named)
 
 
 def test_a_cause_without_a_name_is_described_by_its_form(seen):

@@ -28,6 +28,9 @@ ALIKE_NATS = 5.0
 # Nats of ln likelihood that count as one: ordinates of a spectrum are not quite independent
 # (`python workflows/crosscheck/temperature.py`).
 TEMPERATURE = 1.0
+# Weight of something without a name that looks just like a named effect, over the effect's: one in
+# 45 recordings with an effect outside the catalogue, or fewer, is given a name (docs/proof.md).
+IMITATED = 0.02
 # An alternative that is worse by so many nats weighs nothing, and one better by so many all.
 CERTAIN_NATS = 50.0
 
@@ -53,7 +56,8 @@ class Named:
         is none of the spectrum's, or the halves cannot be compared.
     others : a sentence on what the recording's other beads say of it; empty where it is the bead's
         own affair.
-    odds_against : weight of all that was weighed and is neither this nor an alternative, over this.
+    odds_against : weight of all that is neither this effect nor an alternative, over this one's;
+        where the rivals could not be fitted, of what looks just like it.
     """
 
     found: FittedEffect | Correction
@@ -62,7 +66,7 @@ class Named:
     after: BeadCheck
     heldout_gain: float
     others: str = ""
-    odds_against: float = 0.0
+    odds_against: float = IMITATED
 
     @property
     def equivalent(self) -> tuple[str, ...]:

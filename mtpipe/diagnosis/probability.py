@@ -10,19 +10,18 @@ import math
 from collections.abc import Collection, Sequence
 
 from mtpipe.crosschecking.check import BeadCheck
-from mtpipe.diagnosis.explanation import TEMPERATURE
+from mtpipe.diagnosis.explanation import IMITATED, TEMPERATURE
 from mtpipe.diagnosis.smooth_correction import smooth_correction, spectra_of
+from mtpipe.effects.catalogue import OWN
 from mtpipe.joint_fit.fit import ConfiguredFit
 from mtpipe.joint_fit.hypotheses import FittedEffect
 
-# How likely it is beforehand that what differs has no name in the catalogue, over that it has.
+# Prior odds of a cause outside the catalogue against one inside it.
 UNKNOWN = 0.05
-# And that what has no name looks just like an effect that has one, over that it is this effect: one
-# in 45 recordings with an effect outside the catalogue, or fewer, is given a name (docs/proof.md).
-IMITATED = 0.02
-# A cause is one of so many beforehand (nats). A form with a law of its own fits more than physics
-# does: a term takes a name's place only where it is clearly better, by as much more.
-CAUSE_NATS = math.log(27)
+# Nats that a cause costs beforehand: each effect of the catalogue is taken for equally likely.
+CAUSE_NATS = math.log(len(OWN))
+# Nats that a term costs: 10 more than a name, as a form with a free law in the force fits more
+# recordings than physics does.
 TERM_NATS = CAUSE_NATS + 10.0
 
 
@@ -61,7 +60,7 @@ def odds_against_correction(before: BeadCheck) -> float:
 
 
 def weight(nats: float) -> float:
-    """Of what is so many nats likelier than something of weight 1."""
+    """Weight of something, beside a weight of 1, from the difference of their ln likelihoods."""
     return math.exp(min(max(nats / TEMPERATURE, -300.0), 300.0))
 
 

@@ -1,11 +1,12 @@
 """Several causes at once, weighed as sets, where one after the other explains nothing.
 
 A real recording has four or five. Each by itself explains little, and with one of them alone
-recording and simulation may differ even more, so a set of causes is weighed as a whole: ln
-likelihood at its best, less the price of its numbers, less what so many causes are unlikely
-beforehand. Terms of known form are members like the effects, but dearer. Sets grow by one member at
-a time, the best few of each size; the battery speaks at the end: if recording and simulation do not
-agree with all of a set, none of it is named. Nor is any where other causes weigh as much.
+recording and simulation may differ even more, so a set of causes is weighed as a whole. Its score
+is the ln likelihood of its fit, less half of ln of the number of ordinates for each parameter, less
+the ln of the catalogue's length for each cause; a term of known form costs 10 nats more. Sets grow
+by one member at a time, the two best of each size. At the end the set is compared with simulations:
+if recording and simulation do not agree with all of it, none of it is named. Nor is any where other
+sets, without one of its causes, have as much weight.
 """
 
 from __future__ import annotations

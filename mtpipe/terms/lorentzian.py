@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import itertools
 import math
 from dataclasses import dataclass
 from functools import partial
@@ -11,13 +10,23 @@ from typing import ClassVar
 import numpy as np
 
 from mtpipe.effects.effect import Effect, Evidence, Hypothesis, logarithm, variance
-from mtpipe.experiment.changes import step_of, with_step
+from mtpipe.experiment.changes import with_step
 from mtpipe.experiment.description import Experiment
 from mtpipe.experiment.step import Place, Seen
 from mtpipe.ground.types import FloatArray
 from mtpipe.physics.camera import Camera
 from mtpipe.physics.langevin import simulate_mode
-from mtpipe.terms.term import AXES, grows, law, of_square, relative, set_to, typical_force_pN
+from mtpipe.terms.term import (
+    AXES,
+    grows,
+    law,
+    of_axis,
+    of_square,
+    relative,
+    set_to,
+    stretches,
+    typical_force_pN,
+)
 
 # Where the corner is looked for, as shares of the frame rate.
 STARTS = (0.002, 0.1)
@@ -64,30 +73,38 @@ class OwnMotion:
     ) -> FloatArray:
         """Begun anew in each stretch of one force."""
         moved = position_nm.copy()
-        edges = [0, *(np.flatnonzero(np.diff(force_pN)) + 1).tolist(), len(force_pN)]
-        for start, stop in itertools.pairwise(edges):
-            force = float(force_pN[start])
-            moved[start:stop, self.axis] += simulate_mode(
-                self.variance_nm2(force), self.tau_s(force), camera, stop - start, random
+        for rows, force in stretches(force_pN):
+            frames = rows.stop - rows.start
+            moved[rows, self.axis] += simulate_mode(
+                self.variance_nm2(force), self.tau_s(force), camera, frames, random
             )
         return moved
+
+    @property
+    def words(self) -> str:
+        """Variance, corner, and how it goes with the force."""
+        return (
+            f"{AXES[self.axis]} has a motion of its own, {self.size_nm**2:.3g} nm² with its corner "
+            f"at {self.corner_hz:.3g} Hz at {self.at_pN:.2g} pN, {grows(self.exponent)}"
+        )
+
+    @property
+    def sizes(self) -> list[tuple[str, float, str]]:
+        """Size and corner at F₀, and their laws."""
+        return [
+            ("size_nm", self.size_nm, "nm"),
+            ("corner_hz", self.corner_hz, "Hz"),
+            ("exponent", self.exponent, ""),
+            ("corner_exponent", self.corner_exponent, ""),
+        ]
 
 
 def along(axis: int) -> Effect:
     """The term of one axis."""
-    return Effect(
-        f"lorentzian_{AXES[axis]}",
-        partial(_hypotheses, axis),
-        partial(_cause, axis),
-        partial(_strengths, axis),
-        form=OwnMotion.form,
-        axes=(AXES[axis],),
-    )
+    return of_axis(f"lorentzian_{AXES[axis]}", OwnMotion, axis, partial(_begun, axis))
 
 
-def _hypotheses(axis: int, experiment: Experiment, evidence: Evidence) -> list[Hypothesis]:
-    if step_of(experiment, OwnMotion, axis) is not None:
-        return []
+def _begun(axis: int, experiment: Experiment, evidence: Evidence) -> list[Hypothesis]:
     at, rate_hz = typical_force_pN(evidence), 1 / experiment.camera.frame_s
     name = f"motion of its own along {AXES[axis]}"
     corner = set_to(OwnMotion, axis, "corner_hz")
@@ -105,26 +122,4 @@ def _hypotheses(axis: int, experiment: Experiment, evidence: Evidence) -> list[H
             ),
         )
         for share in STARTS
-    ]
-
-
-def _cause(axis: int, experiment: Experiment) -> str:
-    step = step_of(experiment, OwnMotion, axis)
-    if step is None:
-        return f"{AXES[axis]} has a motion of its own"
-    return (
-        f"{AXES[axis]} has a motion of its own, {step.size_nm**2:.3g} nm² with its corner at "
-        f"{step.corner_hz:.3g} Hz at {step.at_pN:.2g} pN, {grows(step.exponent)}"
-    )
-
-
-def _strengths(axis: int, experiment: Experiment) -> list[tuple[str, float, str]]:
-    step = step_of(experiment, OwnMotion, axis)
-    if step is None:
-        return []
-    return [
-        ("size_nm", step.size_nm, "nm"),
-        ("corner_hz", step.corner_hz, "Hz"),
-        ("exponent", step.exponent, ""),
-        ("corner_exponent", step.corner_exponent, ""),
     ]

@@ -12,12 +12,22 @@ from typing import ClassVar
 import numpy as np
 
 from mtpipe.effects.effect import Effect, Evidence, Hypothesis, plain
-from mtpipe.experiment.changes import step_of, with_step
+from mtpipe.experiment.changes import with_step
 from mtpipe.experiment.description import Experiment
 from mtpipe.experiment.step import Place, Seen
 from mtpipe.ground.types import FloatArray
 from mtpipe.physics.camera import Camera
-from mtpipe.terms.term import AXES, grows, law, relative, set_to, typical_force_pN
+from mtpipe.terms.term import (
+    AXES,
+    axis_name,
+    grows,
+    law,
+    of_axis,
+    relative,
+    set_to,
+    stretches,
+    typical_force_pN,
+)
 
 # ln of a gain, and a share, beyond which an axis is not what it is called.
 LARGEST = 0.8
@@ -56,12 +66,28 @@ class Gain:
     ) -> FloatArray:
         """About the mean of each stretch of one force."""
         scaled = position_nm.copy()
-        for force in np.unique(force_pN):
-            here = force_pN == force
-            mean = position_nm[here, self.axis].mean()
-            about = position_nm[here, self.axis] - mean
-            scaled[here, self.axis] = mean + self.factor(float(force)) * about
+        for rows, force in stretches(force_pN):
+            mean = position_nm[rows, self.axis].mean()
+            about = position_nm[rows, self.axis] - mean
+            scaled[rows, self.axis] = mean + self.factor(force) * about
         return scaled
+
+    @property
+    def words(self) -> str:
+        """Factor, and how its logarithm goes with the force."""
+        factor = float(self.factor(self.at_pN))
+        return (
+            f"motion along {AXES[self.axis]} is recorded {factor:.3f} times "
+            f"as large as it is at {self.at_pN:.2g} pN, its logarithm {grows(self.exponent)}"
+        )
+
+    @property
+    def sizes(self) -> list[tuple[str, float, str]]:
+        """Factor at F₀, and the law of its logarithm."""
+        return [
+            ("factor", float(self.factor(self.at_pN)), ""),
+            ("exponent", self.exponent, ""),
+        ]
 
 
 @dataclass(frozen=True)
@@ -96,89 +122,46 @@ class Share:
         """What is along the other axis about the mean of each stretch of one force."""
         into, other = self.axis
         mixed = position_nm.copy()
-        for force in np.unique(force_pN):
-            here = force_pN == force
-            about = position_nm[here, other] - position_nm[here, other].mean()
-            mixed[here, into] += self.at(float(force)) * about
+        for rows, force in stretches(force_pN):
+            about = position_nm[rows, other] - position_nm[rows, other].mean()
+            mixed[rows, into] += self.at(force) * about
         return mixed
+
+    @property
+    def words(self) -> str:
+        """Share, and how it goes with the force."""
+        into, other = (AXES[i] for i in self.axis)
+        return (
+            f"{into} contains {self.share:+.3f} of the motion along {other}, {grows(self.exponent)}"
+        )
+
+    @property
+    def sizes(self) -> list[tuple[str, float, str]]:
+        """Share at F₀, and its law."""
+        return [("share", self.share, ""), ("exponent", self.exponent, "")]
 
 
 def gain_along(axis: int) -> Effect:
     """The gain of one axis."""
-    return Effect(
-        f"gain_{AXES[axis]}",
-        partial(_gains, axis),
-        partial(_cause_of_gain, axis),
-        partial(_strengths_of_gain, axis),
-        form=Gain.form,
-        axes=(AXES[axis],),
-    )
+    return of_axis(f"gain_{AXES[axis]}", Gain, axis, partial(_gain, axis))
 
 
 def share_in(into: int, other: int) -> Effect:
     """The share of one axis in another."""
     pair = (into, other)
-    return Effect(
-        f"mixing_{AXES[other]}_in_{AXES[into]}",
-        partial(_shares, pair),
-        partial(_cause_of_share, pair),
-        partial(_strengths_of_share, pair),
-        form=Share.form,
-        axes=(AXES[into], AXES[other]),
-    )
+    return of_axis(f"mixing_{AXES[other]}_in_{AXES[into]}", Share, pair, partial(_share, pair))
 
 
-def _gains(axis: int, experiment: Experiment, evidence: Evidence) -> list[Hypothesis]:
-    if step_of(experiment, Gain, axis) is not None:
-        return []
+def _gain(axis: int, experiment: Experiment, evidence: Evidence) -> list[Hypothesis]:
     start = with_step(experiment, Gain(axis, typical_force_pN(evidence)))
     name, bounds = f"ln of the gain along {AXES[axis]}", (-LARGEST, LARGEST)
     size = plain(name, "", 0.0, bounds, 1e-3, set_to(Gain, axis, "ln_gain"))
     return [Hypothesis(start, (size, law(Gain, axis)))]
 
 
-def _shares(pair: tuple[int, int], experiment: Experiment, evidence: Evidence) -> list[Hypothesis]:
-    if step_of(experiment, Share, pair) is not None:
-        return []
+def _share(pair: tuple[int, int], experiment: Experiment, evidence: Evidence) -> list[Hypothesis]:
     start = with_step(experiment, Share(pair, typical_force_pN(evidence)))
-    into, other = (AXES[i] for i in pair)
-    name, bounds = f"share of {other} in {into} (term)", (-LARGEST, LARGEST)
+    # the effect z_crosstalk has a share of its own
+    name, bounds = f"share of {axis_name(pair)} (term)", (-LARGEST, LARGEST)
     size = plain(name, "", 0.0, bounds, 1e-3, set_to(Share, pair, "share"))
-    law_name = f"law of the share of {other} in {into}"
-    bound = (-4.0, 4.0)
-    exponent = plain(law_name, "", 0.0, bound, 1e-3, set_to(Share, pair, "exponent"))
-    return [Hypothesis(start, (size, exponent))]
-
-
-def _cause_of_gain(axis: int, experiment: Experiment) -> str:
-    step = step_of(experiment, Gain, axis)
-    factor = 1.0 if step is None else float(step.factor(step.at_pN))
-    at, how = (1.0, "") if step is None else (step.at_pN, f", its logarithm {grows(step.exponent)}")
-    return (
-        f"motion along {AXES[axis]} is recorded {factor:.3f} times as large as it is at "
-        f"{at:.2g} pN{how}"
-    )
-
-
-def _strengths_of_gain(axis: int, experiment: Experiment) -> list[tuple[str, float, str]]:
-    step = step_of(experiment, Gain, axis)
-    if step is None:
-        return []
-    return [("factor", float(step.factor(step.at_pN)), ""), ("exponent", step.exponent, "")]
-
-
-def _cause_of_share(pair: tuple[int, int], experiment: Experiment) -> str:
-    step = step_of(experiment, Share, pair)
-    into, other = (AXES[i] for i in pair)
-    share = 0.0 if step is None else step.share
-    how = "" if step is None else f", {grows(step.exponent)}"
-    return f"{into} contains {share:+.3f} of the motion along {other}{how}"
-
-
-def _strengths_of_share(
-    pair: tuple[int, int], experiment: Experiment
-) -> list[tuple[str, float, str]]:
-    step = step_of(experiment, Share, pair)
-    if step is None:
-        return []
-    return [("share", step.share, ""), ("exponent", step.exponent, "")]
+    return [Hypothesis(start, (size, law(Share, pair)))]

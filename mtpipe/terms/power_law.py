@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import itertools
 import math
 from dataclasses import dataclass
 from functools import partial
@@ -11,13 +10,23 @@ from typing import ClassVar
 import numpy as np
 
 from mtpipe.effects.effect import Effect, Evidence, Hypothesis, plain, variance
-from mtpipe.experiment.changes import step_of, with_step
+from mtpipe.experiment.changes import with_step
 from mtpipe.experiment.description import Experiment
 from mtpipe.experiment.step import Place, Seen
 from mtpipe.ground.types import FloatArray
 from mtpipe.physics.camera import Camera
 from mtpipe.physics.langevin import simulate_mode
-from mtpipe.terms.term import AXES, grows, law, of_square, relative, set_to, typical_force_pN
+from mtpipe.terms.term import (
+    AXES,
+    grows,
+    law,
+    of_axis,
+    of_square,
+    relative,
+    set_to,
+    stretches,
+    typical_force_pN,
+)
 
 START_NM, LARGEST_NM = 2.0, 300.0
 # Steeper is a random walk, an effect of its own; flatter is white.
@@ -67,31 +76,39 @@ class PowerLaw:
     ) -> FloatArray:
         """Begun anew in each stretch of one force."""
         moved = position_nm.copy()
-        edges = [0, *(np.flatnonzero(np.diff(force_pN)) + 1).tolist(), len(force_pN)]
-        for start, stop in itertools.pairwise(edges):
-            size = float(relative(float(force_pN[start]), self.at_pN, self.exponent))
+        for rows, force in stretches(force_pN):
+            size = float(relative(force, self.at_pN, self.exponent))
+            frames = rows.stop - rows.start
             for tau_s, square in zip(self.times_s, self.variances_nm2, strict=True):
-                moved[start:stop, self.axis] += simulate_mode(
-                    size * float(square), tau_s, camera, stop - start, random
+                moved[rows, self.axis] += simulate_mode(
+                    size * float(square), tau_s, camera, frames, random
                 )
         return moved
+
+    @property
+    def words(self) -> str:
+        """Power of the frequency, size, and how it goes with the force."""
+        return (
+            f"{AXES[self.axis]} has power that goes as f^−{self.slope:.1f}, {self.size_nm:.2g} nm "
+            f"around 1 Hz at {self.at_pN:.2g} pN, {grows(self.exponent)}"
+        )
+
+    @property
+    def sizes(self) -> list[tuple[str, float, str]]:
+        """Size at F₀, and both powers."""
+        return [
+            ("size_nm", self.size_nm, "nm"),
+            ("slope", self.slope, ""),
+            ("exponent", self.exponent, ""),
+        ]
 
 
 def along(axis: int) -> Effect:
     """The term of one axis."""
-    return Effect(
-        f"power_law_{AXES[axis]}",
-        partial(_hypotheses, axis),
-        partial(_cause, axis),
-        partial(_strengths, axis),
-        form=PowerLaw.form,
-        axes=(AXES[axis],),
-    )
+    return of_axis(f"power_law_{AXES[axis]}", PowerLaw, axis, partial(_begun, axis))
 
 
-def _hypotheses(axis: int, experiment: Experiment, evidence: Evidence) -> list[Hypothesis]:
-    if step_of(experiment, PowerLaw, axis) is not None:
-        return []
+def _begun(axis: int, experiment: Experiment, evidence: Evidence) -> list[Hypothesis]:
     frame_s = experiment.camera.frame_s
     longest_s = frame_s * max((rest.frames for rest in experiment.rests), default=1)
     fastest_s, slowest_s = frame_s / (2 * math.pi), SLOWEST * max(longest_s, 10 * frame_s)
@@ -110,25 +127,4 @@ def _hypotheses(axis: int, experiment: Experiment, evidence: Evidence) -> list[H
                 law(PowerLaw, axis),
             ),
         )
-    ]
-
-
-def _cause(axis: int, experiment: Experiment) -> str:
-    step = step_of(experiment, PowerLaw, axis)
-    if step is None:
-        return f"{AXES[axis]} has a power law"
-    return (
-        f"{AXES[axis]} has power that goes as f^−{step.slope:.1f}, {step.size_nm:.2g} nm around "
-        f"1 Hz at {step.at_pN:.2g} pN, {grows(step.exponent)}"
-    )
-
-
-def _strengths(axis: int, experiment: Experiment) -> list[tuple[str, float, str]]:
-    step = step_of(experiment, PowerLaw, axis)
-    if step is None:
-        return []
-    return [
-        ("size_nm", step.size_nm, "nm"),
-        ("slope", step.slope, ""),
-        ("exponent", step.exponent, ""),
     ]

@@ -6,6 +6,7 @@ its motion.
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 from functools import partial
 from typing import ClassVar
@@ -13,13 +14,19 @@ from typing import ClassVar
 import numpy as np
 
 from mtpipe.effects.effect import Effect, Evidence, Hypothesis, plain, variance
-from mtpipe.experiment.changes import step_of, with_step
+from mtpipe.experiment.changes import with_step
 from mtpipe.experiment.description import Experiment
+from mtpipe.experiment.parameter import Parameter
 from mtpipe.experiment.step import Place, Seen
 from mtpipe.ground.types import FloatArray
 from mtpipe.physics.camera import Camera
 from mtpipe.terms.mixing import LARGEST, Gain
-from mtpipe.terms.term import AXES, of_square, set_to
+from mtpipe.terms.term import (
+    AXES,
+    of_axis,
+    of_square,
+    set_to,
+)
 from mtpipe.terms.white import LARGEST_NM, START_NM, WhitePower
 
 
@@ -58,6 +65,19 @@ class GainFrom(_FromPlateau):
         """What it is in one plateau."""
         return Gain(self.axis, 1.0, self.ln_gain if plateau >= self.first else 0.0)
 
+    @property
+    def words(self) -> str:
+        """Factor, and since when."""
+        return (
+            f"motion along {AXES[self.axis]} is recorded {math.exp(self.ln_gain):.3f} times as "
+            f"large from plateau {self.first + 1} of those fitted on"
+        )
+
+    @property
+    def sizes(self) -> list[tuple[str, float, str]]:
+        """Factor, and the index of the plateau with which it begins."""
+        return [("factor", math.exp(self.ln_gain), ""), ("first_plateau", self.first, "")]
+
 
 @dataclass(frozen=True)
 class ScatterFrom(_FromPlateau):
@@ -70,89 +90,47 @@ class ScatterFrom(_FromPlateau):
         """What it is in one plateau."""
         return WhitePower(self.axis, 1.0, self.size_nm if plateau >= self.first else 0.0)
 
+    @property
+    def words(self) -> str:
+        """Scatter, and since when."""
+        return (
+            f"{AXES[self.axis]} scatters by {self.size_nm:.2g} nm more from frame to frame from "
+            f"plateau {self.first + 1} of those fitted on"
+        )
+
+    @property
+    def sizes(self) -> list[tuple[str, float, str]]:
+        """Scatter, and the index of the plateau with which it begins."""
+        return [("size_nm", self.size_nm, "nm"), ("first_plateau", self.first, "")]
+
 
 def gain_along(axis: int) -> Effect:
     """Another gain of one axis."""
-    return Effect(
-        f"gain_step_{AXES[axis]}",
-        partial(_gains, axis),
-        partial(_cause_of_gain, axis),
-        partial(_strengths_of_gain, axis),
-        form=GainFrom.form,
-        axes=(AXES[axis],),
-    )
+    return of_axis(f"gain_step_{AXES[axis]}", GainFrom, axis, partial(_gains, axis))
 
 
 def scatter_along(axis: int) -> Effect:
     """More scatter of one axis."""
-    return Effect(
-        f"scatter_step_{AXES[axis]}",
-        partial(_scatters, axis),
-        partial(_cause_of_scatter, axis),
-        partial(_strengths_of_scatter, axis),
-        form=ScatterFrom.form,
-        axes=(AXES[axis],),
-    )
-
-
-def _later(evidence: Evidence) -> range:
-    return range(1, len(evidence.force_pN))
+    return of_axis(f"scatter_step_{AXES[axis]}", ScatterFrom, axis, partial(_scatters, axis))
 
 
 def _gains(axis: int, experiment: Experiment, evidence: Evidence) -> list[Hypothesis]:
-    if step_of(experiment, GainFrom, axis) is not None:
-        return []
     name, change = f"ln of the later gain along {AXES[axis]}", set_to(GainFrom, axis, "ln_gain")
     size = plain(name, "", 0.0, (-LARGEST, LARGEST), 1e-3, change)
-    return [
-        Hypothesis(
-            with_step(experiment, GainFrom(axis, k)), (size,), chosen_from=len(_later(evidence))
-        )
-        for k in _later(evidence)
-    ]
+    return _each([with_step(experiment, GainFrom(axis, k)) for k in _later(evidence)], size)
 
 
 def _scatters(axis: int, experiment: Experiment, evidence: Evidence) -> list[Hypothesis]:
-    if step_of(experiment, ScatterFrom, axis) is not None:
-        return []
     change = of_square(ScatterFrom, axis, "size_nm")
     size = variance(f"later scatter along {AXES[axis]}", "nm", START_NM, LARGEST_NM, change)
-    return [
-        Hypothesis(
-            with_step(experiment, ScatterFrom(axis, k, START_NM)),
-            (size,),
-            chosen_from=len(_later(evidence)),
-        )
-        for k in _later(evidence)
-    ]
+    begun = [with_step(experiment, ScatterFrom(axis, k, START_NM)) for k in _later(evidence)]
+    return _each(begun, size)
 
 
-def _cause_of_gain(axis: int, experiment: Experiment) -> str:
-    step = step_of(experiment, GainFrom, axis)
-    factor, first = (1.0, 0) if step is None else (float(np.exp(step.ln_gain)), step.first)
-    return (
-        f"motion along {AXES[axis]} is recorded {factor:.3f} times as large from plateau "
-        f"{first + 1} of those fitted on"
-    )
+def _later(evidence: Evidence) -> range:
+    """Plateaus with which something may begin."""
+    return range(1, len(evidence.force_pN))
 
 
-def _strengths_of_gain(axis: int, experiment: Experiment) -> list[tuple[str, float, str]]:
-    step = step_of(experiment, GainFrom, axis)
-    if step is None:
-        return []
-    return [("factor", float(np.exp(step.ln_gain)), ""), ("first_plateau", step.first, "")]
-
-
-def _cause_of_scatter(axis: int, experiment: Experiment) -> str:
-    step = step_of(experiment, ScatterFrom, axis)
-    size, first = (0.0, 0) if step is None else (step.size_nm, step.first)
-    return (
-        f"{AXES[axis]} scatters by {size:.2g} nm more from frame to frame from plateau {first} on"
-    )
-
-
-def _strengths_of_scatter(axis: int, experiment: Experiment) -> list[tuple[str, float, str]]:
-    step = step_of(experiment, ScatterFrom, axis)
-    if step is None:
-        return []
-    return [("size_nm", step.size_nm, "nm"), ("first_plateau", step.first, "")]
+def _each(begun: list[Experiment], size: Parameter) -> list[Hypothesis]:
+    return [Hypothesis(one, (size,), chosen_from=len(begun)) for one in begun]

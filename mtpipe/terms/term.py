@@ -1,27 +1,88 @@
-"""What terms have in common: one axis, and a law in the force."""
+"""What terms have in common: an axis or a pair, a law in the force, words and sizes."""
 
 from __future__ import annotations
 
+import itertools
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from dataclasses import replace
 from functools import partial
-from typing import TypeVar
+from typing import Protocol, TypeVar
 
 import numpy as np
 
-from mtpipe.effects.effect import Evidence, plain
+from mtpipe.effects.effect import Effect, Evidence, Hypothesis, plain
 from mtpipe.experiment.changes import step_of, with_step
 from mtpipe.experiment.description import Experiment
 from mtpipe.experiment.parameter import Parameter
 from mtpipe.experiment.step import StepOfAxis
 from mtpipe.ground.types import FloatArray
 
-Kind = TypeVar("Kind", bound=StepOfAxis)
+AXES = "xyz"
 Axis = int | tuple[int, int]
 # Of laws in the force: what the physics of a tether has lies between, squares of lengths as F^-3.
 STEEPEST = 4.0
-AXES = "xyz"
+
+
+class TermStep(StepOfAxis, Protocol):
+    """The step of a term, which says what it is."""
+
+    @property
+    def words(self) -> str:
+        """What the record has, in words that continue "…: "."""
+
+    @property
+    def sizes(self) -> list[tuple[str, float, str]]:
+        """Name, value and unit of what is reported."""
+
+
+Kind = TypeVar("Kind", bound=TermStep)
+
+
+def of_axis(
+    name: str,
+    kind: type[Kind],
+    axis: Axis,
+    begun: Callable[[Experiment, Evidence], list[Hypothesis]],
+) -> Effect:
+    """The term of one axis, or of a pair.
+
+    Parameters
+    ----------
+    begun : its hypotheses, of an experiment that has none of it yet.
+    """
+    return Effect(
+        name,
+        partial(_hypotheses, kind, axis, begun),
+        partial(_words, kind, axis),
+        partial(_sizes, kind, axis),
+        form=kind.form,
+        axes=(AXES[axis],) if isinstance(axis, int) else tuple(AXES[one] for one in axis),
+    )
+
+
+def _hypotheses(
+    kind: type[Kind],
+    axis: Axis,
+    begun: Callable[[Experiment, Evidence], list[Hypothesis]],
+    experiment: Experiment,
+    evidence: Evidence,
+) -> list[Hypothesis]:
+    return [] if step_of(experiment, kind, axis) is not None else begun(experiment, evidence)
+
+
+def _words(kind: type[Kind], axis: Axis, experiment: Experiment) -> str:
+    return _step(kind, axis, experiment).words
+
+
+def _sizes(kind: type[Kind], axis: Axis, experiment: Experiment) -> list[tuple[str, float, str]]:
+    return _step(kind, axis, experiment).sizes
+
+
+def _step(kind: type[Kind], axis: Axis, experiment: Experiment) -> Kind:
+    step = step_of(experiment, kind, axis)
+    assert step is not None
+    return step
 
 
 def typical_force_pN(evidence: Evidence) -> float:
@@ -35,6 +96,13 @@ def relative(force_pN: FloatArray | float, at_pN: float, exponent: float) -> Flo
     """(F/F₀)^p, within what a number can be."""
     ln = exponent * np.log(np.maximum(force_pN, 1e-6) / at_pN)
     return np.asarray(np.exp(np.clip(ln, -50.0, 50.0)))
+
+
+def stretches(force_pN: FloatArray) -> Iterator[tuple[slice, float]]:
+    """Stretches of one force, each with that force."""
+    edges = [0, *(np.flatnonzero(np.diff(force_pN)) + 1).tolist(), len(force_pN)]
+    for start, stop in itertools.pairwise(edges):
+        yield slice(start, stop), float(force_pN[start])
 
 
 def law(kind: type[Kind], axis: Axis, field: str = "exponent", what: str = "law") -> Parameter:
@@ -63,9 +131,8 @@ def of_square(
 def _changed(
     kind: type[Kind], axis: Axis, field: str, experiment: Experiment, value: float
 ) -> Experiment:
-    step = step_of(experiment, kind, axis)
-    assert step is not None
-    return with_step(experiment, replace(step, **{field: value}))  # type: ignore[type-var]
+    changed = replace(_step(kind, axis, experiment), **{field: value})  # type: ignore[type-var]
+    return with_step(experiment, changed)
 
 
 def _changed_square(

@@ -9,13 +9,21 @@ from typing import ClassVar
 import numpy as np
 
 from mtpipe.effects.effect import Effect, Evidence, Hypothesis, variance
-from mtpipe.experiment.changes import step_of, with_step
+from mtpipe.experiment.changes import with_step
 from mtpipe.experiment.description import Experiment
 from mtpipe.experiment.step import Place, Seen
 from mtpipe.ground.types import FloatArray
 from mtpipe.physics.camera import Camera
 from mtpipe.physics.normal_numbers import standard_normal
-from mtpipe.terms.term import AXES, grows, law, of_square, relative, typical_force_pN
+from mtpipe.terms.term import (
+    AXES,
+    grows,
+    law,
+    of_axis,
+    of_square,
+    relative,
+    typical_force_pN,
+)
 
 START_NM, LARGEST_NM = 2.0, 300.0
 
@@ -53,22 +61,26 @@ class WhitePower:
         scattered[:, self.axis] += size * standard_normal(random, (len(force_pN),))
         return scattered
 
+    @property
+    def words(self) -> str:
+        """Scatter, and how its square goes with the force."""
+        return (
+            f"{AXES[self.axis]} scatters by {self.size_nm:.2g} nm from frame to frame at "
+            f"{self.at_pN:.2g} pN, its square {grows(self.exponent)}"
+        )
+
+    @property
+    def sizes(self) -> list[tuple[str, float, str]]:
+        """Scatter at F₀, and its law."""
+        return [("size_nm", self.size_nm, "nm"), ("exponent", self.exponent, "")]
+
 
 def along(axis: int) -> Effect:
     """The term of one axis."""
-    return Effect(
-        f"white_{AXES[axis]}",
-        partial(_hypotheses, axis),
-        partial(_cause, axis),
-        partial(_strengths, axis),
-        form=WhitePower.form,
-        axes=(AXES[axis],),
-    )
+    return of_axis(f"white_{AXES[axis]}", WhitePower, axis, partial(_begun, axis))
 
 
-def _hypotheses(axis: int, experiment: Experiment, evidence: Evidence) -> list[Hypothesis]:
-    if step_of(experiment, WhitePower, axis) is not None:
-        return []
+def _begun(axis: int, experiment: Experiment, evidence: Evidence) -> list[Hypothesis]:
     start = WhitePower(axis, typical_force_pN(evidence), START_NM)
     size = of_square(WhitePower, axis, "size_nm")
     name = f"white power along {AXES[axis]}"
@@ -78,20 +90,3 @@ def _hypotheses(axis: int, experiment: Experiment, evidence: Evidence) -> list[H
             (variance(name, "nm", START_NM, LARGEST_NM, size), law(WhitePower, axis)),
         )
     ]
-
-
-def _cause(axis: int, experiment: Experiment) -> str:
-    step = step_of(experiment, WhitePower, axis)
-    if step is None:
-        return f"{AXES[axis]} scatters from frame to frame"
-    return (
-        f"{AXES[axis]} scatters by {step.size_nm:.2g} nm from frame to frame at "
-        f"{step.at_pN:.2g} pN, its square {grows(step.exponent)}"
-    )
-
-
-def _strengths(axis: int, experiment: Experiment) -> list[tuple[str, float, str]]:
-    step = step_of(experiment, WhitePower, axis)
-    if step is None:
-        return []
-    return [("size_nm", step.size_nm, "nm"), ("exponent", step.exponent, "")]
