@@ -278,6 +278,25 @@ def test_slow_motion_is_known_to_be_the_references_or_the_beads(whose):
     assert reference_moves(check) is (whose == "reference")
 
 
+def test_drift_beside_a_loose_reference_is_laid_to_the_reference():
+    """It moves 20 nm within 40 ms, so that the stage's drift cannot be seen and is left."""
+    experiment, _ = experiment_of(SETUP, FORCES_PN, FRAMES, formula=FORMULAS[0])
+    loose = {"reference_nm": (20.0, 20.0, 10.0), "reference_s": 0.04}
+    stage = replace(experiment.stage, random_nm_per_root_s=(1.0, 1.0, 1.0), **loose)
+    simulated = simulate_experiment(replace(experiment, stage=stage), SETUP, 5)
+    check = SimpleNamespace(case=prepare(mtpipe.subtract_drift(simulated), "b1"))
+    assert check.case.reference_loose
+    evidence = Evidence((), FORCES_PN, reference_loose=True)
+    fit = check.case.fit
+    assert best_of(fit, next(e for e in OWN if e.name == "drift"), evidence) is None
+    found = best_of(fit, next(e for e in OWN if e.name == "reference_noise"), evidence)
+    described = found.fit.model.described(found.fit.theta)
+    assert found.gain > 20
+    assert "so that little could be subtracted" in found.effect.cause(described)
+    walks = {name: value for name, value, _ in found.effect.strengths(described)}
+    assert walks["walk_z_nm_per_root_s"] == pytest.approx(1.0, rel=0.4)
+
+
 def moved_by_itself(reference_noise_nm, walk_nm, stage_nm, seed):
     """A bead that walks off, beside a reference with tracking noise on a stage that moves."""
     experiment, _ = experiment_of(SETUP, FORCES_PN, FRAMES, formula=FORMULAS[0])

@@ -30,7 +30,7 @@ from mtpipe.joint_fit.parameters import (
     z_zero_parameter,
 )
 from mtpipe.physics.tether import Formula, without_stretching
-from mtpipe.recording.recording import Plateau, Recording, States
+from mtpipe.recording.recording import Plateau, Recording, ReferenceUse, States
 from mtpipe.recording.traces import traces_of
 from mtpipe.states.focus import focus_numbers
 
@@ -65,6 +65,7 @@ class PreparedBead:
     pixel_nm : size of a pixel, or None where the setup does not state it.
     lines_hz : narrow lines that have bins of their own (`lines`), strongest first.
     focus : per plateau, how many times the focus was moved before it.
+    reference_loose : whether a reference bead in use moves on its own, as its own trace shows.
     """
 
     bead: str
@@ -79,6 +80,7 @@ class PreparedBead:
     pixel_nm: float | None = None
     lines_hz: tuple[float, ...] = ()
     focus: tuple[int, ...] = ()
+    reference_loose: bool = False
 
     @property
     def heights_nm(self) -> tuple[float, ...]:
@@ -190,6 +192,7 @@ def prepare(recording: Recording, bead: str) -> PreparedBead:
         (0.0, 0.0, 0.0) if reference is None else _stage(reference, kept, subtraction, 1 / frame_s),
         None if pixel is None else pixel.value,
         focus=focus_numbers(recording, kept),
+        reference_loose=any(use.used and use.loose for use in _references(recording)),
     )
 
 
@@ -246,10 +249,13 @@ def _finite(value: float) -> float:
     return value if math.isfinite(value) else 0.0
 
 
+def _references(recording: Recording) -> Sequence[ReferenceUse]:
+    return () if recording.drift is None else recording.drift.references
+
+
 def _reference_mean(recording: Recording) -> FloatArray | None:
     """(n, 3) weighted mean of the reference beads in use; None without."""
-    drift = recording.drift
-    used = [use for use in drift.references if use.used] if drift else []
+    used = [use for use in _references(recording) if use.used]
     if not used:
         return None
     rate = float(1 / np.median(np.diff(recording.time_s)))

@@ -27,7 +27,14 @@ def evidence_of(check: BeadCheck) -> Evidence:
     lines_hz = distinct_lines(check.case.lines_hz, named)
     heights_nm = check.case.heights_nm
     return Evidence(
-        lines_hz, forces, reference_moves(check), each, common, check.case.focus, heights_nm
+        lines_hz,
+        forces,
+        reference_moves(check),
+        check.case.reference_loose,
+        each,
+        common,
+        check.case.focus,
+        heights_nm,
     )
 
 

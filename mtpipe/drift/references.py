@@ -111,6 +111,7 @@ def assess(recording: Recording, grid: Grid) -> Assessment:
             weights[bead],
             _three([a.noise_nm for a in axes[bead]]),
             "; ".join(faults[bead]),
+            any(axis.loose for axis in axes[bead]),
         )
         for bead in axes
     )

@@ -26,9 +26,14 @@ def _change(axis: int, experiment: Experiment, per_s: float) -> Experiment:
 
 
 def _hypotheses(experiment: Experiment, evidence: Evidence) -> list[Hypothesis]:
-    if evidence.reference_moves:
+    if evidence.reference_moves or evidence.reference_loose:
         return []
-    return [Hypothesis(experiment, tuple(along(i, name) for i, name in enumerate("xyz")))]
+    return [left(experiment)]
+
+
+def left(experiment: Experiment) -> Hypothesis:
+    """Drift that was not subtracted, a random walk along each axis."""
+    return Hypothesis(experiment, tuple(along(i, name) for i, name in enumerate("xyz")))
 
 
 def _cause(experiment: Experiment) -> str:
@@ -39,7 +44,8 @@ def _cause(experiment: Experiment) -> str:
     )
 
 
-def _strengths(experiment: Experiment) -> list[tuple[str, float, str]]:
+def walks(experiment: Experiment) -> list[tuple[str, float, str]]:
+    """Name, value and unit of each axis' random walk."""
     return [
         (f"walk_{a}_nm_per_root_s", v, "nm/√s")
         for a, v in zip("xyz", experiment.stage.unsubtracted_nm_per_root_s, strict=True)
@@ -47,4 +53,4 @@ def _strengths(experiment: Experiment) -> list[tuple[str, float, str]]:
 
 
 _REMEDY = "use a reference bead nearer to this one, or let the stage settle before recording."
-EFFECT = Effect("drift", _hypotheses, _cause, _strengths, remedy=_REMEDY)
+EFFECT = Effect("drift", _hypotheses, _cause, walks, remedy=_REMEDY)

@@ -25,6 +25,7 @@ class Evidence:
     lines_hz : frequencies of narrow lines, strongest first.
     force_pN : of the plateaus, as fitted without the effect.
     reference_moves : whether slow motion is the reference's own; None: the data do not tell.
+    reference_loose : whether a reference in use moves on its own, as its own trace shows.
     focus, heights_nm : of each plateau, how many times the focus was moved before it, and the
         recorded height. Empty: not looked at.
     courses, common_course : of the force in each plateau, and in all of them alike. Empty and a
@@ -34,6 +35,7 @@ class Evidence:
     lines_hz: tuple[float, ...]
     force_pN: tuple[float, ...]
     reference_moves: bool | None = None
+    reference_loose: bool = False
     courses: tuple[ForceCourse, ...] = ()
     common_course: ForceCourse = field(default_factory=ForceCourse)
     focus: tuple[int, ...] = ()

@@ -1,10 +1,15 @@
-"""Motion of the reference bead itself, carried into the trace by subtraction (PHYSICS E8)."""
+"""Motion of the reference bead itself, carried into the trace by subtraction (PHYSICS E8).
+
+Where the subtraction leaves that out, as the reference was seen to move on its own, it leaves the
+stage's drift in the trace instead.
+"""
 
 from __future__ import annotations
 
 import math
 from functools import partial
 
+from mtpipe.effects import drift
 from mtpipe.effects.effect import Effect, Evidence, Hypothesis, logarithm, variance
 from mtpipe.experiment.changes import with_optics, with_stage
 from mtpipe.experiment.description import Experiment
@@ -43,8 +48,9 @@ AT_THE_START = Parameter(
 def _hypotheses(experiment: Experiment, evidence: Evidence) -> list[Hypothesis]:
     if experiment.references == 0 or evidence.reference_moves is False:
         return []
+    without = [drift.left(experiment)] if evidence.reference_loose else []
     sizes = tuple(_along(i, name) for i, name in enumerate("xyz"))
-    return [
+    return without + [
         Hypothesis(
             experiment,
             (
@@ -60,6 +66,12 @@ def _hypotheses(experiment: Experiment, evidence: Evidence) -> list[Hypothesis]:
 
 def _cause(experiment: Experiment) -> str:
     x, y, z = experiment.stage.reference_nm
+    if not any((x, y, z)):
+        x, y, z = experiment.stage.unsubtracted_nm_per_root_s
+        return (
+            "the reference bead moves on its own, so that little could be subtracted, and drift of "
+            f"{x:.2g}, {y:.2g} and {z:.2g} nm per root second in x, y and z is left in the trace"
+        )
     return (
         f"the reference bead moves on its own, {x:.1f}, {y:.1f} and {z:.1f} nm in x, y and z "
         f"within {experiment.stage.reference_s:.2g} s, and subtraction carries that into the trace"
@@ -67,6 +79,8 @@ def _cause(experiment: Experiment) -> str:
 
 
 def _strengths(experiment: Experiment) -> list[tuple[str, float, str]]:
+    if not any(experiment.stage.reference_nm):
+        return drift.walks(experiment)
     return [
         (f"motion_{a}_nm", v, "nm")
         for a, v in zip("xyz", experiment.stage.reference_nm, strict=True)

@@ -43,7 +43,8 @@ class ReferenceUse:
     """What became of one reference bead.
 
     `weight` (x, y, z) sums to one over the beads used; 0 for a bead left out, whose `reason` says
-    why. `noise_nm` (x, y, z) is the white tracking noise per frame estimated from the data.
+    why. `noise_nm` (x, y, z) is the white tracking noise per frame estimated from the data. `loose`
+    says that it moves on its own beside that.
     """
 
     bead: str
@@ -51,6 +52,7 @@ class ReferenceUse:
     weight: tuple[float, float, float]
     noise_nm: tuple[float, float, float]
     reason: str = ""
+    loose: bool = False
 
 
 @dataclass(frozen=True)
