@@ -19,7 +19,14 @@ from functools import partial
 from types import TracebackType
 from typing import Any, ParamSpec, TypeVar
 
-from mtpipe.ground.processes import Hear, Processes, Workers, ended_from_outside, executor
+from mtpipe.ground.processes import (
+    Hear,
+    Processes,
+    Workers,
+    ended_from_outside,
+    executor,
+    why_no_process_starts,
+)
 from mtpipe.ground.script_guard import check_guard
 
 T = TypeVar("T")
@@ -33,7 +40,7 @@ def enduring_executor(workers: Workers, *, hear: Hear) -> AbstractContextManager
     ------
     MtpipeError : as `executor`; of a work, as its error: processes that did it were ended, twice.
     """
-    if isinstance(workers, Executor) or workers <= 1:
+    if isinstance(workers, Executor) or workers <= 1 or why_no_process_starts():
         return executor(workers, hear=hear)
     check_guard(workers)
     return _Enduring(workers, hear)

@@ -7,12 +7,15 @@ tell what it is at (`tell`).
 Either way its linear algebra is done in one thread. Matrices are small here: threads that wait for
 one another take more processor time, and longer.
 
+Where the system lets no process be started, all is done in this one.
+
 Workers end with the process that started them, however it ends. One that is ended from outside, as
 by a system that has no memory left, is told as that.
 """
 
 from __future__ import annotations
 
+import functools
 import multiprocessing
 import os
 import pickle
@@ -24,6 +27,7 @@ from collections.abc import Callable, Iterable, Iterator
 from concurrent.futures import Executor, Future, ProcessPoolExecutor
 from concurrent.futures.process import BrokenProcessPool
 from contextlib import AbstractContextManager, contextmanager, nullcontext, suppress
+from multiprocessing import spawn
 from multiprocessing.connection import Connection
 from types import TracebackType
 from typing import Any, Generic, ParamSpec, TypeVar
@@ -65,8 +69,29 @@ def executor(
         return nullcontext(workers)
     if min(workers, workers if most is None else most) <= 1:
         return _InThisProcess(hear)
+    hindrance = why_no_process_starts()
+    if hindrance:
+        if hear is not None:
+            hear(f"no worker can be started here, {hindrance}: this process does all")
+        return _InThisProcess(hear)
     check_guard(workers)
     return Processes(workers if most is None else min(workers, most), hear)
+
+
+@functools.cache
+def why_no_process_starts() -> str:
+    """What hinders this program from starting others, in words; empty where nothing does.
+
+    Containers without shared memory have no locks; a service may not be allowed to run the
+    interpreter that an administrator's environment points to.
+    """
+    if not os.access(spawn.get_executable(), os.X_OK):
+        return "as the Python interpreter may not be run again"
+    try:
+        multiprocessing.get_context("spawn").Lock()
+    except OSError as error:
+        return f"as there are no locks between processes ({error.strerror})"
+    return ""
 
 
 def tell(what: str) -> None:
@@ -100,7 +125,7 @@ def undivided() -> Iterator[None]:
 def with_parts(workers: int, work: Callable[P, T], /, *args: P.args, **named: P.kwargs) -> T:
     """Do a work whose parts may be spread over this process and others, so many in all."""
     global _parts
-    if workers <= 1 or not _divided:
+    if workers <= 1 or not _divided or why_no_process_starts():
         return work(*args, **named)
     _parts = Processes(workers - 1, None)
     try:
