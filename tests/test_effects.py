@@ -18,6 +18,7 @@ from scipy import signal, stats
 
 from mtpipe.diagnosis.explanation import ALIKE_NATS
 from mtpipe.diagnosis.heights import gained_by_scatter, wanders
+from mtpipe.diagnosis.sets import MOST_NAMES
 from mtpipe.drift.lowpass import low_pass
 from mtpipe.effects.catalogue import OWN, catalogue
 from mtpipe.effects.effect import Evidence
@@ -50,6 +51,7 @@ from mtpipe.joint_fit.hypotheses import (
     with_hypothesis,
 )
 from mtpipe.joint_fit.model import ConfiguredModel
+from mtpipe.joint_fit.score_test import most_promising
 from mtpipe.physics.camera import Camera
 from mtpipe.physics.tether import Chain
 from mtpipe.setup.setup import parse_setup
@@ -411,6 +413,16 @@ def recovered(known):
         len(FORCES_PN), None
     )  # without listed uncertainties the effect is all that is free
     return found, found.fit.theta[here], found.fit.covariance[here, here]
+
+
+@each_effect
+def test_what_is_there_is_among_the_effects_that_promise_most(known):
+    """Or one of those that no look at the fit without them tells."""
+    model, _ = model_of(known.changed, np.random.default_rng(3))
+    silent = fit_configured(replace(model, experiment=known.base))
+    chosen = most_promising(silent, OWN, known.evidence, MOST_NAMES)
+    assert known.name in {one.name for one in chosen}
+    assert len(chosen) < len(OWN)
 
 
 @each_effect

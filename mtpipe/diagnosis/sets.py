@@ -40,8 +40,9 @@ from mtpipe.terms.catalogue import TERMS
 
 # Sets of each size that are followed: two ways of beginning end in one place where there is one.
 BEAM = 2
-# Terms that are fitted as the next of a set, of all that are looked at.
-MOST_FORMS = 3
+# Causes and terms that are fitted as the next of a set, of all that one look at its fit is enough
+# for.
+MOST_NAMES, MOST_FORMS = 6, 3
 # While a set gains more than this by its next member (nats), it is not compared with simulations.
 UNDISPUTED_NATS = 20.0
 # Steps after which the search ends, whatever members gain; recordings need six.
@@ -204,6 +205,7 @@ def _grown(
     grown: list[Causes] = []
     for one in beam:
         named = [member for member in members if not member.form]
+        named = most_promising(one.fit, named, evidence, MOST_NAMES)
         forms = [member for member in members if member.form]
         forms = most_promising(one.fit, forms, evidence, MOST_FORMS)
         tried = try_effects(one.fit, [*named, *forms], evidence, beside=bool(one.members))

@@ -1,4 +1,4 @@
-"""What one more number promises to gain, from one look at a fit (score test)."""
+"""What more numbers promise to gain, from one look at a fit (score test)."""
 
 from __future__ import annotations
 
@@ -7,91 +7,169 @@ from dataclasses import replace
 from functools import partial
 
 import numpy as np
+from numpy.typing import NDArray
 
 from mtpipe.effects.effect import Effect, Evidence, Hypothesis
 from mtpipe.experiment.description import Experiment
 from mtpipe.ground.errors import FitError
+from mtpipe.ground.types import FloatArray
+from mtpipe.joint_fit.expectation import Expectation
 from mtpipe.joint_fit.fit import ConfiguredFit
 from mtpipe.joint_fit.height_course import CourseSlopes
 from mtpipe.joint_fit.information import gradient_of, information_of
+from mtpipe.joint_fit.model import ConfiguredModel
 from mtpipe.joint_fit.slopes import Slopes, slopes
 
+# Of a size, that other parameters can do as well, this share of its information is none.
+LEAST_LEFT = 1e-6
+# Expectations that differ by no more than this are the same: what changed is nothing but rounding.
+SAME = 1e-9
 Hypotheses = Callable[[Experiment, Evidence], Sequence[Hypothesis]]
 
 
 def most_promising(
     fit: ConfiguredFit, effects: Sequence[Effect], evidence: Evidence, most: int
 ) -> list[Effect]:
-    """Those few effects whose size promises most, each with its best hypothesis only, of effects
-    that are none where their first parameter is 0.
+    """Effects that are worth fitting: those few whose sizes promise most, each with its best
+    hypothesis only, and behind them what cannot be told without a fit.
     """
-    found: list[tuple[float, Effect]] = []
+    promising: list[tuple[float, Effect]] = []
+    untold: list[Effect] = []
     for effect in effects:
-        each = [
-            promised_gain(fit, one) for one in effect.hypotheses(fit.model.experiment, evidence)
-        ]
-        if each and max(each) > 0:
-            best = int(np.argmax(each))
-            only = replace(effect, hypotheses=partial(_only, effect.hypotheses, best))
-            found.append((each[best], only))
-    found.sort(key=lambda pair: -pair[0])
-    return [effect for _, effect in found[:most]]
+        hypotheses = effect.hypotheses(fit.model.experiment, evidence)
+        gains = [promised_gain(fit, one) for one in hypotheses]
+        told = [(gain, i) for i, gain in enumerate(gains) if gain is not None]
+        gain, best = max(told, default=(0.0, 0))
+        if gain > 0:
+            promising.append((gain, _with_those(effect, (best,))))
+        if len(told) < len(gains):
+            rest = tuple(i for i, gain in enumerate(gains) if gain is None)
+            untold.append(_with_those(effect, rest))
+    promising.sort(key=lambda pair: -pair[0])
+    return [effect for _, effect in promising[:most]] + untold
 
 
-def _only(
-    hypotheses: Hypotheses, which: int, experiment: Experiment, evidence: Evidence
+def _with_those(effect: Effect, which: tuple[int, ...]) -> Effect:
+    return replace(effect, hypotheses=partial(_those, effect.hypotheses, which))
+
+
+def _those(
+    hypotheses: Hypotheses, which: tuple[int, ...], experiment: Experiment, evidence: Evidence
 ) -> Sequence[Hypothesis]:
-    return hypotheses(experiment, evidence)[which : which + 1]
+    every = hypotheses(experiment, evidence)
+    return [every[min(i, len(every) - 1)] for i in which] if every else []
 
 
-def promised_gain(fit: ConfiguredFit, hypothesis: Hypothesis) -> float:
-    """ln likelihood that the first parameter of a hypothesis would gain, were what it changes
-    small, whatever else is fitted following; the others stay where they begin.
+def promised_gain(fit: ConfiguredFit, hypothesis: Hypothesis) -> float | None:
+    """ln likelihood that the sizes of a hypothesis would gain, were what it changes small, whatever
+    else is fitted following. None where its sizes cannot be made nought, or where nothing follows
+    them at first order: that is not told without a fit.
 
-    Rao 1948 (Proc. Camb. Phil. Soc. 44, 50): half the square of the slope at none, over the
-    information that is left of it.
+    Rao 1948 (Proc. Camb. Phil. Soc. 44, 50): half of gᵀ I⁻¹ g with the slope g at none and the
+    information I that is left of it.
     """
-    model, size = fit.model, hypothesis.parameters[0]
-    taken = {parameter.name for parameter in model.parameters}
+    taken = {parameter.name for parameter in fit.model.parameters}
     if taken & {parameter.name for parameter in hypothesis.parameters}:
         return 0.0
-    larger = replace(model, experiment=hypothesis.experiment, parameters=(*model.parameters, size))
     alone = replace(
-        larger, experiment=larger.described(np.append(fit.theta, 0.0)), parameters=(size,)
+        fit.model,
+        experiment=replace(fit.model, experiment=hypothesis.experiment).described(fit.theta),
+        parameters=hypothesis.parameters,
     )
-    forces = fit.theta[: model.plateaus]
+    none = _none(fit, alone)
+    if none is None:
+        return None
+    model, before, size = fit.model, len(fit.theta), len(none)
     try:
-        added = slopes(alone, np.append(forces, 0.0), fit.expected)
+        added = slopes(alone, np.append(fit.theta[: model.plateaus], none), fit.expected)
     except FitError:
-        return 0.0
-    row = len(fit.theta)
-    both = [_with_last(one, other, row) for one, other in zip(fit.slopes, added, strict=True)]
-    theta = np.append(fit.theta, 0.0)
-    gradient = gradient_of(larger, model.data, theta, fit.expected, both)[-1]
-    if size.lower >= 0 and gradient <= 0:
-        return 0.0
+        return None
+    larger = replace(
+        model,
+        experiment=hypothesis.experiment,
+        parameters=(*model.parameters, *hypothesis.parameters),
+    )
+    both = [
+        _with_last(one, other, before, size) for one, other in zip(fit.slopes, added, strict=True)
+    ]
+    theta = np.append(fit.theta, none)
+    gradient = gradient_of(larger, model.data, theta, fit.expected, both)[before:]
     information = information_of(larger, theta, fit.expected, both)
-    known = information[-1, :-1]
-    left = information[-1, -1] - known @ fit.covariance @ known
+    whole = np.diag(information)[before:]
+    if not np.any(whole > 0):
+        return None
+    with_others = information[before:, :before]
+    left = information[before:, before:] - with_others @ fit.covariance @ with_others.T
     # what all else can do as well has next to no information left
-    least = 1e-6 * information[-1, -1]
-    return 0.0 if left <= least else float(0.5 * gradient**2 / left)
+    seen = (whole > 0) & (np.diag(left) > LEAST_LEFT * whole)
+    one_sided = np.array([parameter.lower == 0 for parameter in hypothesis.parameters])
+    return _highest(gradient, left, seen & ~(one_sided & (gradient <= 0)), one_sided)
 
 
-def _with_last(mine: Slopes, other: Slopes, row: int) -> Slopes:
-    """The slopes with the last of others behind them, of coordinate `row`."""
-    course = mine.course
-    if course is not None:
-        last = np.zeros(course.weights.shape[1])
+def _none(fit: ConfiguredFit, alone: ConfiguredModel) -> FloatArray | None:
+    """Sizes at which a hypothesis changes nothing, its other parameters where they begin, or those
+    too at nought; None where there are none.
+    """
+    starts = [
+        [0.0 if p.lower == 0 or p.start == 0 else p.start for p in alone.parameters],
+        [0.0 if p.lower <= 0 <= p.upper else p.start for p in alone.parameters],
+    ]
+    for none in starts if alone.parameters else []:
+        try:
+            expected = alone.all_expected(np.append(fit.theta[: fit.model.plateaus], none))
+        except FitError:
+            continue
+        if all(_same(one, other) for one, other in zip(expected, fit.expected, strict=True)):
+            return np.array(none)
+    return None
+
+
+def _same(one: Expectation, other: Expectation) -> bool:
+    return bool(
+        np.allclose(one.random_power, other.random_power, rtol=SAME, atol=0.0)
+        and np.allclose(one.extension_nm, other.extension_nm, rtol=SAME, atol=0.0)
+    )
+
+
+def _highest(
+    gradient: FloatArray,
+    information: FloatArray,
+    free: NDArray[np.bool_],
+    one_sided: NDArray[np.bool_],
+) -> float:
+    """The highest point of a parabola, in nats, along coordinates that are free; those of one side
+    that would leave it are not.
+    """
+    while free.any():
+        index = np.flatnonzero(free)
+        scale = np.sqrt(np.diag(information)[index])
+        inner = information[np.ix_(index, index)] / np.outer(scale, scale)
+        step = np.linalg.lstsq(inner, gradient[index] / scale, rcond=1e-9)[0] / scale
+        outside = one_sided[index] & (step < 0)
+        if not outside.any():
+            return float(0.5 * gradient[index] @ step)
+        free = free.copy()
+        free[index[outside]] = False
+    return 0.0
+
+
+def _with_last(mine: Slopes, other: Slopes, row: int, last: int) -> Slopes:
+    """The slopes with the last few of others behind them, of coordinates from `row` on."""
+    courses = [one.course for one in (mine, other) if one.course is not None]
+    course = None
+    if courses:
+        nothing = np.zeros((len(mine.rows), courses[0].weights.shape[1]))
+        held = nothing if mine.course is None else mine.course.weights
+        added = nothing[:1].repeat(last, axis=0)
         if other.course is not None:
-            last = other.course.weights[-1]
-        course = CourseSlopes(course.shape, np.vstack([course.weights, last]))
+            added = other.course.weights[-last:]
+        course = CourseSlopes(courses[0].shape, np.vstack([held, added]))
     return Slopes(
-        [*mine.rows, row],
-        np.concatenate([mine.power, other.power[-1:]]),
-        np.append(mine.extension_nm, other.extension_nm[-1]),
+        [*mine.rows, *range(row, row + last)],
+        np.concatenate([mine.power, other.power[-last:]]),
+        np.concatenate([mine.extension_nm, other.extension_nm[-last:]]),
         mine.inverse,
-        np.concatenate([mine.whitened, other.whitened[-1:]]),
-        np.concatenate([mine.walked, other.walked[-1:]]),
+        np.concatenate([mine.whitened, other.whitened[-last:]]),
+        np.concatenate([mine.walked, other.walked[-last:]]),
         course,
     )
