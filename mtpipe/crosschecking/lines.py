@@ -92,7 +92,7 @@ def strongest_lines(case: PreparedBead) -> list[tuple[float, float]]:
         at = int(np.argmax(total))
         nats, line_hz = float(total[at]), float(frequency[at])
         axis = int(np.argmax(gains[:, at]))
-        found.append((nats, _exactly(case, axis, line_hz, step)))
+        found.append((nats, _exactly(case, axis, line_hz, STEPS * step)))
         total[same_line(frequency, line_hz)] = 0.0
     return found
 
@@ -123,7 +123,7 @@ def _exactly(case: PreparedBead, axis: int, line_hz: float, within_hz: float) ->
     Frequencies are finer than those of the spectrum, as the line leaks into its neighbours by how
     far it is from the nearest.
     """
-    points = 2 * FINER_STEPS // STEPS + 1
+    points = 2 * FINER_STEPS + 1
     frequency = line_hz + np.linspace(-within_hz, within_hz, points)
     total = np.zeros(points)
     for position, data, model in zip(

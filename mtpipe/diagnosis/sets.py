@@ -31,6 +31,7 @@ from mtpipe.joint_fit.fit import ConfiguredFit
 from mtpipe.joint_fit.hypotheses import (
     FittedEffect,
     gained_by_motion,
+    lost_without,
     model_with,
     together,
     try_effects,
@@ -43,6 +44,9 @@ BEAM = 2
 # Causes and terms that are fitted as the next of a set, of all that one look at its fit is enough
 # for.
 MOST_NAMES, MOST_FORMS = 6, 3
+# A member without which a parabola says that a set loses so many times its price is needed, and no
+# fit without it is asked.
+CLEARLY_NEEDED = 3.0
 # While a set gains more than this by its next member (nats), it is not compared with simulations.
 UNDISPUTED_NATS = 20.0
 # Steps after which the search ends, whatever members gain; recordings need six.
@@ -227,6 +231,8 @@ def _needed(
 ) -> Causes:
     """The set without members whose price is more than the others lose without them."""
     for one in members[:-1]:
+        if lost_without(fit, one.hypothesis) > CLEARLY_NEEDED * price(one):
+            continue
         rest = tuple(other for other in members if other is not one)
         try:
             fewer = together(without, rest, fit)

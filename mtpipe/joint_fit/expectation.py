@@ -249,7 +249,8 @@ def _with_lines(
     # what is slow in the reference passes the subtraction whole
     slow = stage.reference_nm[2] ** 2 * min(2 * stage.reference_s / data.duration_s, 1)
     noise_nm2 = experiment.tracker.noise_nm[2] ** 2 + subtraction.noise_nm[2] ** 2
-    height_variance = motion.height_variance_nm2 + slow + noise_nm2 / data.frames
+    waves = sum(_of_mean(line, data) for line in stage.lines)
+    height_variance = motion.height_variance_nm2 + slow + waves + noise_nm2 / data.frames
     return Expectation(
         power,
         motion.extension_nm + experiment.optics.z_zero_nm,
@@ -258,6 +259,12 @@ def _with_lines(
         motion.walked_nm2,
         line_of(data).power if motion.walked_nm2.any() else None,
     )
+
+
+def _of_mean(line: Line, data: PlateauData) -> float:
+    """Variance of the mean height by a vibration of unknown phase, at most that of a steady one."""
+    periods = line.frequency_hz * data.duration_s
+    return float(line.amplitude_nm[2] ** 2 / 2 * np.sinc(periods) ** 2)
 
 
 @functools.lru_cache(maxsize=1024)

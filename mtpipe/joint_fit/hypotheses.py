@@ -287,6 +287,20 @@ def best_of(fit: ConfiguredFit, effect: Effect, evidence: Evidence) -> FittedEff
     return tried[0] if tried else None
 
 
+def lost_without(fit: ConfiguredFit, hypothesis: Hypothesis) -> float:
+    """ln likelihood that a fit loses at least where the sizes of one of its hypotheses are nought,
+    were the loss a parabola (Wald 1943, Trans. Am. Math. Soc. 54, 426).
+    """
+    sizes = {one.name for one in hypothesis.parameters if one.lower == 0 or one.start == 0}
+    model = fit.model
+    index = [model.plateaus + k for k, p in enumerate(model.parameters) if p.name in sizes]
+    covariance, size = fit.covariance[np.ix_(index, index)], fit.theta[index]
+    stderr = np.sqrt(np.maximum(np.diag(covariance), 1e-300))
+    pulls = size / stderr
+    correlation = covariance / np.outer(stderr, stderr)
+    return 0.5 * float(pulls @ np.linalg.lstsq(correlation, pulls, rcond=1e-9)[0])
+
+
 def _idle_sizes_forgiven(one: FittedEffect, without: ConfiguredFit) -> FittedEffect:
     """The effect at the price it has without those of its sizes that do not earn theirs.
 
