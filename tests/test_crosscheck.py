@@ -27,10 +27,13 @@ from mtpipe.crosschecking.prepared_bead import described, prepare
 from mtpipe.crosschecking.twin import TwinMaker
 from mtpipe.diagnosis.evidence import evidence_of
 from mtpipe.drift import subtract_drift
+from mtpipe.drift.lowpass import low_pass
 from mtpipe.experiment.changes import with_magnets
 from mtpipe.experiment.description import ForceCourse
 from mtpipe.ground.errors import RecordingError
 from mtpipe.ground.processes import with_parts
+from mtpipe.joint_fit.data import plateau_data
+from mtpipe.joint_fit.expectation import Subtraction
 from mtpipe.pipeline.tables_crosscheck import crosscheck_curves, crosscheck_table
 from mtpipe.recording.plateaus import find_plateaus
 from mtpipe.setup.setup import Setup
@@ -165,7 +168,34 @@ def test_twins_lose_the_frames_that_the_recording_lost(clean):
 
 def test_stage_is_measured_from_the_reference(clean):
     # the typical stage of the simulation; some hundred cosine coefficients below the cutoff
-    assert case(clean).stage_nm_per_root_s == pytest.approx((1.0, 1.0, 1.5), rel=0.4)
+    assert case(clean).fit.model.subtraction.stage_nm_per_root_s == pytest.approx(
+        (1.0, 1.0, 1.5), rel=0.4
+    )
+
+
+def test_what_subtraction_leaves_of_the_stages_walk_is_expected():
+    """Drawn 80 times: means of 80 ordinates and more, within four standard errors of 11 %."""
+    one, random = case(raw(11)), generator(5)
+    model, cutoff_hz, walk_nm = one.fit.model, 0.8, 5.0
+    power = []
+    for left_nm in (walk_nm, 0.0):
+        subtraction = Subtraction((cutoff_hz,) * 3, (0.0,) * 3, (left_nm,) * 3)
+        expected = replace(model, subtraction=subtraction).all_expected(one.fit.theta)
+        power.append(expected[0].random_power)
+    added = power[0] - power[1]
+    found = np.zeros_like(added)
+    for _ in range(80):
+        steps = random.normal(size=(3 * len(one.positions_nm[0]), 3))
+        stage = walk_nm * np.sqrt(one.frame_s) * np.cumsum(steps, axis=0)
+        slow = [low_pass(along, 1 / one.frame_s, cutoff_hz) for along in stage.T]
+        left = (stage - np.transpose(slow))[len(stage) // 3 : 2 * len(stage) // 3]
+        found += plateau_data(left, one.frame_s, one.phi[0]).spectrum.power / 80
+    for axis in range(3):
+        seen = added[:, axis, axis] > 0.1 * added[:, axis, axis].max()
+        assert seen.sum() > 10
+        ratio = found[seen, axis, axis] / added[seen, axis, axis]
+        assert np.mean(ratio) == pytest.approx(1.0, abs=0.1)
+        assert np.all(np.abs(ratio - 1) < 0.5)
 
 
 def test_a_focus_turned_in_a_plateau_is_no_motion_of_the_stage(clean):
@@ -175,8 +205,10 @@ def test_a_focus_turned_in_a_plateau_is_no_motion_of_the_stage(clean):
     jump = np.zeros((len(clean.time_s), 3))
     jump[(clean.plateaus[1].start + clean.plateaus[1].stop) // 2 :] = [0.0, 0.0, 3000.0]
     turned = moved(moved(still, jump), jump, "ref1")
-    expected = np.array(case(still).stage_nm_per_root_s)
-    np.testing.assert_allclose(case(turned).stage_nm_per_root_s, expected, rtol=0.3)
+    expected = np.array(case(still).fit.model.subtraction.stage_nm_per_root_s)
+    np.testing.assert_allclose(
+        case(turned).fit.model.subtraction.stage_nm_per_root_s, expected, rtol=0.3
+    )
 
 
 def test_table_has_a_row_per_look_and_its_columns(clean):

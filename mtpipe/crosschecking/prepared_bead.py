@@ -61,7 +61,6 @@ class PreparedBead:
     camera_offset_nm : per plateau (n, 3), what positions lack to the camera's own: the drift.
     starts : frame number at which each plateau starts.
     phi : per plateau, prewhitening of each axis.
-    stage_nm_per_root_s : per axis, the stage's random walk near the cutoff of its subtraction.
     pixel_nm : size of a pixel, or None where the setup does not state it.
     lines_hz : narrow lines that have bins of their own (`lines`), strongest first.
     focus : per plateau, how many times the focus was moved before it.
@@ -76,7 +75,6 @@ class PreparedBead:
     starts: tuple[int, ...]
     phi: tuple[tuple[float, ...], ...]
     fit: ConfiguredFit
-    stage_nm_per_root_s: Triple = (0.0, 0.0, 0.0)
     pixel_nm: float | None = None
     lines_hz: tuple[float, ...] = ()
     focus: tuple[int, ...] = ()
@@ -162,8 +160,11 @@ def prepare(recording: Recording, bead: str) -> PreparedBead:
         *allowance_parameters(),
     )
     subtraction = subtraction_of(recording)
-    pixel = recording.setup.camera.pixel_size_nm
     reference = _reference_mean(recording)
+    if reference is not None:
+        walk = _stage(reference, kept, subtraction, 1 / frame_s)
+        subtraction = replace(subtraction, stage_nm_per_root_s=walk)
+    pixel = recording.setup.camera.pixel_size_nm
     begins_s = tuple((start - int(recording.frame[0])) * frame_s for start in starts)
     experiment = replace(base, rests=rests)
     known = tuple(
@@ -189,7 +190,6 @@ def prepare(recording: Recording, bead: str) -> PreparedBead:
         tuple(starts),
         phi,
         preferred_fit(model),
-        (0.0, 0.0, 0.0) if reference is None else _stage(reference, kept, subtraction, 1 / frame_s),
         None if pixel is None else pixel.value,
         focus=focus_numbers(recording, kept),
         reference_loose=any(use.used and use.loose for use in _references(recording)),

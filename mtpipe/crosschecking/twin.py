@@ -91,7 +91,7 @@ class TwinMaker:
         rate = 1 / case.frame_s
         for axis in range(3):
             noise_nm, cutoff_hz = subtraction.noise_nm[axis], subtraction.cutoff_hz[axis]
-            walk_nm = case.stage_nm_per_root_s[axis] if cutoff_hz is not None else 0.0
+            walk_nm = subtraction.stage_nm_per_root_s[axis]
             if noise_nm == 0 and walk_nm == 0 and not own[:, axis].any():
                 continue
             stage = standard_normal(random, len(motion))

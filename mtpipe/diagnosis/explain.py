@@ -104,8 +104,45 @@ def explain(
     effects = catalogue() if effects is None else effects
     say("looking for sticking and pixel locking")
     corrections, begun = corrected(before, random)
-    check, case = begun, begun.case
-    named, check, nearest = _searched(check, corrections, effects, random, say)
+    case = begun.case
+    named, verdict, found_first = list(corrections), "unexplained", 0
+    if not agrees(begun, before):
+        named += several_causes(before, begun, effects, random, say)
+    if len(named) > len(corrections):
+        check = named[-1].after
+        verdict, kept, check, nearest = concluded(before, case.fit, named, check, None, random)
+    if verdict == "unexplained":
+        named, check, nearest, case = _searched_twice(
+            before, corrections, begun, effects, random, say
+        )
+        found_first = len(named)
+        named, check = without_superfluous(case, named, check, random)
+        named, check, nearest = without_unclear_third(named, check, nearest)
+        named, check = made_sure(before, named, check, random)
+        verdict, kept, check, nearest = concluded(before, case.fit, named, check, nearest, random)
+    elif any(one.form for one in kept):
+        verdict = "described"
+    # the last was compared with all others there, unless one of them has gone since
+    compared = kept[-1:] if len(named) == found_first else []
+    distinct = tuple(
+        one if one in compared else _with_alternatives(one, kept, case, effects) for one in kept
+    )
+    return Explanation(before, check, distinct, verdict, nearest)
+
+
+def _searched_twice(
+    before: BeadCheck,
+    corrections: Sequence[Named],
+    begun: BeadCheck,
+    effects: Sequence[Effect],
+    random: np.random.Generator,
+    say: Say,
+) -> tuple[list[Named], BeadCheck, Rejected | None, PreparedBead]:
+    """As `_searched`, once more with the corrections that are seen only beside what was found; and
+    the bead without any effect of the spectrum.
+    """
+    case = begun.case
+    named, check, nearest = _searched(begun, corrections, effects, random, say)
     if len(corrections) < len(named):
         # what is seen in time has a test of its own, and effects of the spectrum may have hidden it
         say("looking for sticking and pixel locking again")
@@ -116,26 +153,7 @@ def explain(
         if again is not None and agrees(again[1], before):
             case = late[-1].after.case
             named, check, nearest = again
-    found_first = len(named)
-    named, check = without_superfluous(case, named, check, random)
-    named, check, nearest = without_unclear_third(named, check, nearest)
-    named, check = made_sure(before, named, check, random)
-    verdict, kept, check, nearest = concluded(before, case.fit, named, check, nearest, random)
-    if verdict == "unexplained":
-        several = several_causes(before, begun, effects, random, say)
-        if several:
-            named, case, found_first = [*corrections, *several], begun.case, 0
-            verdict, kept, check, nearest = concluded(
-                before, case.fit, named, several[-1].after, None, random
-            )
-            if verdict == "explained" and any(one.form for one in kept):
-                verdict = "described"
-    # the last was compared with all others there, unless one of them has gone since
-    compared = kept[-1:] if len(named) == found_first else []
-    distinct = tuple(
-        one if one in compared else _with_alternatives(one, kept, case, effects) for one in kept
-    )
-    return Explanation(before, check, distinct, verdict, nearest)
+    return named, check, nearest, case
 
 
 def made_sure(

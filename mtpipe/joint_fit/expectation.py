@@ -38,10 +38,13 @@ LEAST_POWER = 1e-6
 
 @dataclass(frozen=True)
 class Subtraction:
-    """What drift subtraction adds to every trace: reference noise below a cutoff, per axis."""
+    """What drift subtraction adds to every trace, per axis: reference noise below a cutoff, and
+    above it what it leaves of the stage's random walk.
+    """
 
     cutoff_hz: tuple[float | None, float | None, float | None]
-    noise_nm: tuple[float, float, float]
+    noise_nm: Triple
+    stage_nm_per_root_s: Triple = (0.0, 0.0, 0.0)
 
 
 @dataclass(frozen=True, eq=False)
@@ -276,7 +279,7 @@ def _passed(
     camera: Camera,
 ) -> FloatArray:
     """(n_bins, 3) variance per frame of the reference's noise and motion that subtraction passes
-    on.
+    on, and of the stage's that it leaves.
     """
     passed = np.zeros((len(data.spectrum.frequency_hz), 3))
     for axis, size_nm in enumerate(reference_nm):
@@ -284,7 +287,11 @@ def _passed(
         if size_nm > 0:
             added = added + size_nm**2 * _unit_reference(data, reference_s, camera)
         if np.any(added):
-            passed[:, axis] = _subtraction_gain(data, subtraction.cutoff_hz[axis]) * added
+            passed[:, axis] = _subtraction_gain(data, subtraction.cutoff_hz[axis]) ** 2 * added
+        walk_nm = subtraction.stage_nm_per_root_s[axis]
+        if walk_nm > 0:
+            left = 1 - _subtraction_gain(data, subtraction.cutoff_hz[axis])
+            passed[:, axis] += (left * walk_nm) ** 2 * _unit_walk(data, camera.frame_s)
     return passed
 
 
@@ -296,8 +303,14 @@ def _unit_reference(data: PlateauData, relaxation_s: float, camera: Camera) -> F
 
 
 @functools.lru_cache(maxsize=1024)
+def _unit_walk(data: PlateauData, frame_s: float) -> FloatArray:
+    """Variance per frame that a random walk of 1 nm/√s has at each frequency."""
+    return np.asarray(frame_s / (2 * np.sin(np.pi * data.spectrum.frequency_hz * frame_s)) ** 2)
+
+
+@functools.lru_cache(maxsize=1024)
 def _subtraction_gain(data: PlateauData, cutoff_hz: float | None) -> FloatArray:
-    return np.asarray(response(data.spectrum.frequency_hz, cutoff_hz) ** 2)
+    return response(data.spectrum.frequency_hz, cutoff_hz)
 
 
 def _add_line(power: FloatArray, line: Line, data: PlateauData) -> None:
