@@ -1,0 +1,159 @@
+"""Known effects put into real recordings: are they named on top of what nature put there?
+
+    python workflows/injections/study.py --results runs/injections --count 12 --seed 1
+
+Each bead is diagnosed as it was recorded, and with one effect of `injections.py` at one of three
+strengths. Named rightly is one whose name is there and was not before, or whose size has changed by
+what was put in. A name that is new and was not put in is a wrong one. Answers are written beside
+the recordings' (`RESULTS/*.json`); what is there is not done again. Needs ../shared/recordings;
+nothing of these is kept but names and numbers.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import math
+import os
+import sys
+from collections import Counter
+from collections.abc import Iterator
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from injections import INJECTIONS, Injection, injected
+
+CHECKOUT = Path(__file__).resolve().parents[2]
+sys.path.insert(0, str(CHECKOUT / "workflows" / "real_recordings"))
+os.environ |= dict.fromkeys(("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS"), "1")
+
+from crosscheck_map import SERIES, cut_out, untold  # noqa: E402
+
+from mtpipe.diagnosis.mismatch import diagnose  # noqa: E402
+from mtpipe.drift import subtract_drift  # noqa: E402
+from mtpipe.ingest import load  # noqa: E402
+from mtpipe.recording.recording import Recording  # noqa: E402
+
+# Sound tethers of a recording that has a setup in the repository.
+RECORDING, BEADS = "cmaddry-run2", ("b1", "b2", "b4")
+# Sizes this many standard errors from what was put in are not recovered.
+NEAR = 2.0
+
+
+def main() -> None:
+    """Run what is missing, and print."""
+    parser = argparse.ArgumentParser(description="Known effects put into real recordings.")
+    parser.add_argument("--results", type=Path, required=True)
+    parser.add_argument("--count", type=int, default=12, help="injections, drawn by the seed")
+    parser.add_argument("--seed", type=int, default=1)
+    shared = CHECKOUT.parent / "shared" / "recordings"
+    parser.add_argument("--recordings", type=Path, default=shared)
+    choice = parser.parse_args()
+    choice.results.mkdir(parents=True, exist_ok=True)
+    drawn = list(_drawn(choice.seed, choice.count))
+    recording: Recording | None = None
+    for bead, kind, strength in [*((bead, "", 0.0) for bead in BEADS), *drawn]:
+        path = _path(choice.results, bead, kind, strength)
+        if path.exists():
+            continue
+        recording = recording or _series(choice.recordings)
+        changed = injected(recording, bead, kind, strength, choice.seed) if kind else recording
+        kept = {
+            name: xyz
+            for name, xyz in changed.positions_nm.items()
+            if name == bead or name in changed.setup.beads.reference
+        }
+        found = diagnose(_with(changed, kept), workers=1)
+        path.write_text(json.dumps(found.as_dict()["beads"].get(bead, {"effects": []})))
+    print("\n".join(_table(choice.results, drawn)))
+
+
+def _drawn(seed: int, count: int) -> Iterator[tuple[str, str, float]]:
+    every = [
+        (bead, kind, strength)
+        for kind, one in INJECTIONS.items()
+        for strength in one.strengths
+        for bead in BEADS
+    ]
+    for i in np.random.default_rng(seed).permutation(len(every))[:count]:
+        yield every[i]
+
+
+def _path(results: Path, bead: str, kind: str, strength: float) -> Path:
+    return results / f"{bead}_{kind or 'as_recorded'}_{strength:g}.json"
+
+
+def _series(recordings: Path) -> Recording:
+    setup = CHECKOUT / "tests" / "data" / "real_setups" / f"{RECORDING}.toml"
+    subtracted = subtract_drift(load(recordings / RECORDING, setup))
+    here = [p for p in subtracted.plateaus if p.number in SERIES]
+    return untold(cut_out(subtracted, here))
+
+
+def _with(recording: Recording, positions_nm: dict[str, Any]) -> Recording:
+    return replace(recording, positions_nm=positions_nm)
+
+
+def _table(results: Path, drawn: list[tuple[str, str, float]]) -> list[str]:
+    """Of each injection, what became of it; then how many of each strength are named."""
+    lines = [
+        "| bead | put in | strength | verdict | named | size (pull) | new names not put in |",
+        "| --- | --- | --- | --- | --- | --- | --- |",
+    ]
+    named, asked, wrong = Counter[int](), Counter[int](), 0
+    for bead, kind, strength in drawn:
+        before = _read(_path(results, bead, "", 0.0))
+        after = _read(_path(results, bead, kind, strength))
+        one, level = INJECTIONS[kind], INJECTIONS[kind].strengths.index(strength)
+        names = _names(after)
+        new = sorted(set(names) - set(_names(before)) - {one.effect})
+        wrong += bool(new)
+        size, right = "–", not one.effect
+        if one.effect:
+            asked[level] += 1
+            if one.effect in names:
+                pull = _pull(one, strength, _names(before).get(one.effect), names[one.effect])
+                right = one.effect not in _names(before) or abs(pull) < NEAR
+                size = f"{pull:+.1f}"
+            named[level] += right
+        lines.append(
+            f"| {bead} | {one.effect or 'tracking noise (listed)'} | {strength:g} "
+            f"| {after.get('verdict', 'refused')} | {'yes' if right else 'no'} | {size} "
+            f"| {', '.join(new) or '–'} |"
+        )
+    levels = ("weak", "moderate", "strong")
+    shares = ", ".join(f"{levels[k]} {named[k]} of {asked[k]}" for k in sorted(asked))
+    return [*lines, "", f"Named: {shares}. With a new name that was not put in: {wrong}."]
+
+
+def _read(path: Path) -> dict[str, Any]:
+    content: dict[str, Any] = json.loads(path.read_text())
+    return content
+
+
+def _names(content: dict[str, Any]) -> dict[str, dict[str, Any]]:
+    return {
+        name: one["parameters"]
+        for one in content["effects"]
+        for name in (one["effect"], *one["equivalent"])
+    }
+
+
+def _pull(
+    one: Injection, strength: float, own: dict[str, Any] | None, found: dict[str, Any]
+) -> float:
+    """How far the size is from nature's own and the injected together, in standard errors."""
+    size = found.get(one.size)
+    if size is None or not size["stderr"]:
+        return math.nan
+    natural, unsure = one.none, 0.0
+    if own is not None and one.size in own:
+        natural, unsure = own[one.size]["value"], own[one.size]["stderr"]
+    expected = one.together(natural, strength)
+    return float((size["value"] - expected) / math.hypot(size["stderr"], unsure))
+
+
+if __name__ == "__main__":
+    main()
