@@ -152,6 +152,17 @@ def test_any_edit_of_a_table_is_drawn_or_told(folder, name):
     assert columns[0] in outcome(folder)
 
 
+@pytest.mark.parametrize(
+    ("name", "column", "value"),
+    [("crosscheck.parquet", "p_value", np.nan), ("details/spectra.parquet", "frequency_hz", 0.0)],
+)
+def test_a_number_that_cannot_be_drawn_is_told(folder, name, column, value):
+    table = pd.read_parquet(folder / name)
+    table.loc[0, column] = value
+    table.to_parquet(folder / name)
+    assert f"column {column} h" in refused(lambda: _read_table(folder / name, COLUMNS[name]))
+
+
 @pytest.mark.parametrize("name", [*COLUMNS, *JSON_FILES])
 def test_files_of_another_run_are_refused(folder, tmp_path, name):
     path = folder / name

@@ -159,6 +159,19 @@ def test_numbers_longer_than_their_matlab_array_are_told(packed):
         check_matlab(io.BytesIO(content))
 
 
+def test_more_matlab_cells_than_there_are_is_told():
+    """scipy takes room for all of them before it reads the first."""
+    stream, cells = io.BytesIO(), np.empty((5, 1), dtype=object)
+    cells[:] = [[1.0]] * 5
+    scipy.io.savemat(stream, {"C": cells})
+    check_matlab(stream)
+    content = bytearray(stream.getvalue())
+    at = content.index(struct.pack("<IIii", 5, 8, 5, 1)) + 8  # the sizes, after their tag
+    content[at : at + 4] = struct.pack("<i", 738_197_509)
+    with pytest.raises(RecordingError, match="of 738197509 cells or structs that holds 5"):
+        check_matlab(io.BytesIO(content))
+
+
 def test_a_packed_file_that_unfolds_to_more_than_the_memory_is_told(tmp_path, monkeypatch):
     monkeypatch.setattr(announced, "memory_bytes", lambda: 1 << 20)
     np.save(tmp_path / "r.npy", np.zeros(100_000))

@@ -10,6 +10,7 @@ Source: MAT-File Format (MathWorks, R2019b), "Level 5 MAT-File Format".
 from __future__ import annotations
 
 import io
+import math
 import struct
 import zlib
 from collections.abc import Callable
@@ -94,7 +95,8 @@ def _check_array(head: bytes, whole: Callable[[], bytes], order: str, size: int)
     kind = flags & 0xFF
     if kind not in (CELL, STRUCT, CHAR, SPARSE, *NUMERIC):  # objects, which are not read as numbers
         return
-    parts.next({INT32})
+    sizes_at, sizes_length = parts.next({INT32})
+    sizes = struct.unpack_from(f"{order}{sizes_length // 4}i", head, sizes_at)
     parts.next({INT8})
     several = kind not in NUMERIC or bool(flags & COMPLEX)
     parts.content = whole() if several else head
@@ -103,10 +105,15 @@ def _check_array(head: bytes, whole: Callable[[], bytes], order: str, size: int)
         if kind == STRUCT:
             parts.next({INT32})
             parts.next({INT8})
+        held = 0
         while not parts.at_end:
             start, length = parts.next({MATRIX})
             inner = parts.content[start : start + length]
             _check_array(inner, partial(bytes, inner), order, length)
+            held += 1
+        # room for all of them is taken before the first is read
+        if math.prod(sizes) > max(held, 1):
+            raise _damaged(f"an array of {math.prod(sizes)} cells or structs that holds {held}")
         return
     if kind == SPARSE:
         parts.next({INT32, UINT32})

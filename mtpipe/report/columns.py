@@ -34,7 +34,7 @@ COUNTS = frozenset(
 NEVER_EMPTY = frozenset(
     (
         *("bead", "axis", "verdict", "stage", "model", "statistic", "method"),
-        *("start_s", "duration_s", "recommended", "used", "material", *COUNTS),
+        *("start_s", "duration_s", "recommended", "used", "material", "frequency_hz", *COUNTS),
     )
 )
 CHOICES = {
@@ -43,8 +43,9 @@ CHOICES = {
     "stage": ("raw", "subtracted"),
     "model": MODEL,
 }
+POSITIVE = frozenset(("frequency_hz",))
 # Lengths of chains and forces of curves, in the table that has a row per `model`.
-POSITIVE = frozenset(("contour_length_nm", "persistence_length_nm", "stretch_modulus_pN"))
+POSITIVE_OF_CURVES = frozenset(("contour_length_nm", "persistence_length_nm", "stretch_modulus_pN"))
 FORCES_OF_CURVES = frozenset(("force_low_pN", "force_high_pN"))
 
 
@@ -67,6 +68,7 @@ def check(table: pd.DataFrame, columns: Sequence[str], several_axes: bool) -> No
     for name in columns:
         present = table[name].dropna()
         may_be_empty = name not in NEVER_EMPTY or (name == "plateau" and several_axes)
+        may_be_empty &= name != "p_value" or "statistic" not in columns
         if len(present) < len(table) and not may_be_empty:
             raise ValueError(f"column {name} has empty cells")
         if len(present):
@@ -106,7 +108,7 @@ def _check_values(name: str, present: pd.Series, of_curves: bool) -> None:
     elif of_curves and name in FORCES_OF_CURVES:
         possible &= numbers > 0
         finite[:] = True
-    elif of_curves and name in POSITIVE:
+    elif name in POSITIVE or (of_curves and name in POSITIVE_OF_CURVES):
         possible &= numbers > 0
     if not possible[finite].all():
         raise ValueError(f"column {name} holds numbers that cannot be")
