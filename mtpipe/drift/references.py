@@ -193,7 +193,7 @@ def _faults(
         if axis.loose:
             moves = math.sqrt(axis.own.variance_nm2 - axis.noise_nm**2)
             sentences.append(
-                f"is loosely attached: it moves on its own by {moves:.3g} nm rms along {name}"
+                f"moves on its own by {moves:.3g} nm rms along {name} (loosely attached)"
             )
     return sentences
 

@@ -79,8 +79,8 @@ LABELS = {
     "left_out_by_hand": "left out by hand",
     "mark_of_nothing": "a mark that fits nothing",
     "tether_choice": "which chain was chosen",
-    "tether_formula": "choice of the chain's formula",
-    "tether_relation": "choice of the chain's relation",
+    "tether_formula": "another formula of the chain",
+    "tether_relation": "short or long chain",
 }
 # Below this the tail of a hundred simulations says no more than "very small".
 SMALLEST_P = 1e-12
@@ -188,7 +188,7 @@ def setup_in_words(setup: Setup) -> list[tuple[str, str]]:
         ("Persistence length", measured(setup.tether.persistence_length_nm, "nm")),
         ("Temperature", measured(setup.buffer.temperature_K, "K")),
         ("Viscosity", measured(setup.buffer.viscosity_mPa_s, "mPa·s")),
-        ("Magnetic field", f"along {setup.field.direction}; the bead rotates freely in {across}"),
+        ("Magnetic field", f"along {setup.field.direction}; the bead's rotation adds to {across}"),
         ("Effects in the model", effects or "none beyond the baseline"),
         *([("Forces known from elsewhere", known)] if known else []),
     ]
