@@ -33,7 +33,9 @@ OF_SPECTRA = ("psd_band", "allan_variance", "stiffness", "friction", "stiffness_
 SMALLEST_FACTOR = 0.01
 # Changes of a force by less than this are not worth a line.
 SMALLEST_CHANGE = 0.005
-UNCHECKED = "A good fit does not show that the experiment was as the setup states it."
+UNCHECKED = (
+    "The fit can be good and the force wrong, if the experiment was not as the setup states it."
+)
 MIXED = "The plateau mixes several states and gives no force."
 VERDICT_BEADS = {
     "good": "good beads",
