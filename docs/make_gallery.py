@@ -33,10 +33,6 @@ effect is: [catalogue](effects.md).
 
 Written by `python -m docs.make_gallery`.
 """
-TRACES = """## Found in the traces
-
-These do not change a spectrum in a simple way. They are found by their mark in the traces.
-"""
 
 
 @dataclass(frozen=True, eq=False)
