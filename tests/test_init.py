@@ -304,7 +304,7 @@ def test_the_command_writes_and_never_overwrites(laboratory, tmp_path):
     laboratory.columns(tmp_path / "r.csv", slice(None))
     done = run(tmp_path / "r.csv")
     assert done.exit_code == 0, done.output
-    assert "Done: with this setup mtpipe reads 2 tethered beads, 1 reference bead and" in done.output
+    assert "mtpipe reads 2 tethered beads, 1 reference bead and" in done.output
     assert "beads.reference = [" in done.output
     assert "Next: mtpipe run" in done.output
     before = (tmp_path / "setup.toml").read_text()
