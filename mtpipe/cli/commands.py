@@ -140,7 +140,7 @@ def init(
         say(f"Next: {command}")
         return
     run(done.target, folder, done.setup, workers=workers, crosscheck=False)
-    say(f"With the comparison that tells whether the forces can be believed: {command}")
+    say(f"Then cross-check, to know whether the forces can be believed: {command}")
 
 
 @app.command()

@@ -339,7 +339,7 @@ def _doubts(fit: TetherFit) -> Iterator[Notice]:
         yield Notice(
             "tether_correlated",
             "caution",
-            f"The {_WORDS[first]} and the {_WORDS[second]} are hardly told apart (correlation "
+            f"The {_WORDS[first]} and the {_WORDS[second]} can hardly be separated (correlation "
             f"{value:+.3f}); a wider range of forces would separate them.",
         )
 

@@ -27,7 +27,7 @@ STATUS = {
     "not_converged": "fit not converged",
     "not_one_state": "mixed states",
     "unlike_model": "unlike the model",
-    "zero_force": "no force",
+    "zero_force": "may be zero",
     "refused": "refused",
     "excluded": "left out by hand",
 }
@@ -37,7 +37,7 @@ STATUS_MEANING = {
     "not_converged": "the fit found no minimum",
     "not_one_state": "bead or force change within the plateau, so it has no single force",
     "unlike_model": "the spectrum differs from the model's, so do not use the trace's numbers",
-    "zero_force": "the force cannot be told from zero",
+    "zero_force": "the force may be zero within its error",
 }
 # Where the force to quote comes from (docs/forces.md): in a few words, and what that means.
 SOURCE = {
@@ -70,7 +70,7 @@ LABELS = {
     "above_nyquist": "corner above the Nyquist frequency",
     "poor_fit": "spectrum unlike the model",
     "unlike_the_series": "unlike the bead's other traces",
-    "beyond_dna": "beyond what DNA bears",
+    "beyond_dna": "higher than DNA can bear",
     "zero_force": "force may be zero",
     "not_one_state": "mixed states",
     "not_crosschecked": "not cross-checked",
