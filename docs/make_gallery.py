@@ -24,18 +24,14 @@ PAGE, PICTURES = DOCS / "gallery.md", DOCS / "images" / "gallery"
 WIDTH, HEIGHT, LEFT, BOTTOM = 340, 200, 46, 36
 HEAD = """# Gallery of mismatches
 
-What each effect of the [catalogue](effects.md) does to a recording: the expected record of one
-bead with it (solid) and without it (dashed). It is drawn for the force and the axis at which it
-shows most.
+What does a missing effect look like? Each picture shows the power spectrum of one bead with the
+effect (solid) and without it (dashed), at the force and along the axis where it shows most.
 
 `mtpipe run` names these effects where a recording has them and its setup does not list them. The
-sentence is the one that the report says; the numbers in it are those of the picture.
+sentence in italics is the one of the report; its numbers are those of the picture. What each
+effect is: [catalogue](effects.md).
 
 Written by `python -m docs.make_gallery`.
-"""
-TRACES = """## Found in the traces
-
-These do not change a spectrum in a simple way. They are found by their mark in the traces.
 """
 
 

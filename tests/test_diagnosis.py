@@ -160,8 +160,8 @@ def test_the_sentence_says_cause_consequence_and_agreement(concealed):
     }[concealed]
     assert cause in sentence
     size = r"[\d.]+ ± [\d.]+"
-    assert re.search(f"leaving it out {consequence.replace('SIZE', size)}", sentence)
-    assert "with it the recording agrees with its simulation" in sentence
+    assert re.search(f"Leaving it out {consequence.replace('SIZE', size)}", sentence)
+    assert "With it the recording agrees with its simulation" in sentence
     place = r"(Along the field \(x\)|Across the field \(y\)|In height \(z\))"
     assert re.match(rf"{place}.*(at [\d.–]+ pN \(plateaus? [\d, ]+\)|at all forces): ", sentence)
     assert not re.search(r"\b(nan|inf|none)\b", sentence, re.IGNORECASE)

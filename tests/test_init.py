@@ -1,5 +1,6 @@
 """`mtpipe init`: a setup proposed for a laboratory's files, read by the readers as any setup."""
 
+import dataclasses
 import shutil
 from pathlib import Path
 
@@ -13,6 +14,7 @@ from mtpipe.ground.errors import NoSetupError, RecordingError, SetupError
 from mtpipe.ingest import load
 from mtpipe.proposal.proposal import checked, propose
 from mtpipe.proposal.questions import as_setup_part, parsed
+from mtpipe.proposal.surface import surface_of
 from mtpipe.setup.presets import PRESETS
 from tests.ingest_recordings import (
     N,
@@ -132,6 +134,19 @@ def test_a_stated_length_speaks_against_a_touch(laboratory, tmp_path):
     answers = {"contour_length_nm": 3 * LENGTH_NM}
     _, recording = proposed(tmp_path, answers, name="Messung 12.txt")
     assert recording.setup.source.z_zero.touch_rows is None
+
+
+def test_a_lone_bead_touches_only_if_its_length_is_known(laboratory, tmp_path):
+    """Nothing else speaks against a touch that is none: z = 0 would be wrong in silence."""
+    laboratory.german(tmp_path)
+    _, recording = proposed(tmp_path, name="Messung 12.txt")
+    kept = {bead: recording.positions_nm[bead] for bead in ("ref", "kugel1")}
+    alone = dataclasses.replace(recording, positions_nm=kept)
+    assert surface_of(alone, (), LENGTH_NM).touch is not None
+    unknown = surface_of(alone, ())
+    assert unknown.touch is None
+    assert "may be down in rows 1 to" in unknown.why
+    assert "tether.contour_length_nm" in unknown.why
 
 
 def test_tdms_with_a_group_for_the_motor(laboratory, tmp_path):
@@ -289,7 +304,7 @@ def test_the_command_writes_and_never_overwrites(laboratory, tmp_path):
     laboratory.columns(tmp_path / "r.csv", slice(None))
     done = run(tmp_path / "r.csv")
     assert done.exit_code == 0, done.output
-    assert "Done: mtpipe reads 2 tethered and 1 reference beads" in done.output
+    assert "mtpipe reads 2 tethered beads, 1 reference bead and" in done.output
     assert "beads.reference = [" in done.output
     assert "Next: mtpipe run" in done.output
     before = (tmp_path / "setup.toml").read_text()

@@ -119,6 +119,6 @@ def test_a_force_whose_lever_may_be_nought_is_none_to_use(setup):
         assert spectral_force(plateau).status == "zero_force"
     verdict = bead_verdict(bead, (), setup)
     assert verdict.verdict == "refused"
-    assert verdict.reasons == ("no plateau gives a force that can be told from zero",)
+    assert verdict.reasons == ("in every plateau the force may be zero within its error",)
     with_flags = mtpipe.force_extension(replace(raw, z_zero_stderr_nm={"b1": 5000.0}))
     assert with_flags == {}

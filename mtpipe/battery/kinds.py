@@ -1,4 +1,4 @@
-"""The battery's statistics: what each is called, and what of it counts as odd."""
+"""The battery's statistics: what each is called, and which of its values count as unusual."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ class Kind:
     ----------
     line : of the map it belongs to; those of bands are named after their frequencies.
     words : what is compared.
-    only_large : only large values are odd, as of the largest step there is.
+    only_large : only large values are unusual, as of the largest step there is.
     relative : it is taken relative to what is fitted.
     """
 
@@ -30,10 +30,10 @@ KINDS: Mapping[str, Kind] = {
     "second_line": Kind("narrow lines", "the second strongest narrow line", only_large=True),
     "allan_variance": Kind("Allan variance", "Allan variance (ln nm²)", relative=False),
     "correlation": Kind("correlation", "correlation of the two axes"),
-    "fractional_pixel": Kind("pixels", "strongest periodic pattern of the positions (ln)"),
+    "fractional_pixel": Kind("pixel period", "strongest pattern with the period of a pixel (ln)"),
     "lost_frames": Kind("lost frames", "distance from the mean just before lost frames (ln)"),
     "reference_coherence": Kind(
-        "reference bead", "correlation with the motion of the reference beads"
+        "reference motion", "correlation with the motion of the reference beads"
     ),
     "mean_trend": Kind("mean over time", "drift of the mean"),
     "mean_step": Kind("mean over time", "largest step of the mean", only_large=True),
@@ -42,9 +42,9 @@ KINDS: Mapping[str, Kind] = {
     "variance_step": Kind("variance over time", "largest step of the variance", only_large=True),
     "variance_spread": Kind("variance over time", "variation of the variance", only_large=True),
     "quietest_second": Kind("variance over time", "variance of the quietest second"),
-    "irreversibility": Kind("direction of time", "difference of the trace from its reverse"),
-    "skewness": Kind("shape", "skewness of the positions"),
-    "kurtosis": Kind("shape", "kurtosis of the positions"),
+    "irreversibility": Kind("time reversal", "difference between the trace and its time reversal"),
+    "skewness": Kind("distribution", "skewness of the positions"),
+    "kurtosis": Kind("distribution", "kurtosis of the positions"),
     "stiffness": Kind("stiffness", "stiffness of the trace alone over that of the joint fit (ln)"),
     "friction": Kind("friction", "friction of the trace alone over that of the joint fit (ln)"),
     "stiffness_along_series": Kind("stiffness", "trend of the stiffness along the series"),

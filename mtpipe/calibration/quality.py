@@ -198,7 +198,7 @@ def _together(tied_to: tuple[str, ...]) -> str:
     if len(tied_to) < 2:
         return "This trace does not determine the stiffness"
     names = f"{', '.join(tied_to[:-1])} and {tied_to[-1]}"
-    return f"{names[0].upper()}{names[1:]} cannot be told apart in this trace"
+    return f"{names[0].upper()}{names[1:]} cannot be separated in this trace"
 
 
 def _low_frequency_excess(fit: TraceFit) -> str | None:

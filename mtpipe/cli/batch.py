@@ -32,7 +32,7 @@ def batch(
         Path,
         typer.Argument(
             metavar="FOLDER",
-            help="Every recording below it that has a setup.toml beside it, or in a folder above.",
+            help="Folder: every recording below it that has a setup.toml beside it or above it.",
             exists=True,
             file_okay=False,
         ),
@@ -53,7 +53,10 @@ def batch(
         bool, typer.Option("--slurm", help="Work in jobs of SLURM, as many as --workers.")
     ] = False,
 ) -> None:
-    """Calibrate, cross-check and diagnose a folder of recordings; go on where it was stopped."""
+    """Analyse every recording of a folder.
+
+    Calibrates, cross-checks and diagnoses; continues where it was stopped.
+    """
     from mtpipe.pipeline.batch import batch as whole
 
     if slurm and scheduler is not None:

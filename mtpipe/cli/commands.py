@@ -49,18 +49,21 @@ def run(
     crosscheck: Annotated[
         bool,
         typer.Option(
-            help="Compare every bead with simulations of the experiment as the setup states it, "
+            help="Compare every bead with simulations of the experiment that the setup describes, "
             "and diagnose what differs."
         ),
     ] = True,
     overwrite: Annotated[
         bool,
         typer.Option(
-            "--overwrite", help="Let a run without cross-check erase the one of an earlier run."
+            "--overwrite", help="Let a run without cross-check replace an earlier one that has it."
         ),
     ] = False,
 ) -> None:
-    """Calibrate a recording: forces, force-extension curves and a report."""
+    """Calibrate a recording: forces, curves and a report.
+
+    Beads are also compared with simulations, and what differs is diagnosed.
+    """
     from mtpipe.pipeline import run as pipeline
 
     with progress_bar() as progress, writing(out):
@@ -112,7 +115,7 @@ def init(
         bool, typer.Option("--overwrite", help="Replace a setup that is there.")
     ] = False,
     run_it: Annotated[
-        bool, typer.Option("--run", help="Run it then, without cross-check, for a first look.")
+        bool, typer.Option("--run", help="Then make a first run, without cross-check.")
     ] = False,
     out: Annotated[
         Path | None,
@@ -122,7 +125,10 @@ def init(
     ] = None,
     workers: given.Workers = None,
 ) -> None:
-    """Propose a setup for a laboratory's files: look at them, ask for the rest, and write it."""
+    """Propose a setup for your files.
+
+    Looks at them, asks for what they do not contain, and writes setup.toml.
+    """
     from mtpipe.cli.init import propose_and_write
 
     done = propose_and_write(files, setup, answers, overwrite=overwrite)
@@ -134,7 +140,7 @@ def init(
         say(f"Next: {command}")
         return
     run(done.target, folder, done.setup, workers=workers, crosscheck=False)
-    say(f"With the comparison that tells whether the forces can be believed: {command}")
+    say(f"Then cross-check, to know whether the forces can be believed: {command}")
 
 
 @app.command()
@@ -151,7 +157,10 @@ def track(
     setup: given.SetupFile = None,
     workers: given.Workers = None,
 ) -> None:
-    """Track the beads of an image stack: TIFF in, a recording for `mtpipe run` out."""
+    """Track the beads of a film.
+
+    TIFF images in, a recording for `mtpipe run` out.
+    """
     from mtpipe.tracking.track import track as track_stack
 
     given.with_ending(out, given.RECORDING_ENDINGS, "--out")
@@ -205,7 +214,7 @@ def lut(
         ),
     ] = None,
 ) -> None:
-    """Make a look-up table for heights from a focus scan of one bead."""
+    """Make a look-up table for z from a focus scan of one bead."""
     from mtpipe.setup.setup import read_setup
     from mtpipe.tracking.scan import table_from_scan
 
@@ -276,7 +285,10 @@ def simulate(
         ),
     ] = "linear",
 ) -> None:
-    """Simulate a recording of the experiment that a setup describes, with its truth."""
+    """Simulate a recording of your experiment.
+
+    The experiment is that of a setup.toml; truth.json holds the true values.
+    """
     from mtpipe.simulation.written import simulate_to_folder
 
     if not lost_share < 1:
@@ -324,7 +336,7 @@ def design(
     ] = None,
     reach: Annotated[
         float | None,
-        typer.Option(metavar="PN", help="Look for the cheapest change that reaches this force."),
+        typer.Option(metavar="PN", help="Find the cheapest change that reaches this force."),
     ] = None,
     csv: Annotated[
         Path | None, typer.Option(help="Write all ranges to this CSV file.", dir_okay=False)
@@ -334,7 +346,10 @@ def design(
         typer.Option(help="Draw the ranges: a page (.html) or a picture (.png).", dir_okay=False),
     ] = None,
 ) -> None:
-    """Say which forces a setup can measure, what limits them, and what a change would buy."""
+    """Say which forces a setup can measure.
+
+    Also what limits them, and which change of the experiment would help.
+    """
     from mtpipe.design import guide, show
     from mtpipe.setup.setup import read_setup
 
@@ -371,10 +386,10 @@ def demo(
     ),
     workers: given.Workers = None,
     film: Annotated[
-        bool, typer.Option("--film", help="Begin with images: a film is rendered and tracked.")
+        bool, typer.Option("--film", help="Begin with a film, which is rendered and tracked.")
     ] = False,
 ) -> None:
-    """Run on the bundled recordings and compare with the forces that made them."""
+    """Analyse bundled recordings whose true forces are known."""
     from mtpipe.pipeline.demo import run_demo
     from mtpipe.pipeline.demo_film import run_film_demo
 

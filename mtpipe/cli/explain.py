@@ -30,7 +30,10 @@ def explain(
         bool, typer.Option("--markdown", help="Print the reference of all keys as a page.")
     ] = False,
 ) -> None:
-    """Say what a key of the setup means; without a key list the tables."""
+    """Explain a key of the setup.
+
+    Without a key the tables of the setup are listed.
+    """
     if markdown:
         say(page())
     elif key is None:

@@ -70,7 +70,7 @@ def propose_and_write(
     say(f"Setup: {place}")
     left = ""
     try:
-        say(f"Done: mtpipe reads {checked(place, proposal.film)} with it.")
+        say(f"Done: with this setup mtpipe reads {checked(place, proposal.film)}.")
     except MtpipeError as error:
         left = str(error)
         say(f"Left for you: {left}", err=True)

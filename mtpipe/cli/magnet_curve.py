@@ -21,7 +21,10 @@ def magnet_curve(
         ),
     ],
 ) -> None:
-    """Fit force against magnet position to the beads of all runs below a folder."""
+    """Fit force against magnet position.
+
+    All beads of all runs below a folder are used.
+    """
     from mtpipe.pipeline.magnet_curve import FIGURE, runs_below, write_magnet_curve
 
     with writing(folder, "DIR"):

@@ -33,20 +33,23 @@ def report(
     folder: RunFolder,
     figures: Annotated[
         bool,
-        typer.Option("--figures", help="Every figure too, for print: DIR/report/figures."),
+        typer.Option("--figures", help="Write every figure for print, into DIR/report/figures."),
     ] = False,
     form: Annotated[
-        FigureFormat, typer.Option("--format", help="Of the figures.", case_sensitive=False)
+        FigureFormat, typer.Option("--format", help="Format of the figures.", case_sensitive=False)
     ] = FigureFormat.svg,
     tables: Annotated[
         bool,
-        typer.Option("--tables", help="Every table too, as CSV: DIR/report/tables."),
+        typer.Option("--tables", help="Write every table as CSV, into DIR/report/tables."),
     ] = False,
     pdf: Annotated[
-        bool, typer.Option("--pdf", help="Every page too, as PDF: DIR/report/pdf.")
+        bool, typer.Option("--pdf", help="Write every page as PDF, into DIR/report/pdf.")
     ] = False,
 ) -> None:
-    """Write the report of a run again, from the run's files; also its figures, tables and pages."""
+    """Write the report of a run again.
+
+    It is made from the run's files; figures, tables and PDF pages if asked for.
+    """
     from mtpipe.report.export import Exports
 
     _write_again(folder, Exports(form.value if figures else None, tables, pdf))
@@ -61,17 +64,20 @@ def mark(
     ] = None,
     begin: Annotated[
         float | None,
-        typer.Option("--from", metavar="S", help="Leave out a stretch of time: its begin in s."),
+        typer.Option("--from", metavar="S", help="Leave out a stretch of time: its start in s."),
     ] = None,
     end: Annotated[
-        float | None, typer.Option("--to", metavar="S", help="And its end in s.")
+        float | None, typer.Option("--to", metavar="S", help="End of this stretch in s.")
     ] = None,
     reason: Annotated[
         str, typer.Option(help="Why: a sentence for whoever reads the results.")
     ] = "",
-    remove: Annotated[bool, typer.Option("--remove", help="Take such a mark back.")] = False,
+    remove: Annotated[bool, typer.Option("--remove", help="Take this mark back.")] = False,
 ) -> None:
-    """Leave a bead out of curves, tables and report by hand, or a plateau or a stretch of it."""
+    """Leave out a bead, or a part of it, by hand.
+
+    Curves, tables and report then do without the bead, the plateau or the stretch of time.
+    """
     from mtpipe.report.export import Exports
     from mtpipe.report.folder import read_run_folder
     from mtpipe.report.marked import check_place

@@ -44,7 +44,10 @@ def watch(
         ),
     ] = None,
 ) -> None:
-    """Calibrate recordings as they arrive, each plateau as it ends; Ctrl-C ends it."""
+    """Calibrate recordings while they are measured.
+
+    Forces of each plateau are there soon after it ends. Ctrl-C ends the command.
+    """
     from mtpipe.pipeline.summary import PAGE
     from mtpipe.pipeline.watch import watch as follow
 

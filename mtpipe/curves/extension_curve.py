@@ -300,18 +300,18 @@ def _chosen_because(chosen: TetherFit, fits: Mapping[Formula, TetherFit], usable
     low, high = chosen.force_range_pN
     if chosen.model == "extensible":
         why = (
-            f"some force is above {_STRETCHING_FROM_PN:g} pN, stretching is told from none, and "
-            f"BIC is lower by more than {DECISIVE_BIC:g} than without"
+            f"some force is above {_STRETCHING_FROM_PN:g} pN, the data determine the stretching, "
+            f"and BIC is lower by more than {DECISIVE_BIC:g} than without it"
         )
     elif {"bouchiat", "marko-siggia"} <= fits.keys():
-        why = "stretching is not seen, and it fits the forces of all beads at least as well as "
+        why = "no stretching is seen, and it fits the forces of all beads at least as well as "
         why += "Marko and Siggia's formula" if chosen.model == "bouchiat" else "Bouchiat's formula"
     else:
         why = "there are too few forces for any other"
     return Notice(
         "tether_choice",
         "info",
-        f"The {chosen.model} chain was chosen, fitted to {chosen.points} of {usable} forces, "
+        f"{_CHAINS[chosen.model]} was chosen, fitted to {chosen.points} of {usable} forces, "
         f"{low:.2g} to {high:.2g} pN: {why}.",
     )
 
@@ -331,7 +331,7 @@ def _doubts(fit: TetherFit) -> Iterator[Notice]:
         yield Notice(
             "tether_fit_poor",
             "caution",
-            f"The {fit.model} chain fits badly (chi2 {fit.chi2:.1f} for {fit.dof} degrees of "
+            f"{_CHAINS[fit.model]} fits badly (chi2 {fit.chi2:.1f} for {fit.dof} degrees of "
             "freedom): contour and persistence length are less certain than their errors say.",
         )
     if fit.correlation is not None and abs(fit.correlation[2]) > _STRONG_CORRELATION:
@@ -339,7 +339,7 @@ def _doubts(fit: TetherFit) -> Iterator[Notice]:
         yield Notice(
             "tether_correlated",
             "caution",
-            f"The {_WORDS[first]} and the {_WORDS[second]} are hardly told apart (correlation "
+            f"The {_WORDS[first]} and the {_WORDS[second]} can hardly be separated (correlation "
             f"{value:+.3f}); a wider range of forces would separate them.",
         )
 
@@ -353,19 +353,25 @@ def _alternatives(
         if fit is None or not fit.identified:
             continue
         if abs(fit.persistence_length_nm.value - length.value) > length.stderr:
-            one, two = (
-                (fit.model, chosen.model)
-                if reading == "formula"
-                else (fit.relation, chosen.relation)
-            )
+            taken = _CHAINS[fit.model] if reading == "formula" else _LENGTHS[fit.relation]
             yield Notice(
                 f"tether_{reading}",
                 "info",
-                f"With the {one} {reading} instead of the {two} {reading} the persistence length "
-                f"is {fit.persistence_length_nm.value:.1f} nm instead of {length.value:.1f} nm.",
+                f"{taken} would have a persistence length of "
+                f"{fit.persistence_length_nm.value:.1f} nm instead of {length.value:.1f} nm.",
             )
 
 
+_CHAINS: Mapping[Formula, str] = {
+    "marko-siggia": "The worm-like chain by Marko and Siggia's formula",
+    "bouchiat": "The worm-like chain by Bouchiat's formula",
+    "extensible": "The extensible worm-like chain",
+    "extensible-marko-siggia": "The extensible worm-like chain by Marko and Siggia's formula",
+}
+_LENGTHS: Mapping[Relation, str] = {
+    "potential": "Taken for a chain of its finite length, the tether",
+    "long-chain": "Taken for a very long chain, as the literature mostly does, the tether",
+}
 _WORDS = {
     "ln_contour": "contour length",
     "ln_persistence": "persistence length",

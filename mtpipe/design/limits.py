@@ -172,12 +172,12 @@ def _reason(plan: Plan, method: Method, axis: str, force_pN: float, cause: str, 
         return _bias(plan, method, axis)
     if cause == "statistics":
         if end == "upper":
-            return "blur and aliases leave too little to tell"
+            return "blur and aliases leave too little information"
         tau = axis_motion(plan, force_pN, camera_axis).tau_s
         return f"length of the recording: {plan.duration_s / tau:.3g} relaxation times"
     if cause == "friction":
         if method.name == "friction free":
-            return "blur and aliases: stiffness and friction not told apart"
+            return "blur and aliases: stiffness and friction cannot be separated"
         return f"friction known to {knowledge.friction:.1%} only"
     known = knowledge.noise_factor
     factor = "" if known is None else f", known within a factor {known:g}"

@@ -13,6 +13,7 @@ from mtpipe.diagnosis.explanation import Explanation, Named
 from mtpipe.diagnosis.location import concerned
 from mtpipe.diagnosis.size_words import capital, factor, is_large, percent
 from mtpipe.ground.types import FloatArray
+from mtpipe.ground.written_numbers import number
 from mtpipe.joint_fit.hypotheses import FittedEffect
 from mtpipe.recording.recording import AXES
 
@@ -26,29 +27,29 @@ def sentence(found: Explanation, one: Named) -> str:
     fit = found.fit
     if isinstance(one.found, FittedEffect):
         place = _mended(one)
-        where = "" if place is None else f"{capital(_where(one.before, place, fit.force_pN))}: "
+        where = "" if place is None else f"{_where(one.before, place, fit.force_pN)}: "
         cause = one.found.effect.cause(fit.model.described(fit.theta))
     else:
         where, cause = "", one.found.cause
     # forces and verdict are those of all effects together
     single = len(found.named) == 1
-    it = "it" if single else "all causes found"
+    before, after = number(one.before.p_value, 1), number(one.after.p_value, 2)
     agrees = (
-        f"with {it} the recording agrees with its simulation"
+        "agrees with its simulation"
         if found.verdict in ("explained", "described")
-        else f"with {it} the recording is nearer to its simulation, but still differs"
+        else "is nearer to its simulation, but still differs"
     )
+    with_it = f"With it the recording {agrees} (p {before} → {after})"
+    without = "Leaving it out"
     if not single:
-        agrees += "; adding this one changes p from"
-        p_values = f"{one.before.p_value:.1g} to {one.after.p_value:.2g}"
-    else:
-        p_values = f"(p {one.before.p_value:.1g} → {one.after.p_value:.2g})"
+        with_it = f"With all causes found the recording {agrees}; this one changes p from {before} "
+        with_it += f"to {after}"
+        without = "Leaving out all causes found"
     also = f" Equally possible: {', '.join(one.equivalent)}." if one.equivalent else ""
     others = f" {one.others}" if one.others else ""
-    without = "leaving it out" if single else f"leaving out {it}"
-    left_out = f"{without} {_consequence(found)}"
-    sure = "" if one.form else f" The name is {100 * one.probability:.0f} % sure."
-    return f"{where}{cause}; {left_out}; {agrees} {p_values}.{sure}{also}{others}"
+    sure = "" if one.form else f" Probability of this cause: {100 * one.probability:.0f} %."
+    consequences = f"{without} {_consequence(found)}. {with_it}."
+    return f"{capital(where + cause)}. {consequences}{sure}{also}{others}"
 
 
 def _consequence(found: Explanation) -> str:
@@ -59,7 +60,7 @@ def _consequence(found: Explanation) -> str:
 
 
 def consequence(ln: FloatArray, stderr: FloatArray) -> str:
-    """What changes of forces come to, in words that continue "leaving it out …".
+    """What changes of forces come to, in words that continue "Leaving it out …".
 
     A change below 1 %, or within its error, is none.
 
@@ -82,16 +83,16 @@ def _to_one_side(ln: FloatArray, stderr: FloatArray, moved: NDArray[np.bool_]) -
     if not moved.any():
         return ""
     worst = int(np.argmax(np.where(moved, np.abs(ln), -1.0)))
-    number, of = int(moved.sum()), len(ln)
+    many, of = int(moved.sum()), len(ln)
     up = ln[worst] > 0
-    forces = "forces" if number == of else f"{number} of {of} forces"
+    forces = "forces" if many == of else f"{many} of {of} forces"
     if is_large(float(ln[worst])):
         size = factor(float(ln[worst]), float(stderr[worst]))
         return f"made {forces} {'up' if up else 'down'} to {size} times as high"
     size = percent(float(ln[worst]), float(stderr[worst]))
-    by = f"by up to {size}" if number > 1 else f"by {size}"
+    by = f"by up to {size}" if many > 1 else f"by {size}"
     median = f"{100 * math.expm1(float(np.median(ln))):+.1f} %".replace("-", "−")
-    middle = f" (median {median})" if number == of > 1 else ""
+    middle = f" (median {median})" if many == of > 1 else ""
     return f"{'raised' if up else 'lowered'} {forces} {by}{middle}"
 
 

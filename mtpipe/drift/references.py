@@ -96,12 +96,12 @@ def assess(recording: Recording, grid: Grid) -> Assessment:
         text = "; ".join(sentences)
         if sentences and bead in used:
             message = (
-                f"reference bead {bead} {text}; no reference bead is better, so it is subtracted "
-                "all the same and its own motion is in every trace"
+                f"Reference bead {bead} {text}. No reference bead is better, so it is subtracted "
+                "all the same, and its own motion is in every trace."
             )
             notices.append(Notice("reference_moves", "warning", message, bead))
         elif sentences:
-            message = f"reference bead {bead} is left out: it {text}"
+            message = f"Reference bead {bead} is left out: it {text}."
             notices.append(Notice("reference_left_out", "caution", message, bead))
     weights = _weights(axes, used)
     uses = tuple(
@@ -194,7 +194,7 @@ def _faults(
         if axis.loose:
             moves = math.sqrt(axis.own.variance_nm2 - axis.noise_nm**2)
             sentences.append(
-                f"is loosely attached: it moves on its own by {moves:.3g} nm rms along {name}"
+                f"moves on its own by {moves:.3g} nm rms along {name} (loosely attached)"
             )
     return sentences
 
@@ -232,8 +232,8 @@ def _mistracked_notice(bead: str, axes: Sequence[ReferenceAxis]) -> Notice | Non
     return Notice(
         "reference_mistracked",
         "caution" if share > MISTRACKED_CAUTION else "info",
-        f"reference bead {bead} was mistracked in {number} frames ({share:.2%}), which are left "
-        "out of the drift",
+        f"Reference bead {bead} was mistracked in {number} frames ({share:.2%}), which are left "
+        "out of the drift.",
         bead,
     )
 

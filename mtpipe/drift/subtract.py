@@ -63,12 +63,12 @@ def _subtracted(recording: Recording, choice: DriftChoice | None) -> Recording:
     if choice.method == "highpass":
         return _high_passed(recording, float(choice.cutoff_hz))
     if choice.method == "none":
-        text = 'drift was not removed, by choice of the setup ([drift] method = "none")'
+        text = 'Drift was not removed, as the setup says so ([drift] method = "none").'
         return _untouched(recording, "none", Notice("drift_kept", "info", text))
     if not recording.references:
         text = (
-            "no reference bead: drift was not removed, and slow motion may contain it; to remove "
-            'slow motion, set [drift] method = "highpass" and cutoff_hz = <number in Hz>'
+            "No reference bead: drift was not removed, and slow motion may contain it. To remove "
+            'slow motion, set [drift] method = "highpass" and cutoff_hz = <number in Hz>.'
         )
         return _untouched(recording, "reference", Notice("no_reference", "caution", text))
     return _referenced(recording, choice)

@@ -355,5 +355,5 @@ def _continued(values: FloatArray, starts: tuple[int, ...], step: float) -> Floa
 
 
 def _restarted(files: int) -> Notice:
-    said = f"The clock begins anew in each of {files} files; gaps between them do not show."
+    said = f"The clock starts again in each of {files} files; gaps between them do not show."
     return Notice("clock_restarts", "info", said)

@@ -35,14 +35,14 @@ def put_references(
         how = f"{they} by {motion.of(moving)} within a second, the others by {motion.of(others)}"
     if named:
         stuck = [bead for bead in still if bead not in named]
-        also = f"; as little moves {', '.join(stuck)}" if stuck else ""
+        also = f"; {', '.join(stuck)} move as little" if stuck else ""
         why = f"by name; {how}{also}" if how else "by name"
     elif still:
         why = f"a guess: {how}"
     else:
         why = "a guess: no bead moves much less than the others"
     if len(found) == len(positions_nm):
-        found, why = [], "all seem to be fixed: say which are"
+        found, why = [], "all beads seem to be fixed: say which are"
     alone = len(positions_nm) == 1
     question = ASKED["beads.reference"]
     asking.about(
@@ -56,10 +56,10 @@ def put_field(
     """Put the axis of the field: along it beads move less."""
     axis = field_axis(positions_nm, rate_hz)
     if axis is None:
-        guess, why = "x", f"the motion does not tell; {USUAL}"
+        guess, why = "x", f"the motion does not show it; {USUAL}"
     else:
         guess = axis[0]
-        why = f"a guess: along it beads move less ({axis[1]:.2g} times less variance)"
+        why = f"a guess: beads move less along it (variance smaller by a factor of {axis[1]:.2g})"
     asking.about("field.direction", ASKED["field.direction"], guess, why)
 
 

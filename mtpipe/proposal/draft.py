@@ -8,7 +8,7 @@ from dataclasses import dataclass, field
 from typing import Any
 
 USUAL = "usual value, not measured: change it"
-NOT_KNOWN = "not known: the recording tells what it can"
+NOT_KNOWN = "not known: estimated from the recording where that is possible"
 
 
 @dataclass

@@ -250,7 +250,7 @@ def _put_clock(draft: Draft, found: FoundFiles) -> None:
         draft.put(
             "source.frame",
             {"column": columns.frame.told, **restarts},
-            "numbers of frames",
+            "frame numbers",
             guess=True,
         )
 

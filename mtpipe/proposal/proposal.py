@@ -114,8 +114,11 @@ def checked(setup_file: Path, film: Path | None) -> str:
             )
         return "the film"
     recording = load(setup_file)
-    tethered = len(recording.tethered)
-    return (
-        f"{tethered} tethered and {len(recording.references)} reference beads and "
-        f"{len(recording.plateaus)} plateaus at {recording.setup.camera.frame_rate_hz.value:.6g} Hz"
-    )
+    counts = {
+        "tethered bead": len(recording.tethered),
+        "reference bead": len(recording.references),
+        "plateau": len(recording.plateaus),
+    }
+    beads, references, plateaus = (f"{n} {one}{'s' * (n != 1)}" for one, n in counts.items())
+    rate = recording.setup.camera.frame_rate_hz.value
+    return f"{beads}, {references} and {plateaus} at {rate:.6g} Hz"

@@ -10,7 +10,7 @@ some ten percent and that place hardly: it is where forces vanish.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -76,6 +76,9 @@ def surface_of(
 ) -> Surface:
     """Propose where z = 0 is.
 
+    A bead that is alone and of unknown length is not taken to touch: drift or a high lowest force
+    look the same, and neither another bead nor the length speaks against it.
+
     Parameters
     ----------
     recording : with its reference beads; z as the file has it, in nm.
@@ -92,18 +95,28 @@ def surface_of(
         if (level := _level(recording, beads, stage, piece)) is not None
     ]
     levels = _without_contradicted(levels)
+    doubt = ""
     if len(levels) >= FEWEST_PLATEAUS:
         first, last = _down(levels)
         lowest = min(levels[first : last + 1], key=_median_height)
         touching = [_touches(bead, levels, lowest, contour_nm) for bead in beads]
+        start, stop = levels[first].start, levels[last].stop
         if np.mean(touching) > 0.5:
-            many = f"{sum(touching)} of {len(beads)} beads seem"
-            many = many if len(beads) > 1 else "the bead seems"
-            return Surface(
-                {},
-                f"{many} to be down on the surface there, by height and lateral motion",
-                (levels[first].start, levels[last].stop),
+            if len(beads) > 1 or contour_nm is not None:
+                many = f"{sum(touching)} of {len(beads)} beads seem"
+                many = many if len(beads) > 1 else "the bead seems"
+                why = f"{many} to be down on the surface there, by height and lateral motion"
+                return Surface({}, why, (start, stop))
+            doubt = (
+                f". The bead may be down in rows {start + 1} to {stop}; as it is alone, only the "
+                "tether's length can tell: state tether.contour_length_nm and propose again"
             )
+    elsewhere = _without_a_touch(recording, beads, stage)
+    return replace(elsewhere, why=elsewhere.why + doubt)
+
+
+def _without_a_touch(recording: Recording, beads: Sequence[str], stage: FloatArray) -> Surface:
+    """What reference beads, or z as it is, say of z = 0."""
     references = [
         float(np.nanmedian(recording.positions_nm[b][:FEWEST_ROWS, 2]))
         for b in recording.references

@@ -154,10 +154,10 @@ def _offset(log: Log, recording: Recording, clock: Column | None) -> tuple[float
     if found.plain:
         return 0.0, f"{name} is on the recording's clock"
     if found.explains > 0:
-        how = f"the beads' heights follow the magnets best so ({100 * found.explains:.0f} %)"
+        how = f"then the beads' heights follow the magnets best ({100 * found.explains:.0f} %)"
     else:
         how = "both are taken to begin together"
-    return found.seconds, f"{name}; {found.seconds:g} s are added to its clock: {how}"
+    return found.seconds, f"{name}; {found.seconds:g} s are added to its clock, as {how}"
 
 
 def _put_rate(draft: Draft, asking: Asking, first: FirstReading) -> bool:

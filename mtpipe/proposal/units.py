@@ -56,10 +56,10 @@ def position_unit(columns: Sequence[Column], axis: str) -> tuple[str, str]:
     """
     tremble = float(np.median([_tremble(c.seconds) for c in columns]))
     place = max(float(np.nanmax(np.abs(c.seconds), initial=0.0)) for c in columns)
-    said = f"beads tremble by {_short(tremble)}"
+    said = f"positions change by {_short(tremble)}"
     if axis != "z" and tremble < PIXEL_TREMBLE[1]:
         if tremble > PIXEL_TREMBLE[0] and place > WIDEST_FIELD_UM:
-            return "pixel", f"{said} at places up to {_short(place)}, as in pixels of an image"
+            return "pixel", f"{said} from frame to frame and reach {_short(place)}, as pixels do"
         if tremble > 0.5:
             return "pixel", f"{said} from frame to frame, likely pixels"
     unit = min(
@@ -75,7 +75,7 @@ def time_unit(stamps: FloatArray) -> tuple[str, str]:
     step = (known[-1] - known[0]) / max(len(known) - 1, 1)
     rates = {unit: 1 / (step * seconds) for unit, seconds in SECONDS_PER_UNIT.items()}
     unit = min(rates, key=lambda one: abs(math.log(rates[one] / LIKELY_HZ)))
-    return unit, f"a guess: so there are {rates[unit]:.4g} rows per second"
+    return unit, f"a guess: with it there are {rates[unit]:.4g} rows per second"
 
 
 def magnet_unit(values: FloatArray) -> tuple[str, str]:
@@ -86,7 +86,7 @@ def magnet_unit(values: FloatArray) -> tuple[str, str]:
         unit = "um" if largest < 1e3 * LONGEST_MAGNET_MM else "nm"
     elif 0 < largest < 1e-3 * LONGEST_MAGNET_MM and largest < 0.02:
         unit = "m"
-    return unit, f"unit guessed: the largest is {_short(largest)}"
+    return unit, f"unit guessed: the largest value is {_short(largest)}"
 
 
 def rotation_unit(name: str, values: FloatArray) -> tuple[str, str]:
@@ -96,7 +96,7 @@ def rotation_unit(name: str, values: FloatArray) -> tuple[str, str]:
     largest = float(np.nanmax(np.abs(values), initial=0.0))
     unit = "degree" if largest > MOST_TURNS else "turn"
     assert unit in TURNS_PER_UNIT
-    return unit, f"unit guessed: the largest is {_short(largest)}"
+    return unit, f"unit guessed: the largest value is {_short(largest)}"
 
 
 def _tremble(values: FloatArray) -> float:

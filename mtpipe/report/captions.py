@@ -36,8 +36,8 @@ def trace_captions(fit: Mapping[str, Any], *, sampled: bool) -> dict[str, str]:
     parts = []
     if words.is_number(fit["force_axis_pN"]):
         shown = words.with_error(fit["force_axis_pN"], fit["force_axis_stderr_pN"])
-        parts.append(f"from {fit['axis']} alone {shown} pN")
-    parts.append(f"fitted: {words.text(fit['method'])}")
+        parts.append(f"force from {fit['axis']} alone: {shown} pN")
+    parts.append(f"fit: {words.text(fit['method'])}")
     if words.is_number(fit["fit_deviance"]):
         parts.append(
             f"deviance {words.number(fit['fit_deviance'], 4)} for "

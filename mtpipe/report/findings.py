@@ -19,8 +19,8 @@ from mtpipe.report.remedies import remedy
 HEADLINES = {
     "consistent": "The recording agrees with its simulation.",
     "explained": "The recording differs from the setup, and the cause was found.",
-    "described": "The recording differs from the setup. No known cause explains all of it, but the "
-    "form of the difference was found.",
+    "described": "The recording differs from the setup. No known cause explains all of it, but "
+    "terms of known form describe it.",
     "unexplained": "The recording differs from its simulation, and the cause is not known.",
     "unchecked": "Not checked against a simulation.",
     "refused": "This bead gives no force.",
@@ -34,8 +34,7 @@ SMALLEST_FACTOR = 0.01
 # Changes of a force by less than this are not worth a line.
 SMALLEST_CHANGE = 0.005
 UNCHECKED = (
-    "Whether the experiment was as the setup states it is not known: the fit may be good and the "
-    "force wrong."
+    "The fit can be good and the force wrong, if the experiment was not as the setup states it."
 )
 MIXED = "The plateau mixes several states and gives no force."
 VERDICT_BEADS = {
@@ -157,7 +156,7 @@ def _finds_out(run: RunFolder) -> str:
     """What to do about beads that nobody has cross-checked yet."""
     if any(n.code == "crosscheck_to_come" for n in run.notices):
         return "The cross-check is still to come."
-    return "Run mtpipe run without --no-crosscheck to find out."
+    return "To check it, give mtpipe run again without --no-crosscheck."
 
 
 def _left(run: RunFolder, bead: str, located: Sequence[Mapping[str, Any]]) -> list[str]:
@@ -262,7 +261,7 @@ def _actions(
         return ("Use the forces as they are.",)
     if kind == "unchecked":
         if _unsimulated(run, bead):
-            return ("Add what is missing to the recording or the setup, then run mtpipe again.",)
+            return ("Add what is missing to the recording or the setup. Then run mtpipe again.",)
         return (_finds_out(run),)
     named = tuple(
         f"{words.label(one['effect']).capitalize()}: {remedy(one['effect'])}"
@@ -272,7 +271,7 @@ def _actions(
         return (*named, "Then run mtpipe again.")
     return (
         *named,
-        "See in the map below in which axis, plateaus and frequencies it differs, and what in the "
-        "experiment changed there.",
+        "Find in the map below the axis, plateaus and frequencies at which it differs. What in the "
+        "experiment changed there?",
         "Compare with the other beads: what all of them show comes from the instrument.",
     )

@@ -119,7 +119,7 @@ def _notice(mark: Mark) -> Notice:
         return Notice("left_out_by_hand", "info", said, bead=mark.bead, plateau=mark.plateau)
     begin, end = mark.stretch_s
     said = (
-        f"{begin:g} to {end:g} s is left out by hand ({mark.reason}). Until mtpipe run is said "
+        f"{begin:g} to {end:g} s is left out by hand ({mark.reason}). Until you give mtpipe run "
         "again, the plateaus it lies in are left out as a whole."
     )
     return Notice("left_out_by_hand", "caution", said, bead=mark.bead)

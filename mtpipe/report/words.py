@@ -27,7 +27,7 @@ STATUS = {
     "not_converged": "fit not converged",
     "not_one_state": "mixed states",
     "unlike_model": "unlike the model",
-    "zero_force": "no force",
+    "zero_force": "may be zero",
     "refused": "refused",
     "excluded": "left out by hand",
 }
@@ -37,7 +37,7 @@ STATUS_MEANING = {
     "not_converged": "the fit found no minimum",
     "not_one_state": "bead or force change within the plateau, so it has no single force",
     "unlike_model": "the spectrum differs from the model's, so do not use the trace's numbers",
-    "zero_force": "the force cannot be told from zero",
+    "zero_force": "the force may be zero within its error",
 }
 # Where the force to quote comes from (docs/forces.md): in a few words, and what that means.
 SOURCE = {
@@ -70,7 +70,7 @@ LABELS = {
     "above_nyquist": "corner above the Nyquist frequency",
     "poor_fit": "spectrum unlike the model",
     "unlike_the_series": "unlike the bead's other traces",
-    "beyond_dna": "beyond what DNA bears",
+    "beyond_dna": "higher than DNA can bear",
     "zero_force": "force may be zero",
     "not_one_state": "mixed states",
     "not_crosschecked": "not cross-checked",
@@ -79,8 +79,8 @@ LABELS = {
     "left_out_by_hand": "left out by hand",
     "mark_of_nothing": "a mark that fits nothing",
     "tether_choice": "which chain was chosen",
-    "tether_formula": "choice of the chain's formula",
-    "tether_relation": "choice of the chain's relation",
+    "tether_formula": "another formula of the chain",
+    "tether_relation": "short or long chain",
 }
 # Below this the tail of a hundred simulations says no more than "very small".
 SMALLEST_P = 1e-12
@@ -188,7 +188,7 @@ def setup_in_words(setup: Setup) -> list[tuple[str, str]]:
         ("Persistence length", measured(setup.tether.persistence_length_nm, "nm")),
         ("Temperature", measured(setup.buffer.temperature_K, "K")),
         ("Viscosity", measured(setup.buffer.viscosity_mPa_s, "mPa·s")),
-        ("Magnetic field", f"along {setup.field.direction}; the bead rotates freely in {across}"),
+        ("Magnetic field", f"along {setup.field.direction}; the bead's rotation adds to {across}"),
         ("Effects in the model", effects or "none beyond the baseline"),
         *([("Forces known from elsewhere", known)] if known else []),
     ]

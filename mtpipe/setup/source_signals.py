@@ -38,7 +38,9 @@ class Frame(Table):
         description="Column of the frame numbers: time is number over frame rate.", examples=[1]
     )
     restarts: bool = Field(
-        default=False, description="Every file of a series begins anew.", examples=[True]
+        default=False,
+        description="The numbers start again in every file.",
+        examples=[True],
     )
 
 

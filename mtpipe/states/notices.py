@@ -135,8 +135,8 @@ def _no_force(at: str, sideways: str, both_ways: bool) -> str:
 
 def _left_out(motion: Motion, start: int, stop: int, why: str) -> Notice:
     told = (
-        f"{motion.rows_s(max(stop - start, 0)):.2f} s from {motion.time_s[start]:.2f} s on are in "
-        f"no plateau: {why}, and this piece is too short ([plateaus] minimum_s)."
+        f"{motion.rows_s(max(stop - start, 0)):.2f} s from {motion.time_s[start]:.2f} s on are "
+        f"not used: {why}, and this piece is too short ([plateaus] minimum_s)."
     )
     return Notice(LEFT_OUT, "info", told)
 

@@ -216,13 +216,13 @@ def _why_short(
         for n in SEVERAL_TETHERS
     )
     if several and not any(short):
-        return "; the other beads do not differ so: it may be held by more than one tether"
+        return "; the other beads are not so short: it may be held by more than one tether"
     return ""
 
 
 NOT_KNOWN = "stiffness is not known in any plateau: not identified, or not converged"
 NO_FORCE = {
-    "zero_force": "no plateau gives a force that can be told from zero",
+    "zero_force": "in every plateau the force may be zero within its error",
     "not_one_state": "every plateau mixes several states",
 }
 FLAG_WORDS = {
@@ -233,17 +233,17 @@ FLAG_WORDS = {
     "short_trace": "traces short against the relaxation time",
     "not_identified": "stiffness not identified",
     "not_converged": "posterior not converged",
-    "zero_force": "force that cannot be told from zero",
+    "zero_force": "force that may be zero",
     "not_one_state": "several states mixed",
     "poor_fit": "spectrum unlike the model",
     "drift": "slow motion left in the trace",
     "effective_radius": "effective radius unlike the setup's",
     "no_extension": "no extension",
     "extension": "extension impossible for the tether",
-    "unlike_the_series": "traces that contradict the bead's others",
+    "unlike_the_series": "traces that contradict the bead's other traces",
     "fx_fy": "forces from x and y differ",
     "known_force": "force unlike the one that the setup states",
     "reference_stepped": "reference beads step in z",
-    "beyond_dna": "force beyond what double-stranded DNA bears",
+    "beyond_dna": "force higher than double-stranded DNA can bear",
     "focus_moved": "stage or focus moved far in z",
 }

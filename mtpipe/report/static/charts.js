@@ -73,7 +73,11 @@ function drawFirst(place) {
 }
 
 const places = document.querySelectorAll("[data-figure]");
-for (const place of places) coming.observe(place);
+for (const place of places) {
+  // its room is there before it is drawn, so that the page does not jump
+  place.style.height = `${charts.figures[place.dataset.figure].layout.height}px`;
+  coming.observe(place);
+}
 night.addEventListener("change", drawAgain);
 
 // --- choice of plateau and axis ---------------------------------------------------------------
