@@ -82,6 +82,9 @@ BESIDE_NATS = 10.0
 # they were fitted.
 NEAR_NATS = 20.0
 MOST_EFFECTS = 3
+# Effects that are fitted in the place of one that is named, of those that one look at the fit is
+# enough for: what is as good promises as much.
+MOST_ALIKE = 10
 # Few simulations say that recording and simulation will not agree where p is that far below.
 RULED_OUT = 1e-4 * AGREES_P
 Say = Callable[[str], None]
@@ -328,7 +331,9 @@ def _with_alternatives(
         without = begun_again(together(case.fit, others, named[-1].after.case.fit))
     except (FitError, ValueError):
         return replace(one, alternatives=())
-    weighed = list(effects)
+    others_of_all = [other for other in effects if other.name != one.name]
+    weighed = most_promising(without, others_of_all, one.found.evidence, MOST_ALIKE)
+    weighed += [other for other in effects if other.name == one.name]
     if any(other.form for other in named):
         weighed += most_promising(without, TERMS, one.found.evidence, MOST_FORMS)
     tried = try_effects(without, weighed, one.found.evidence, beside=bool(others))
