@@ -29,7 +29,7 @@ from mtpipe.joint_fit.parameters import (
     stated_parameters,
     z_zero_parameter,
 )
-from mtpipe.physics.tether import Formula, without_stretching
+from mtpipe.physics.tether import Formula
 from mtpipe.recording.recording import Plateau, Recording, States
 from mtpipe.recording.traces import traces_of
 from mtpipe.states.focus import focus_numbers
@@ -215,7 +215,7 @@ def preferred_fit(model: ConfiguredModel) -> ConfiguredFit:
 
 def preference(fit: ConfiguredFit) -> float:
     """What speaks for a fit, and what its chain's formula is preferred by, in nats."""
-    usual = without_stretching(fit.model.experiment.chain.formula) == FORMULAS[0]
+    usual = fit.model.experiment.chain.formula_without_stretching == FORMULAS[0]
     return support(fit) + (OTHER_FORMULA_NATS if usual else 0.0)
 
 
