@@ -150,7 +150,7 @@ def prepare(recording: Recording, bead: str) -> PreparedBead:
         Rest(1.0, len(x), math.nan if p.magnet_mm is None else p.magnet_mm)
         for x, p in zip(positions, kept, strict=True)
     )
-    noise = "tracking_noise" in recording.setup.model.effects and pinned is None
+    noise = recording.setup.model.noisy and pinned is None
     zero = math.hypot(Z_ZERO_STDERR_NM, _origin_stderr_nm(recording, bead))
     parameters = (
         *stated_parameters(recording.setup),
