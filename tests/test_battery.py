@@ -17,6 +17,8 @@ from mtpipe.joint_fit.data import plateau_data, whitening
 from mtpipe.joint_fit.expectation import Expectation
 from tests.small_case import generator
 
+pytestmark = pytest.mark.slow
+
 FRAME_S = 0.01
 # What most statistics do without.
 FIXED = Fixed(np.empty(0), np.empty((0, 2)), (0.0, 0.0, 0.0), (), np.ones(1))

@@ -20,6 +20,8 @@ from mtpipe.simulation.setup_experiment import stated_experiment
 from mtpipe.simulation.simulate import simulate
 from tests.simulated import setup_content
 
+pytestmark = pytest.mark.slow
+
 FORCES_PN = [1.0, 3.0, 9.0]
 # A table's answer to height is a curve: it is fitted to a recording, and no size can be stated.
 SIZED = [one for one in OWN if one.name not in {*DESCRIBED, "z_response"}]

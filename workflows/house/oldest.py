@@ -1,9 +1,11 @@
 """The oldest versions that pyproject.toml allows of what mtpipe needs, as constraints for pip.
 
     python workflows/house/oldest.py > oldest.txt
-    pip install -c oldest.txt -e ".[cluster,magnets]"
+    pip install -c oldest.txt -e ".[cluster,magnets]" pytest pytest-xdist hypothesis
+    pytest -m "not slow" -W default
 
 The tools of development (pytest, ruff, mypy, ...) are not among them: an old one tells nothing.
+What old versions warn of is no matter, hence `-W default`.
 """
 
 import tomllib
