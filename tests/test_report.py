@@ -16,8 +16,6 @@ from mtpipe.report.pages import page_names
 from tests.report_folder import NASTY, NO_Z, REFUSED, write_run_folder
 from tests.report_page import Page
 
-pytestmark = pytest.mark.slow
-
 GOOD = "bead-b-id-x-b-1-2.html"
 DESCRIPTION = Path(__file__).parents[1] / "docs" / "run-folder.md"
 
