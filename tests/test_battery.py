@@ -11,13 +11,17 @@ import pytest
 from scipy import signal, stats
 
 from mtpipe.battery import shape, spectral, temporal
-from mtpipe.battery.observed import Observed, bridged, whitened
+from mtpipe.battery.observed import Fixed, Observed, bridged
 from mtpipe.crosschecking.nulls import Nulls, alikeness, of_those_looked_at_again, together
 from mtpipe.joint_fit.data import plateau_data, whitening
 from mtpipe.joint_fit.expectation import Expectation
 from tests.small_case import generator
 
+pytestmark = pytest.mark.slow
+
 FRAME_S = 0.01
+# What most statistics do without.
+FIXED = Fixed(np.empty(0), np.empty((0, 2)), (0.0, 0.0, 0.0), (), np.ones(1))
 
 
 @dataclass
@@ -44,13 +48,21 @@ def values(found, statistic, axis="x", pooled=False):
 
 def over_seeds(function, repeats=60, change=lambda x: x):
     """(repeats, looks) values of a statistic on white noise."""
-    found = [function([White().seen(generator(9, i), change)]) for i in range(repeats)]
+    found = [function([White().seen(generator(9, i), change)], FIXED) for i in range(repeats)]
     return np.array([[value for _, value in one] for one in found])
+
+
+def of_bands(edges_hz):
+    return replace(FIXED, band_edges_hz=edges_hz)
+
+
+def of_periods(one):
+    return replace(FIXED, longest_period_nm=shape.smooth_periods_nm([one]))
 
 
 def test_bands_are_standard_normal_where_the_model_is_right():
     edges = np.geomspace(0.04, 51, 7)
-    scores = over_seeds(lambda seen: spectral.bands(seen, edges))
+    scores = over_seeds(lambda seen, _: spectral.bands(seen, of_bands(edges)))
     # 60 × 18 nearly independent scores: mean within 5 standard errors of 0, failing once in 1e6
     assert abs(scores.mean()) < 5 / np.sqrt(scores.size)
     assert scores.std() == pytest.approx(1, abs=0.15)
@@ -61,7 +73,7 @@ def test_band_with_more_power_stands_out_where_it_is():
     wave = 0.15 * np.sin(2 * np.pi * 12.0 * FRAME_S * np.arange(2048))
     one = White().seen(generator(1), lambda x: x + np.outer(2 * wave, [0, 1, 0]))
     edges = np.array([0.04, 1.0, 8.0, 16.0, 51.0])
-    found = values(spectral.bands([one], edges), "psd_band", "y")
+    found = values(spectral.bands([one], of_bands(edges)), "psd_band", "y")
     assert max(found, key=found.get).band_hz == (8.0, 16.0)
 
 
@@ -71,7 +83,8 @@ def test_a_band_whose_expectation_makes_no_sense_is_a_look_without_a_value():
     power = right.expected.power.copy()
     power[right.data.spectrum.frequency_hz < 1.0, 1, 1] = np.nan
     wrong = replace(right, expected=replace(right.expected, random_power=power))
-    found, there = spectral.bands([wrong, right], edges), spectral.bands([right, right], edges)
+    fixed = of_bands(edges)
+    found, there = spectral.bands([wrong, right], fixed), spectral.bands([right, right], fixed)
     assert [look for look, _ in found] == [look for look, _ in there]
     assert [look for look, value in found if np.isnan(value)] == [
         look for look, _ in there if look.axis == "y" and look.band_hz == (0.04, 1.0)
@@ -80,16 +93,13 @@ def test_a_band_whose_expectation_makes_no_sense_is_a_look_without_a_value():
 
 
 def test_line_is_found_at_its_frequency_and_scored_like_a_normal_variate():
-    def lines(seen):
-        return spectral.lines(seen, [whitened(one) for one in seen])
-
-    scores = over_seeds(lines)
+    scores = over_seeds(spectral.lines)
     # maxima of tapered, hence correlated, ordinates are a little smaller than of independent ones
     assert -0.8 < scores.mean() < 0.3
     assert scores.std() == pytest.approx(1, abs=0.2)
     wave = 0.5 * np.sin(2 * np.pi * 12.0 * FRAME_S * np.arange(2048))
     one = White().seen(generator(1), lambda x: x + np.outer(wave, [0, 0, 1]))
-    ((look, value),) = values(lines([one]), "line", "z").items()
+    ((look, value),) = values(spectral.lines([one], FIXED), "line", "z").items()
     assert look.band_hz[0] < 12.0 < look.band_hz[1]
     assert value > 8
 
@@ -98,7 +108,7 @@ def test_a_line_that_wanders_is_not_two():
     """Its phase runs to and fro by a turn: the line is several steps of the spectrum wide."""
     phase = 2 * np.pi * 30.0 * FRAME_S * np.arange(2048) + 3 * np.sin(np.linspace(0, 9, 2048))
     one = White().seen(generator(4), lambda x: x + np.outer(np.sin(phase), [1, 0, 0]))
-    found = spectral.lines([one], [whitened(one)])
+    found = spectral.lines([one], FIXED)
     ((_, first),) = values(found, "line").items()
     ((look, second),) = values(found, "second_line").items()
     assert first > 7
@@ -114,7 +124,7 @@ def test_score_of_the_largest_is_finite_for_any_line():
 
 def test_correlation_of_axes_has_its_sign():
     mix = np.array([[1.0, 0.0, 0.0], [-0.3, 1.0, 0.0], [0.0, 0.0, 1.0]])
-    found = spectral.between_axes([White().seen(generator(2), lambda x: x @ mix.T)])
+    found = spectral.between_axes([White().seen(generator(2), lambda x: x @ mix.T)], FIXED)
     assert values(found, "correlation", "xy").popitem()[1] < -6
     # a standard normal variate beyond 5: once in 2 million
     assert abs(values(found, "correlation", "xz").popitem()[1]) < 5
@@ -124,8 +134,8 @@ def test_motion_in_common_with_the_reference_is_seen_above_the_cutoff_only():
     random = generator(3)
     shared = random.normal(size=(2048, 3))
     one = White().seen(random, lambda x: x + 0.3 * shared, reference=shared)
-    single = [whitened(one)]
-    found = spectral.with_reference([one], single, [1.0, 1.0, np.inf])
+    fixed = replace(FIXED, above_hz=(1.0, 1.0, np.inf))
+    found = spectral.with_reference([one], fixed)
     assert values(found, "reference_coherence", "x").popitem()[1] > 5
     assert not values(found, "reference_coherence", "z")
 
@@ -143,10 +153,10 @@ def test_motion_in_common_with_the_reference_is_seen_above_the_cutoff_only():
 )
 def test_looks_along_time_notice_what_they_are_for(statistic, change):
     null = np.array([
-        values(temporal.over_time([White().seen(generator(4, i))]), statistic).popitem()[1]
+        values(temporal.over_time([White().seen(generator(4, i))], FIXED), statistic).popitem()[1]
         for i in range(30)
     ])  # fmt: skip
-    found = temporal.over_time([White().seen(generator(5), change)])
+    found = temporal.over_time([White().seen(generator(5), change)], FIXED)
     look, value = values(found, statistic).popitem()
     assert abs(value - null.mean()) > 5 * null.std()
     if statistic == "variance_step":
@@ -158,7 +168,7 @@ def test_quietest_second_is_where_the_bead_stuck():
         x[900:1020] *= 0.05
         return x
 
-    found = temporal.over_time([White().seen(generator(6), stuck)])
+    found = temporal.over_time([White().seen(generator(6), stuck)], FIXED)
     look, value = values(found, "quietest_second").popitem()
     assert value < -3
     assert 8.9 <= look.time_s[0] <= look.time_s[1] <= 10.3
@@ -170,7 +180,7 @@ def test_irreversible_motion_is_told_from_reversible():
         return x + 6 * (np.arange(len(x)) % 40 / 40)[:, None]
 
     null = over_seeds(temporal.irreversibility, 30)
-    found = values(temporal.irreversibility([White().seen(generator(7), sawtooth)]),
+    found = values(temporal.irreversibility([White().seen(generator(7), sawtooth)], FIXED),
                    "irreversibility").popitem()[1]  # fmt: skip
     assert abs(found) > 5 * null.std()
 
@@ -186,17 +196,19 @@ def test_direction_of_time_has_a_value_where_a_long_stretch_is_lost():
         return x
 
     (one,) = [White().seen(generator(7), lost)]
-    values = [value for _, value in temporal.irreversibility([one])]
+    values = [value for _, value in temporal.irreversibility([one], FIXED)]
     assert np.isfinite(values).all()
     backward = replace(one, position_nm=one.position_nm[::-1])
-    turned = [value for _, value in temporal.irreversibility([backward])]
+    turned = [value for _, value in temporal.irreversibility([backward], FIXED)]
     assert turned == pytest.approx([-value for value in values])
 
 
 def test_shape_does_not_depend_on_scale_or_origin():
     plain = White().seen(generator(8))
     moved = White().seen(generator(8), lambda x: 50 + 7 * x)
-    for one, other in zip(shape.moments([plain]), shape.moments([moved]), strict=True):
+    for one, other in zip(
+        shape.moments([plain], FIXED), shape.moments([moved], FIXED), strict=True
+    ):
         assert one[1] == pytest.approx(other[1])
     kurtosis = over_seeds(shape.moments)[:, 3:]
     assert kurtosis.mean() == pytest.approx(3.0, abs=5 * kurtosis.std() / np.sqrt(kurtosis.size))
@@ -234,7 +246,7 @@ def test_moments_of_normal_positions_are_unchanged_by_their_scales():
 
 
 def test_allan_variance_of_white_noise_falls_with_the_number_averaged():
-    found = values(shape.allan([White(8192).seen(generator(10))]), "allan_variance")
+    found = values(shape.allan([White(8192).seen(generator(10))], FIXED), "allan_variance")
     logs = list(found.values())
     # ln of a variance of 32 blocks has a spread of 0.25; five of them
     assert np.diff(logs)[:3] == pytest.approx(-np.log(4), abs=0.5)
@@ -247,14 +259,14 @@ def test_pixels_show_in_positions_that_cover_several():
 
     def strongest(seed, change, frames=2048):
         one = White(frames).seen(generator(11, seed), change)
-        found = shape.fractional_pixel([one], shape.smooth_periods_nm([one]))
+        found = shape.fractional_pixel([one], of_periods(one))
         return values(found, "fractional_pixel").popitem()[1]
 
     plain = [strongest(i, lambda x: 80 * x) for i in range(20)]
     assert strongest(20, locked, 8192) > np.max(plain)
     # too small a motion tells nothing
     one = White().seen(generator(12))
-    assert not shape.fractional_pixel([one], shape.smooth_periods_nm([one]))
+    assert not shape.fractional_pixel([one], of_periods(one))
 
 
 def test_frames_lost_far_from_the_middle_are_noticed():
@@ -266,12 +278,14 @@ def test_frames_lost_far_from_the_middle_are_noticed():
         x[::15] = np.nan
         return x
 
-    found = values(shape.lost_frames([White().seen(generator(13), far_lost)]), "lost_frames")
+    found = values(shape.lost_frames([White().seen(generator(13), far_lost)], FIXED), "lost_frames")
     assert found.popitem()[1] > 1
-    found = values(shape.lost_frames([White().seen(generator(13), randomly_lost)]), "lost_frames")
+    found = values(
+        shape.lost_frames([White().seen(generator(13), randomly_lost)], FIXED), "lost_frames"
+    )
     # 137 squares: spread 0.12 of their mean
     assert abs(found.popitem()[1]) < 0.6
-    assert not shape.lost_frames([White().seen(generator(13))])
+    assert not shape.lost_frames([White().seen(generator(13))], FIXED)
 
 
 def test_bridged_series_have_no_mean_and_no_gap():

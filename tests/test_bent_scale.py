@@ -32,6 +32,8 @@ from tests.test_effects import (
     worst_disagreement,
 )
 
+pytestmark = pytest.mark.slow
+
 MORE, FROM_NM = -0.12, 1080.0
 # Heights of the four plateaus are 858, 1034, 1108 and 1142 nm, the lowest within 50 nm.
 NEAR_NM = 1034.0

@@ -19,6 +19,8 @@ from mtpipe.physics.buffer import thermal_energy_pN_nm
 from mtpipe.physics.jointed_chain import jointed_extension_nm, langevin
 from mtpipe.physics.tether import Chain, mean_extension_nm
 
+pytestmark = pytest.mark.slow
+
 KELVIN = 298.0
 KT = float(thermal_energy_pN_nm(KELVIN))
 JOINTED = {"contour_length_nm": 500.0, "kuhn_length_nm": 1.5, "temperature_K": KELVIN}

@@ -47,6 +47,8 @@ from mtpipe.spectra.spectrum import periodogram
 from mtpipe.spectra.window import bin_edges
 from tests.small_case import FORCES_PN, NOISE_NM, case, generator, raw, setup
 
+pytestmark = pytest.mark.slow
+
 FRAME_S = 1 / 120
 
 

@@ -18,6 +18,8 @@ from mtpipe.recording.plateaus import find_plateaus
 from mtpipe.recording.recording import Recording
 from tests import small_case
 
+pytestmark = pytest.mark.slow
+
 RATE_HZ, PERIOD_NM = 120.0, 100.0
 # First frame, within its plateau, and length of the episodes of each plateau.
 EPISODES = {0: ((300, 120), (900, 45), (1500, 200)), 1: ((700, 90), (1400, 12))}

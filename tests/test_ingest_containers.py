@@ -1,5 +1,7 @@
 """Every way in which programs put the same numbers into a file gives the same recording."""
 
+from datetime import timedelta
+
 import h5py
 import nptdms
 import numpy as np
@@ -303,7 +305,8 @@ def moments(columns):
     return START + np.rint(columns["Time"] * 1e9).astype("timedelta64[ns]")
 
 
-ZONES = [None, "UTC", "Europe/Amsterdam", "+05:30"]
+OFFSET = "+05:30"
+ZONES = [None, "UTC", "Europe/Amsterdam", OFFSET]
 
 
 @pytest.mark.parametrize("zone", ZONES)
@@ -311,9 +314,13 @@ ZONES = [None, "UTC", "Europe/Amsterdam", "+05:30"]
 def test_clock_times_in_parquet(tmp_path, zone, unit):
     columns = five_columns()
     stamps = pa.array(moments(columns)).cast(pa.timestamp(unit), safe=False)
-    if zone is not None:
+    local = pa.compute.strftime(stamps, "%Y-%m-%d %H:%M:%S")
+    if zone == OFFSET:  # which an older Arrow does not take for a zone
+        ahead = pa.scalar(timedelta(hours=5, minutes=30), pa.duration(unit))
+        stamps = pa.compute.subtract(stamps, ahead).cast(pa.timestamp(unit, zone))
+    elif zone is not None:
         stamps = pa.compute.assume_timezone(stamps, zone)
-    for values in (stamps, pa.compute.strftime(stamps, "%Y-%m-%d %H:%M:%S")):
+    for values in (stamps, local):
         if pa.types.is_string(values.type) and unit == "ms" and zone is not None:
             continue
         table = {"Time": values, **{k: columns[k] for k in FIVE[1:]}}

@@ -391,21 +391,30 @@ def test_columns_is_the_table_without_a_preset(tmp_path):
         np.testing.assert_array_equal(unnamed.positions_nm[bead], xyz)
 
 
-@pytest.mark.parametrize("name", [n for n in PRESETS if n != "columns"])
+# How a recording of each preset is written into a folder; `tests/test_init.py` has them found.
+WRITERS = {
+    "calisto-text": lambda folder: write_calisto(folder, motion(N)),
+    "calisto-hdf5": lambda folder: write_calisto_hdf5(
+        folder / "r.h5", motion(N, beads=("M0", "M1", "R2"))
+    ),
+    "magscope-hdf5": lambda folder: write_magscope(
+        folder / "t.h5", magscope_batches(magscope_positions())
+    ),
+    "dekker-text": lambda folder: (
+        write(folder / "a_motors.txt", ["3"] * N),
+        write(folder / "a.txt", table(c / 1e3 for c in axes_of(motion(N, beads=("b1",))))),
+    ),
+    "shon-text": lambda folder: write_shon(folder, motion(N, beads=("ref1", "b1", "b2"))),
+}
+
+
+def test_every_preset_is_tried():
+    assert {*WRITERS, "columns"} == set(PRESETS)
+
+
+@pytest.mark.parametrize("name", WRITERS)
 def test_a_setup_with_a_preset_names_its_files_by_that(tmp_path, name):
-    writers = {
-        "calisto-text": lambda: write_calisto(tmp_path, motion(N)),
-        "calisto-hdf5": lambda: write_calisto_hdf5(tmp_path / "r.h5", motion(N, beads=("M0",))),
-        "magscope-hdf5": lambda: write_magscope(
-            tmp_path / "t.h5", magscope_batches(magscope_positions())
-        ),
-        "dekker-text": lambda: (
-            write(tmp_path / "a_motors.txt", ["3"] * N),
-            write(tmp_path / "a.txt", table(c / 1e3 for c in axes_of(motion(N, beads=("b1",))))),
-        ),
-        "shon-text": lambda: write_shon(tmp_path, motion(N, beads=("ref1", "b1", "b2"))),
-    }
-    writers[name]()
+    WRITERS[name](tmp_path)
     units = 'units.position = "um"\n    time.unit = "ms"' if name == "calisto-text" else ""
     rate = '"unknown"' if name == "shon-text" else "100.0"
     (tmp_path / "setup.toml").write_text(f"""schema = 1

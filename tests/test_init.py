@@ -15,20 +15,9 @@ from mtpipe.ingest import load
 from mtpipe.proposal.proposal import checked, propose
 from mtpipe.proposal.questions import as_setup_part, parsed
 from mtpipe.proposal.surface import surface_of
-from mtpipe.setup.presets import PRESETS
-from tests.ingest_recordings import (
-    N,
-    axes_of,
-    magscope_batches,
-    magscope_positions,
-    motion,
-    table,
-    write,
-    write_magscope,
-)
 from tests.laboratory_files import LENGTH_NM, LOG_BEFORE_S, RATE, Laboratory
 from tests.stack_images import draw
-from tests.test_ingest_presets import write_calisto, write_calisto_hdf5, write_shon
+from tests.test_ingest_presets import WRITERS
 
 pytestmark = pytest.mark.slow
 
@@ -184,20 +173,9 @@ def test_recordings_that_do_not_go_on_are_not_joined(laboratory, tmp_path):
         proposed(tmp_path)
 
 
-@pytest.mark.parametrize("name", [n for n in PRESETS if n != "columns"])
+@pytest.mark.parametrize("name", WRITERS)
 def test_presets_are_found(tmp_path, name):
-    three = motion(N, beads=("M0", "M1", "R2"))
-    if name == "calisto-text":
-        write_calisto(tmp_path, three)
-    elif name == "calisto-hdf5":
-        write_calisto_hdf5(tmp_path / "r.h5", three)
-    elif name == "magscope-hdf5":
-        write_magscope(tmp_path / "t.h5", magscope_batches(magscope_positions()))
-    elif name == "dekker-text":
-        write(tmp_path / "a_motors.txt", ["3"] * N)
-        write(tmp_path / "a.txt", table(c / 1e3 for c in axes_of({"b1": three["M0"]})))
-    else:
-        write_shon(tmp_path, three)
+    WRITERS[name](tmp_path)
     rate = {"frame_rate_hz": 100.0} if name == "dekker-text" else {}
     _, recording = proposed(tmp_path, {**rate, "minimum_s": 0.1, "pixel_size_nm": 80.0})
     assert recording.setup.source.preset == name

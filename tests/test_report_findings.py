@@ -18,6 +18,8 @@ from mtpipe.report.remedies import remedy
 from tests.report_folder import NASTY, NO_Z, REFUSED, UNEXPLAINED, write_run_folder
 from tests.report_page import Page
 
+pytestmark = pytest.mark.slow
+
 GOOD = "bead-b-id-x-b-1-2.html"
 
 

@@ -9,7 +9,7 @@ from pathlib import Path
 import pytest
 
 from mtpipe.battery import spectral
-from mtpipe.battery.kinds import KINDS
+from mtpipe.battery.catalogue import KINDS
 from mtpipe.diagnosis.explanation import ALARM_P
 from mtpipe.report import crosscheck_words, words
 

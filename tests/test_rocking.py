@@ -19,6 +19,8 @@ from mtpipe.simulation.bead import brownian_bead
 from mtpipe.simulation.brownian import simulate_bead
 from mtpipe.simulation.linear import simulate_motion
 
+pytestmark = pytest.mark.slow
+
 CELSIUS_25, RADIUS_NM = 298.15, 500.0
 
 

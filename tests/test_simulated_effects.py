@@ -10,14 +10,17 @@ from mtpipe.crosschecking.setup_effects import with_listed
 from mtpipe.drift import subtract_drift
 from mtpipe.effects.catalogue import OWN
 from mtpipe.experiment.description import Line
-from mtpipe.experiment.from_setup import DESCRIBED, experiment_of
+from mtpipe.experiment.from_setup import experiment_of
 from mtpipe.ground.errors import SetupError
 from mtpipe.joint_fit.fit import fit_configured
 from mtpipe.setup.setup import parse_setup
+from mtpipe.setup.tables import DESCRIBED
 from mtpipe.simulation.images import render_stack
 from mtpipe.simulation.setup_experiment import stated_experiment
 from mtpipe.simulation.simulate import simulate
 from tests.simulated import setup_content
+
+pytestmark = pytest.mark.slow
 
 FORCES_PN = [1.0, 3.0, 9.0]
 # A table's answer to height is a curve: it is fitted to a recording, and no size can be stated.

@@ -11,8 +11,8 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from mtpipe.battery.observed import Observed
-from mtpipe.battery.statistic import Statistic, Values
+from mtpipe.battery.observed import Fixed, Observed
+from mtpipe.battery.statistic import Group, Kind, Statistic, Values
 from mtpipe.ground.types import FloatArray
 from mtpipe.recording.recording import AXES
 
@@ -28,14 +28,10 @@ def projections(expected_changes: FloatArray, ordinates: FloatArray) -> FloatArr
     return np.asarray(np.linalg.pinv(weighted @ expected_changes.T) @ weighted)
 
 
-def per_trace(seen: Sequence[Observed], projection: Sequence[Sequence[FloatArray]]) -> Values:
-    """Changes of ln stiffness and ln friction of each trace against the fitted experiment.
-
-    Parameters
-    ----------
-    projection : per plateau and axis, from `projections`.
-    """
+def per_trace(seen: Sequence[Observed], fixed: Fixed) -> Values:
+    """Changes of ln stiffness and ln friction of each trace against the fitted experiment."""
     values: Values = []
+    projection = fixed.projection
     changes = np.array(
         [
             [projection[i][axis] @ (one.ratio[:, axis] - 1) for axis in range(3)]
@@ -68,7 +64,20 @@ def per_trace(seen: Sequence[Observed], projection: Sequence[Sequence[FloatArray
     return values
 
 
-def extensions(seen: Sequence[Observed]) -> Values:
+PER_TRACE = Group(
+    per_trace,
+    (
+        Kind(
+            "stiffness", "stiffness", "stiffness of the trace alone over that of the joint fit (ln)"
+        ),
+        Kind("friction", "friction", "friction of the trace alone over that of the joint fit (ln)"),
+        Kind("stiffness_along_series", "stiffness", "trend of the stiffness along the series"),
+        Kind("friction_along_series", "friction", "trend of the friction along the series"),
+    ),
+)
+
+
+def extensions(seen: Sequence[Observed], fixed: Fixed) -> Values:
     """Mean heights against the chain, in standard errors; and all of them together."""
     pulls = [
         float((one.data.mean_nm[2] - one.expected.extension_nm) / one.expected.extension_stderr_nm)
@@ -81,17 +90,31 @@ def extensions(seen: Sequence[Observed]) -> Values:
     return values
 
 
-def known_forces(seen: Sequence[Observed], weight: FloatArray) -> Values:
-    """Fitted forces against those known beforehand, ln; and the mean of all.
+EXTENSIONS = Group(
+    extensions,
+    (
+        Kind(
+            "extension",
+            "extension",
+            "mean extension less that of the chain (standard errors)",
+            odd="large pooled",
+        ),
+    ),
+)
 
-    Parameters
-    ----------
-    weight : (plateaus,) in that mean.
-    """
+
+def known_forces(seen: Sequence[Observed], fixed: Fixed) -> Values:
+    """Fitted forces against those known beforehand, ln; and the mean of all."""
     known = [(i, one.ln_force_off) for i, one in enumerate(seen) if one.ln_force_off is not None]
     values: Values = [(Statistic("known_force", "", (i,)), off) for i, off in known]
     if len(known) > 1:
         there = [i for i, _ in known]
-        mean = float(np.average([off for _, off in known], weights=weight[there]))
+        mean = float(np.average([off for _, off in known], weights=fixed.force_weight[there]))
         values.append((Statistic("known_force", "", tuple(there), pooled=True), mean))
     return values
+
+
+KNOWN_FORCES = Group(
+    known_forces,
+    (Kind("known_force", "known forces", "fitted force over the one that [[magnet]] states (ln)"),),
+)

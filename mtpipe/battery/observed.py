@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import functools
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -54,10 +55,36 @@ class Observed:
             [self.expected.power[:, axis, axis] / spectrum.gain(axis) for axis in range(3)]
         )
 
+    @functools.cached_property
+    def whitened(self) -> Whitened:
+        """Its single ordinates over their expected size."""
+        return whitened(self)
+
     @property
     def duration_s(self) -> float:
         """Length, lost frames included."""
         return len(self.position_nm) * self.frame_s
+
+
+@dataclass(frozen=True, eq=False)
+class Fixed:
+    """What recording and simulations are looked at with alike, from recording and fit.
+
+    Attributes
+    ----------
+    band_edges_hz : of the bands of power.
+    longest_period_nm : (plateaus, 2) up to which periods are looked for, x and y.
+    above_hz : (3,) frequencies above which the reference's own motion was not subtracted.
+    projection : per plateau and axis, (2, n_bins) what takes a residual P/S − 1 to the changes of
+        ln stiffness and ln friction.
+    force_weight : (plateaus,) of forces known beforehand, in their mean.
+    """
+
+    band_edges_hz: FloatArray
+    longest_period_nm: FloatArray
+    above_hz: Sequence[float]
+    projection: Sequence[Sequence[FloatArray]]
+    force_weight: FloatArray
 
 
 @dataclass(frozen=True, eq=False)

@@ -9,8 +9,8 @@ from collections.abc import Sequence
 import numpy as np
 from scipy import fft
 
-from mtpipe.battery.observed import Observed
-from mtpipe.battery.statistic import Statistic, Values
+from mtpipe.battery.observed import Fixed, Observed
+from mtpipe.battery.statistic import Group, Kind, Statistic, Values
 from mtpipe.ground.types import FloatArray
 from mtpipe.recording.recording import AXES
 
@@ -27,7 +27,7 @@ FEWEST_GAPS = 10
 SKEWNESS_SCALE = 0.877
 
 
-def moments(seen: Sequence[Observed]) -> Values:
+def moments(seen: Sequence[Observed], fixed: Fixed) -> Values:
     """Skewness and kurtosis of each trace, and over all plateaus, on scales on which their laws are
     nearly normal.
 
@@ -56,6 +56,15 @@ def moments(seen: Sequence[Observed]) -> Values:
     return values
 
 
+MOMENTS = Group(
+    moments,
+    (
+        Kind("skewness", "distribution", "skewness of the positions"),
+        Kind("kurtosis", "distribution", "kurtosis of the positions"),
+    ),
+)
+
+
 def nearly_normal_skewness(skewness: float) -> float:
     """Skewness on the scale of D'Agostino 1970 (Biometrika 57:679) for many samples.
 
@@ -71,7 +80,7 @@ def nearly_normal_kurtosis(kurtosis: float) -> float:
     return 7.0 - math.sqrt(32.0 / max(kurtosis - 1.0, 1e-3))
 
 
-def allan(seen: Sequence[Observed]) -> Values:
+def allan(seen: Sequence[Observed], fixed: Fixed) -> Values:
     """ln of the Allan variance of means over m frames, m growing fourfold."""
     values: Values = []
     for i, one in enumerate(seen):
@@ -90,6 +99,12 @@ def allan(seen: Sequence[Observed]) -> Values:
     return values
 
 
+ALLAN = Group(
+    allan,
+    (Kind("allan_variance", "Allan variance", "Allan variance (ln nm²)", relative=False),),
+)
+
+
 def smooth_periods_nm(seen: Sequence[Observed]) -> FloatArray:
     """(plateaus, 2) longest period that a Gaussian distribution as wide as this one hides, x and y.
 
@@ -99,19 +114,18 @@ def smooth_periods_nm(seen: Sequence[Observed]) -> FloatArray:
     return np.minimum(2 * np.pi * spread / SMOOTH_SPREADS, LONGEST_PERIOD_NM)
 
 
-def fractional_pixel(seen: Sequence[Observed], longest_nm: FloatArray) -> Values:
+def fractional_pixel(seen: Sequence[Observed], fixed: Fixed) -> Values:
     """Strongest period in the distribution of x and y in the camera's own coordinates, in ln.
 
-    Parameters
-    ----------
-    longest_nm : from `smooth_periods_nm` of the recording. Plateaus that hardly cover a pixel have
-        no such statistic.
+    Plateaus that hardly cover a pixel have no such statistic.
     """
     values: Values = []
     periods = FOLD_NM / np.arange(1, FOLD_BINS // 2 + 1)
     for i, one in enumerate(seen):
         for axis, name in enumerate(AXES[:2]):
-            searched = (periods <= longest_nm[i, axis]) & (periods >= SHORTEST_PERIOD_NM)
+            searched = (periods <= fixed.longest_period_nm[i, axis]) & (
+                periods >= SHORTEST_PERIOD_NM
+            )
             if not searched.any():
                 continue
             camera = one.position_nm[:, axis] + one.camera_offset_nm[:, axis]
@@ -124,7 +138,17 @@ def fractional_pixel(seen: Sequence[Observed], longest_nm: FloatArray) -> Values
     return values
 
 
-def lost_frames(seen: Sequence[Observed]) -> Values:
+FRACTIONAL_PIXEL = Group(
+    fractional_pixel,
+    (
+        Kind(
+            "fractional_pixel", "pixel period", "strongest pattern with the period of a pixel (ln)"
+        ),
+    ),
+)
+
+
+def lost_frames(seen: Sequence[Observed], fixed: Fixed) -> Values:
     """How far from the mean the bead is before frames are lost: ln of mean square over variance."""
     values: Values = []
     for i, one in enumerate(seen):
@@ -137,3 +161,9 @@ def lost_frames(seen: Sequence[Observed]) -> Values:
             square = float(np.mean(series[axis, before] ** 2)) / float(series[axis].var())
             values.append((Statistic("lost_frames", name, (i,)), float(np.log(max(square, 1e-12)))))
     return values
+
+
+LOST_FRAMES = Group(
+    lost_frames,
+    (Kind("lost_frames", "lost frames", "distance from the mean just before lost frames (ln)"),),
+)

@@ -9,8 +9,8 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import special
 
-from mtpipe.battery.observed import Observed, Whitened
-from mtpipe.battery.statistic import Statistic, Values
+from mtpipe.battery.observed import Fixed, Observed
+from mtpipe.battery.statistic import Group, Kind, Statistic, Values
 from mtpipe.ground.types import FloatArray
 from mtpipe.recording.recording import AXES
 
@@ -28,14 +28,14 @@ def band_edges_hz(seen: Sequence[Observed]) -> FloatArray:
     return np.geomspace(low * 0.99, high * 1.01, BANDS + 1)
 
 
-def bands(seen: Sequence[Observed], edges_hz: FloatArray) -> Values:
+def bands(seen: Sequence[Observed], fixed: Fixed) -> Values:
     """Power in bands over its expectation, single plateaus and all together, in normal scores.
 
     The mean of n ordinates is a gamma variate, whose cube root is nearly normal (Wilson & Hilferty
     1931).
     """
-    every = list(itertools.pairwise(edges_hz.tolist()))
-    scores = [_band_scores(one, edges_hz) for one in seen]
+    every = list(itertools.pairwise(fixed.band_edges_hz.tolist()))
+    scores = [_band_scores(one, fixed.band_edges_hz) for one in seen]
     values: Values = []
     for axis, name in enumerate(AXES):
         for k, band in enumerate(every):
@@ -47,6 +47,12 @@ def bands(seen: Sequence[Observed], edges_hz: FloatArray) -> Values:
                 total = float(np.sum(list(each.values())) / np.sqrt(len(each)))
                 values.append((Statistic("psd_band", name, tuple(each), band, pooled=True), total))
     return values
+
+
+BANDS_OF_POWER = Group(
+    bands,
+    (Kind("psd_band", "", "power"),),
+)
 
 
 def _band_scores(one: Observed, edges_hz: FloatArray) -> dict[int, FloatArray]:
@@ -65,13 +71,14 @@ def _band_scores(one: Observed, edges_hz: FloatArray) -> dict[int, FloatArray]:
     return scores
 
 
-def lines(seen: Sequence[Observed], spectra: Sequence[Whitened]) -> Values:
+def lines(seen: Sequence[Observed], fixed: Fixed) -> Values:
     """The two strongest single ordinates per axis and plateau, and the strongest of the mean.
 
     A line stands out of its neighbours, whatever the level of the spectrum there. Of plateaus in
     the normal score that the largest of so many exponential variates has, of the mean in ln.
     """
     values: Values = []
+    spectra = [one.whitened for one in seen]
     coarsest = max(float(s.frequency_hz[0]) for s in spectra)
     for axis, name in enumerate(AXES):
         cells: list[FloatArray] = []
@@ -101,6 +108,15 @@ def lines(seen: Sequence[Observed], spectra: Sequence[Whitened]) -> Values:
     return values
 
 
+NARROW_LINES = Group(
+    lines,
+    (
+        Kind("line", "narrow lines", "the strongest narrow line", odd="large"),
+        Kind("second_line", "narrow lines", "the second strongest narrow line", odd="large"),
+    ),
+)
+
+
 def same_line(frequency_hz: FloatArray, line_hz: float) -> NDArray[np.bool_]:
     """Whether frequencies may be a line's own: mains and motors wander by as much."""
     return np.asarray(np.abs(frequency_hz - line_hz) <= 0.02 * line_hz + 0.1)
@@ -125,7 +141,7 @@ def _score_of_largest(largest: float, count: int) -> float:
     return float(-special.ndtri_exp(min(log_p, -1e-12)))
 
 
-def between_axes(seen: Sequence[Observed]) -> Values:
+def between_axes(seen: Sequence[Observed], fixed: Fixed) -> Values:
     """In-phase correlation of two axes, slow and fast half of the information."""
     values: Values = []
     for a, b in PAIRS:
@@ -146,25 +162,27 @@ def between_axes(seen: Sequence[Observed]) -> Values:
     return values
 
 
+BETWEEN_AXES = Group(
+    between_axes,
+    (Kind("correlation", "correlation", "correlation of the two axes"),),
+)
+
+
 def _signal(one: Observed, axis: int) -> FloatArray:
     """Level of the spectrum over its highest level: emphasis on where the motion is."""
     return np.asarray(one.level[axis] / one.level[axis].max())
 
 
-def with_reference(
-    seen: Sequence[Observed], spectra: Sequence[Whitened], above_hz: Sequence[float]
-) -> Values:
-    """In-phase coherence of bead and reference, per axis.
-
-    Parameters
-    ----------
-    above_hz : per axis; below, the reference's own motion has been subtracted from both.
+def with_reference(seen: Sequence[Observed], fixed: Fixed) -> Values:
+    """In-phase coherence of bead and reference, per axis, where the reference's own motion has not
+    been subtracted from both.
     """
     values: Values = []
     for axis, name in enumerate(AXES):
         pooled: list[float] = []
-        for i, spectrum in enumerate(spectra):
-            inside = spectrum.frequency_hz >= above_hz[axis]
+        for i, one in enumerate(seen):
+            spectrum = one.whitened
+            inside = spectrum.frequency_hz >= fixed.above_hz[axis]
             if spectrum.reference is None or not inside.any():
                 continue
             common = np.real(spectrum.bead[axis] * np.conj(spectrum.reference[axis]))
@@ -177,3 +195,15 @@ def with_reference(
             look = Statistic("reference_coherence", name, tuple(range(len(seen))), pooled=True)
             values.append((look, float(np.sum(pooled) / np.sqrt(len(pooled)))))
     return values
+
+
+WITH_REFERENCE = Group(
+    with_reference,
+    (
+        Kind(
+            "reference_coherence",
+            "reference motion",
+            "correlation with the motion of the reference beads",
+        ),
+    ),
+)

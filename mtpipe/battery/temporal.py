@@ -7,8 +7,8 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from mtpipe.battery.observed import Observed
-from mtpipe.battery.statistic import Statistic, Values
+from mtpipe.battery.observed import Fixed, Observed
+from mtpipe.battery.statistic import Group, Kind, Statistic, Values
 from mtpipe.ground.types import FloatArray
 from mtpipe.recording.recording import AXES
 
@@ -16,7 +16,7 @@ WINDOWS = 16
 QUIET_S = 1.0
 
 
-def over_time(seen: Sequence[Observed]) -> Values:
+def over_time(seen: Sequence[Observed], fixed: Fixed) -> Values:
     """All statistics along time, per axis and plateau, and the trends of all plateaus together."""
     values: Values = []
     pooled: dict[tuple[str, str], list[float]] = {}
@@ -61,6 +61,20 @@ def over_time(seen: Sequence[Observed]) -> Values:
     return values
 
 
+OVER_TIME = Group(
+    over_time,
+    (
+        Kind("mean_trend", "mean over time", "drift of the mean"),
+        Kind("mean_step", "mean over time", "largest step of the mean", odd="large"),
+        Kind("mean_excursion", "mean over time", "largest excursion of the mean", odd="large"),
+        Kind("variance_trend", "variance over time", "trend of the variance"),
+        Kind("variance_step", "variance over time", "largest step of the variance", odd="large"),
+        Kind("variance_spread", "variance over time", "variation of the variance", odd="large"),
+        Kind("quietest_second", "variance over time", "variance of the quietest second"),
+    ),
+)
+
+
 def in_windows(one: Observed) -> tuple[FloatArray, FloatArray]:
     """(3, WINDOWS) means in nm about the plateau's, and ln of the variances in nm²."""
     series = one.bridged_nm
@@ -98,7 +112,7 @@ def _largest_step(values: FloatArray) -> tuple[FloatArray, NDArray[np.int64]]:
     return size.max(axis=1), before[size.argmax(axis=1)]
 
 
-def irreversibility(seen: Sequence[Observed]) -> Values:
+def irreversibility(seen: Sequence[Observed], fixed: Fixed) -> Values:
     """⟨x²(t) x(t+m) − x(t) x²(t+m)⟩ at the lag of half decay; zero for reversible motion."""
     values: Values = []
     for i, one in enumerate(seen):
@@ -114,3 +128,13 @@ def irreversibility(seen: Sequence[Observed]) -> Values:
             value = float(np.mean(x[lag:] * x[:-lag] * (x[:-lag] - x[lag:])))
             values.append((Statistic("irreversibility", name, (i,)), value))
     return values
+
+
+IRREVERSIBILITY = Group(
+    irreversibility,
+    (
+        Kind(
+            "irreversibility", "time reversal", "difference between the trace and its time reversal"
+        ),
+    ),
+)

@@ -9,9 +9,9 @@ from typing import Any
 
 import numpy as np
 
-from mtpipe.battery import agreement, shape, spectral, temporal
-from mtpipe.battery.kinds import KINDS
-from mtpipe.battery.observed import Observed, whitened
+from mtpipe.battery import agreement, shape, spectral
+from mtpipe.battery.catalogue import GROUPS, KINDS
+from mtpipe.battery.observed import Fixed, Observed
 from mtpipe.battery.statistic import Statistic
 from mtpipe.crosschecking.curves import Curve, CurveSet
 from mtpipe.crosschecking.nulls import (
@@ -94,8 +94,8 @@ def check_bead(
     with_curves : keep the curves of `ENOUGH` simulations.
     progress : called with (simulations done, of how many in this round).
     """
-    battery = _Battery(case)
     recorded = recorded_of(case)
+    battery = _Battery(case, recorded)
     looks, observed = battery.looks(recorded)
     maker = TwinMaker(case)
     simulated: list[FloatArray] = [] if begun is None else list(begun.simulated)
@@ -198,7 +198,8 @@ def foreseen_p_value(check: BeadCheck, case: PreparedBead) -> float:
     ----------
     check : of the old ones. case : with the new ones.
     """
-    looks, observed = _Battery(case).looks(recorded_of(case))
+    recorded = recorded_of(case)
+    looks, observed = _Battery(case, recorded).looks(recorded)
     before, there = _numbered(check.looks), _numbered(looks)
     both = [key for key in there if key in before and KINDS[str(key[0])].relative]
     new, old = [there[key] for key in both], [before[key] for key in both]
@@ -221,7 +222,7 @@ def _judged(
     looks: tuple[Statistic, ...], observed: FloatArray, simulated: FloatArray
 ) -> tuple[FloatArray, Together]:
     """p-value of each statistic by itself, and of all together."""
-    upper = np.array([_is_upper(look) for look in looks])
+    upper = np.array([KINDS[look.statistic].only_large(look.pooled) for look in looks])
     pooled = np.array([look.pooled for look in looks])
     kinds = [(look.statistic, look.pooled) for look in looks]
     statistic = np.array([kinds.index(kind) for kind in kinds])
@@ -232,23 +233,20 @@ def _judged(
     return p_values, together(p_values, own, [pooled, ~pooled])
 
 
-def _is_upper(look: Statistic) -> bool:
-    return KINDS[look.statistic].only_large or (look.statistic == "extension" and look.pooled)
-
-
 class _Battery:
     """The battery with what does not change from simulation to simulation."""
 
-    def __init__(self, case: PreparedBead) -> None:
+    def __init__(self, case: PreparedBead, recorded: list[Observed]) -> None:
         self.case = case
-        self.projection = _projections(case)
-        self.force_weight = _force_weight(case)
-        # of the recording, which is looked at first
-        self.edges_hz: FloatArray | None = None
-        self.periods_nm: FloatArray | None = None
         cutoffs = case.fit.model.subtraction.cutoff_hz
-        # subtracted frame by frame, nothing is left of the reference
-        self.above_hz = [CLEAR_OF_CUTOFF * (math.inf if c is None else c) for c in cutoffs]
+        self.fixed = Fixed(
+            spectral.band_edges_hz(recorded),
+            shape.smooth_periods_nm(recorded),
+            # subtracted frame by frame, nothing is left of the reference
+            [CLEAR_OF_CUTOFF * (math.inf if c is None else c) for c in cutoffs],
+            _projections(case),
+            _force_weight(case),
+        )
 
     def simulated(self, twin: Twin) -> list[Observed]:
         """A simulation, reduced and fitted as the recording was."""
@@ -263,25 +261,7 @@ class _Battery:
 
     def looks(self, seen: list[Observed]) -> tuple[tuple[Statistic, ...], FloatArray]:
         """All statistics, and their values."""
-        if self.edges_hz is None or self.periods_nm is None:
-            self.edges_hz = spectral.band_edges_hz(seen)
-            self.periods_nm = shape.smooth_periods_nm(seen)
-        single = [whitened(one) for one in seen]
-        values = [
-            *spectral.bands(seen, self.edges_hz),
-            *spectral.lines(seen, single),
-            *spectral.between_axes(seen),
-            *spectral.with_reference(seen, single, self.above_hz),
-            *temporal.over_time(seen),
-            *temporal.irreversibility(seen),
-            *shape.moments(seen),
-            *shape.allan(seen),
-            *shape.fractional_pixel(seen, self.periods_nm),
-            *shape.lost_frames(seen),
-            *agreement.per_trace(seen, self.projection),
-            *agreement.extensions(seen),
-            *agreement.known_forces(seen, self.force_weight),
-        ]
+        values = [value for group in GROUPS for value in group.values(seen, self.fixed)]
         return tuple(look for look, _ in values), np.array([value for _, value in values])
 
 

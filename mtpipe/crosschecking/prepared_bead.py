@@ -29,7 +29,7 @@ from mtpipe.joint_fit.parameters import (
     stated_parameters,
     z_zero_parameter,
 )
-from mtpipe.physics.tether import Formula, without_stretching
+from mtpipe.physics.tether import Formula
 from mtpipe.recording.recording import Plateau, Recording, ReferenceUse, States
 from mtpipe.recording.traces import traces_of
 from mtpipe.states.focus import focus_numbers
@@ -150,7 +150,7 @@ def prepare(recording: Recording, bead: str) -> PreparedBead:
         Rest(1.0, len(x), math.nan if p.magnet_mm is None else p.magnet_mm)
         for x, p in zip(positions, kept, strict=True)
     )
-    noise = "tracking_noise" in recording.setup.model.effects and pinned is None
+    noise = recording.setup.model.noisy and pinned is None
     zero = math.hypot(Z_ZERO_STDERR_NM, _origin_stderr_nm(recording, bead))
     parameters = (
         *stated_parameters(recording.setup),
@@ -218,7 +218,7 @@ def preferred_fit(model: ConfiguredModel) -> ConfiguredFit:
 
 def preference(fit: ConfiguredFit) -> float:
     """What speaks for a fit, and what its chain's formula is preferred by, in nats."""
-    usual = without_stretching(fit.model.experiment.chain.formula) == FORMULAS[0]
+    usual = fit.model.experiment.chain.formula_without_stretching == FORMULAS[0]
     return support(fit) + (OTHER_FORMULA_NATS if usual else 0.0)
 
 

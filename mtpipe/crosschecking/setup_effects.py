@@ -1,6 +1,6 @@
 """Effects that the setup lists belong to the configured experiment: they are fitted from the start.
 
-Some of them are part of the description itself (`from_setup.DESCRIBED`); the others come
+Some of them are part of the description itself (`setup.tables.DESCRIBED`); the others come
 from the catalogue, each with the hypothesis that suits the data best, whatever its strength.
 """
 
@@ -13,10 +13,10 @@ from mtpipe.crosschecking.prepared_bead import PreparedBead
 from mtpipe.effects.catalogue import catalogue
 from mtpipe.effects.effect import Evidence
 from mtpipe.effects.setup_sizes import pinned_sizes, read_sizes, with_pinned
-from mtpipe.experiment.from_setup import DESCRIBED
 from mtpipe.joint_fit.courses import force_courses
 from mtpipe.joint_fit.hypotheses import best_of
 from mtpipe.setup.setup import Setup
+from mtpipe.setup.tables import DESCRIBED
 
 
 def with_listed(case: PreparedBead, setup: Setup) -> PreparedBead:

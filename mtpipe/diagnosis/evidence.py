@@ -23,7 +23,7 @@ def evidence_of(check: BeadCheck) -> Evidence:
     """Evidence from a bead's cross-check and its traces."""
     forces = tuple(float(f) for f in check.case.fit.force_pN)
     each, common = force_courses(check.case.fit, check.case.positions_nm, check.case.frame_s)
-    named = [line.frequency_hz for line in described(check.case).stage.lines]
+    named = described(check.case).stage.lines_hz
     lines_hz = distinct_lines(check.case.lines_hz, named)
     heights_nm = check.case.heights_nm
     return Evidence(

@@ -11,7 +11,6 @@ from mtpipe.ground.errors import FitError
 from mtpipe.joint_fit.courses import force_courses
 from mtpipe.joint_fit.fit import ConfiguredFit, first_guess, fit_configured
 from mtpipe.joint_fit.hypotheses import FittedEffect, together
-from mtpipe.physics.tether import without_stretching
 
 
 def with_forces_found(best: FittedEffect, check: BeadCheck) -> FittedEffect:
@@ -55,7 +54,7 @@ def other_formulas(fit: ConfiguredFit) -> list[ConfiguredFit]:
     experiment = fit.model.experiment
     fits = []
     for formula in FORMULAS:
-        if formula != without_stretching(experiment.chain.formula):
+        if formula != experiment.chain.formula_without_stretching:
             other = by_formula(experiment, formula)
             try:
                 there = fit_configured(replace(fit.model, experiment=other), fit.theta)

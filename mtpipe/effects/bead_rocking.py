@@ -9,7 +9,9 @@ near.
 from __future__ import annotations
 
 from mtpipe.effects.effect import Effect, Evidence, Hypothesis, logarithm, plain
-from mtpipe.experiment.changes import with_bead, with_magnets
+from mtpipe.effects.magnetic_alignment import held_with, torque_stiffness
+from mtpipe.effects.off_center_attachment import attached_beside, offset
+from mtpipe.experiment.changes import with_magnets
 from mtpipe.experiment.description import Experiment
 
 # Over the radius. Farther out a bead would hang by its side.
@@ -21,11 +23,7 @@ START_POWER, BOUNDS_POWER = 0.5, (0.0, 1.0)
 
 
 def _beside(experiment: Experiment, share: float) -> Experiment:
-    return with_bead(experiment, offset_nm=share * experiment.bead.radius_nm)
-
-
-def _stiffness(experiment: Experiment, value: float) -> Experiment:
-    return with_magnets(experiment, alignment_pN_nm=value)
+    return attached_beside(experiment, share * experiment.bead.radius_nm)
 
 
 def _power(experiment: Experiment, value: float) -> Experiment:
@@ -36,7 +34,7 @@ def _hypotheses(experiment: Experiment, evidence: Evidence) -> list[Hypothesis]:
     if experiment.rocks:
         return []
     torque = (
-        logarithm("torque stiffness", "pN nm/rad", START_PN_NM, BOUNDS_PN_NM, _stiffness),
+        logarithm("torque stiffness", "pN nm/rad", START_PN_NM, BOUNDS_PN_NM, held_with),
         plain("power of the torque, a number", "", START_POWER, BOUNDS_POWER, 1e-2, _power),
     )
     return [
@@ -52,20 +50,16 @@ def _hypotheses(experiment: Experiment, evidence: Evidence) -> list[Hypothesis]:
 
 
 def _cause(experiment: Experiment) -> str:
-    bead, magnets = experiment.bead, experiment.magnets
+    ((_, beside_nm, _),), ((_, torque, _),) = offset(experiment), torque_stiffness(experiment)
     return (
-        f"the bead rocks: its tether is attached {abs(bead.offset_nm):.0f} nm beside its lowest "
-        f"point, and the field holds it with {magnets.alignment_pN_nm or 0.0:.2g} pN nm/rad at 1 pN"
+        f"the bead rocks: its tether is attached {abs(beside_nm):.0f} nm beside its lowest "
+        f"point, and the field holds it with {torque:.2g} pN nm/rad at 1 pN"
     )
 
 
 def _strengths(experiment: Experiment) -> list[tuple[str, float, str]]:
-    magnets = experiment.magnets
-    return [
-        ("offset_nm", experiment.bead.offset_nm, "nm"),
-        ("torque_stiffness_pN_nm", magnets.alignment_pN_nm or 0.0, "pN nm/rad"),
-        ("torque_power", magnets.alignment_power, ""),
-    ]
+    power = ("torque_power", experiment.magnets.alignment_power, "")
+    return [*offset(experiment), *torque_stiffness(experiment), power]
 
 
 _REMEDY = (

@@ -9,7 +9,8 @@ from mtpipe.experiment.description import Experiment
 STARTS_PN_NM = (1e3, 3e4)
 
 
-def _change(experiment: Experiment, value: float) -> Experiment:
+def held_with(experiment: Experiment, value: float) -> Experiment:
+    """The experiment with this torque stiffness, pN nm, at 1 pN."""
     return with_magnets(experiment, alignment_pN_nm=value)
 
 
@@ -20,7 +21,7 @@ def _hypotheses(experiment: Experiment, evidence: Evidence) -> list[Hypothesis]:
             (
                 logarithm(
                     "torque stiffness", "pN nm/rad", start, (10.0, 1e8),
-                    _change,
+                    held_with,
                 ),
             ),
         )
@@ -35,8 +36,9 @@ def _cause(experiment: Experiment) -> str:
     )
 
 
-def _strengths(experiment: Experiment) -> list[tuple[str, float, str]]:
+def torque_stiffness(experiment: Experiment) -> list[tuple[str, float, str]]:
+    """The torque stiffness, as it is reported."""
     return [("torque_stiffness_pN_nm", experiment.magnets.alignment_pN_nm or 0.0, "pN nm/rad")]
 
 
-EFFECT = Effect("magnetic_alignment", _hypotheses, _cause, _strengths)
+EFFECT = Effect("magnetic_alignment", _hypotheses, _cause, torque_stiffness)

@@ -11,10 +11,15 @@ from mtpipe.experiment.description import Experiment
 LARGEST = 0.97
 
 
+def attached_beside(experiment: Experiment, offset_nm: float) -> Experiment:
+    """The experiment with the tether attached beside the bead's lowest point."""
+    return with_bead(experiment, offset_nm=offset_nm)
+
+
 def _change(experiment: Experiment, share: float) -> Experiment:
     # fitted is what the bead's lever loses, over R: data follow it in proportion
-    offset = math.sqrt(max(1 - (1 - share) ** 2, 0.0)) * experiment.bead.radius_nm
-    return with_bead(experiment, offset_nm=offset)
+    offset_nm = math.sqrt(max(1 - (1 - share) ** 2, 0.0)) * experiment.bead.radius_nm
+    return attached_beside(experiment, offset_nm)
 
 
 def _hypotheses(experiment: Experiment, evidence: Evidence) -> list[Hypothesis]:
@@ -31,7 +36,8 @@ def _cause(experiment: Experiment) -> str:
     )
 
 
-def _strengths(experiment: Experiment) -> list[tuple[str, float, str]]:
+def offset(experiment: Experiment) -> list[tuple[str, float, str]]:
+    """The offset, as it is reported."""
     return [("offset_nm", experiment.bead.offset_nm, "nm")]
 
 
@@ -39,4 +45,4 @@ _REMEDY = (
     "expect it of beads with many binding sites; list it under [model] effects to "
     "have it in every fit."
 )
-EFFECT = Effect("off_center_attachment", _hypotheses, _cause, _strengths, remedy=_REMEDY)
+EFFECT = Effect("off_center_attachment", _hypotheses, _cause, offset, remedy=_REMEDY)

@@ -14,10 +14,10 @@ from scipy import optimize
 
 from mtpipe.effects.effect import Effect, Evidence, Hypothesis
 from mtpipe.experiment.description import Experiment
-from mtpipe.experiment.from_setup import DESCRIBED
 from mtpipe.experiment.parameter import Parameter
 from mtpipe.ground.errors import SetupError
 from mtpipe.setup.setup import Setup
+from mtpipe.setup.tables import DESCRIBED, NOISE
 
 
 def pinned_sizes(setup: Setup) -> dict[str, dict[str, float]]:
@@ -27,7 +27,7 @@ def pinned_sizes(setup: Setup) -> dict[str, dict[str, float]]:
     ------
     SetupError : one is no number.
     """
-    tables = {k: v for k, v in (setup.model.model_extra or {}).items() if k != "tracking_noise"}
+    tables = {k: v for k, v in (setup.model.model_extra or {}).items() if k != NOISE}
     for effect, table in tables.items():
         for name, size in table.items():
             if not isinstance(size, (int, float)):

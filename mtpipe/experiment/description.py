@@ -12,7 +12,7 @@ from __future__ import annotations
 import functools
 import math
 from dataclasses import dataclass, replace
-from typing import Literal
+from typing import Literal, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -23,6 +23,7 @@ from mtpipe.physics.camera import Camera
 from mtpipe.physics.tether import Chain
 
 Triple = tuple[float, float, float]
+Force = TypeVar("Force", float, NDArray[np.float64])
 
 
 @dataclass(frozen=True)
@@ -102,6 +103,10 @@ class Magnets:
             return None
         return np.asarray(self.alignment_pN_nm * force_pN**self.alignment_power)
 
+    def sideways_at(self, force_pN: Force) -> Force:
+        """Lateral stiffness at a force or forces, pN/nm."""
+        return force_pN * self.sideways_per_nm
+
     def course(self, plateau: int) -> ForceCourse:
         """The force's course in a plateau."""
         return self.courses[plateau] if self.courses else ForceCourse()
@@ -122,6 +127,11 @@ class Stage:
     reference_nm: Triple = (0.0, 0.0, 0.0)
     reference_s: float = 1.0
     lines: tuple[Line, ...] = ()
+
+    @property
+    def lines_hz(self) -> list[float]:
+        """Frequencies of the vibrations."""
+        return [line.frequency_hz for line in self.lines]
 
 
 @dataclass(frozen=True)

@@ -27,13 +27,12 @@ from mtpipe.physics.tether import Chain, Formula
 from mtpipe.setup.conditions import conditions_of
 from mtpipe.setup.measured import Measured
 from mtpipe.setup.setup import Setup
+from mtpipe.setup.tables import NOISE
 
 TYPICAL_NOISE_NM: Triple = (2.0, 2.0, 3.0)
 TYPICAL_STAGE = Stage(random_nm_per_root_s=(1.0, 1.0, 1.5))
 # Magnets of Lipfert et al. 2009 (Biophys J 96:5040): force falls off by e within 1.6 mm or so.
 STRONGEST_PN, NEAREST_MM, DECAY_MM = 60.0, 0.1, 1.6
-# Effects that the description contains.
-DESCRIBED = ("wall_drag", "rotation_coupling", "tracking_noise", "anharmonic_tether")
 
 
 def experiment_of(
@@ -130,7 +129,7 @@ def experiment_of(
         ),
         tethered=beads,
         references=len(setup.beads.reference),
-        anharmonic="anharmonic_tether" in setup.model.effects,
+        anharmonic=setup.model.anharmonic,
     )
     return experiment, tuple(assumed)
 
@@ -175,7 +174,7 @@ def _known_forces(setup: Setup) -> list[tuple[float, float]]:
 def _noise(setup: Setup, assumed: list[Notice]) -> Triple:
     pinned = pinned_noise_nm(setup)
     if pinned is None:
-        if "tracking_noise" not in setup.model.effects:
+        if not setup.model.noisy:
             return (0.0, 0.0, 0.0)
         lateral, _, up = TYPICAL_NOISE_NM
         assumed.append(
@@ -197,7 +196,7 @@ def pinned_noise_nm(setup: Setup) -> Triple | None:
     ------
     SetupError : it is no number, and no three numbers.
     """
-    table = (setup.model.model_extra or {}).get("tracking_noise", {})
+    table = (setup.model.model_extra or {}).get(NOISE, {})
     wrong = sorted(set(table) - {"noise_nm"})
     if wrong:
         raise SetupError(

@@ -102,7 +102,7 @@ def bead_states(experiment: Experiment, forces_pN: Sequence[float]) -> list[Bead
     tethers = tethers_at(experiment.chain, forces_pN)
     force, end = np.array(forces_pN), np.array([tether.end_nm for tether in tethers])
     holding = experiment.magnets.alignment_at(force)
-    beside = lateral(experiment, force, end, force * experiment.magnets.sideways_per_nm, holding)
+    beside = lateral(experiment, force, end, experiment.magnets.sideways_at(force), holding)
     extension = _heights(experiment, force, end, beside)[0]
     whole: dict[int, RecordedModes] = {}
     found: dict[int, BeadState | FitError] = {}
@@ -274,7 +274,7 @@ def _closed(
     What force does to a mean, times kT, is the covariance with the height it pulls at.
     """
     energy = experiment.fluid.thermal_energy_pN_nm
-    aside, step = force_pN * experiment.magnets.sideways_per_nm, DIFFERENCE * force_pN
+    aside, step = experiment.magnets.sideways_at(force_pN), DIFFERENCE * force_pN
     rises = np.array([tether.end_variance_nm2 for tether in tethers]) / energy
     end = np.array([tether.end_nm for tether in tethers])
     change = np.concatenate([step, -step])

@@ -26,8 +26,8 @@ class Seen:
 
     Attributes
     ----------
-    tau_s : (m,) relaxation times of modes that pass the exposure; covariance_nm2 : (m, 3, 3).
-    white_nm2 : (3, 3) covariance of what is independent from frame to frame.
+    tau_s : (m,) relaxation times of modes; covariance_nm2 : (m, 3, 3), before the exposure's blur.
+    white_nm2 : (3, 3) covariance of what is independent from frame to frame, as recorded.
     height_nm : mean of z.
     """
 

@@ -146,7 +146,7 @@ def _equilibrium(
     x = across * np.cos(azimuth) + lever * np.cos(phi) * np.sin(psi)
     y = across * np.sin(azimuth) + lever * np.sin(phi)
     z = distance * cosine - bead.radius_nm + lever * np.cos(phi) * np.cos(psi)
-    log_weight -= force_pN * magnets.sideways_per_nm * (x**2 + y**2) / (2 * energy)
+    log_weight -= magnets.sideways_at(force_pN) * (x**2 + y**2) / (2 * energy)
     weight = np.exp(log_weight - log_weight.max())
     weight *= np.clip(z / (EDGE * z.std()) + 0.5, 0, 1)
     if not weight.sum() ** 2 > FEWEST * np.sum(weight**2):

@@ -32,7 +32,8 @@ END_MARKS = (b"PAR1", b"PARE")
 # Rows at the beginning of a list that say how many numbers it holds; those of lost frames may be
 # empty.
 ROWS_THAT_TELL = 1000
-PANDAS = b"pandas"
+# Where pandas keeps `attrs`: Arrow's own place, and pandas' with an older Arrow.
+PANDAS, PANDAS_ATTRS = b"pandas", b"PANDAS_ATTRS"
 
 
 @dataclass(frozen=True)
@@ -279,8 +280,11 @@ def _length(name: str, file: pq.ParquetFile, size: _Size) -> int:
 
 
 def _of_the_file(metadata: Mapping[bytes, bytes]) -> Stated:
-    own = _text_of({k: v for k, v in metadata.items() if k != PANDAS and b":" not in k})
+    of_pandas = (PANDAS, PANDAS_ATTRS)
+    own = _text_of({k: v for k, v in metadata.items() if k not in of_pandas and b":" not in k})
     with suppress(ValueError, AttributeError, TypeError):  # what is no JSON says nothing
+        own |= json.loads(metadata.get(PANDAS_ATTRS, b"{}"))
+    with suppress(ValueError, AttributeError, TypeError):
         own |= json.loads(metadata.get(PANDAS, b"{}")).get("attributes") or {}
     return stated_by(own, where="the file")
 

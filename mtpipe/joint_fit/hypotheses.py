@@ -16,7 +16,6 @@ from mtpipe.ground.types import FloatArray
 from mtpipe.joint_fit.distance import excess
 from mtpipe.joint_fit.fit import MOST_ROUNDS, ConfiguredFit, exchanged, first_guess, fit_configured
 from mtpipe.joint_fit.model import ConfiguredModel
-from mtpipe.physics.tether import without_stretching
 
 # Fits are tried so far at first, and to so many nats in the end.
 FIRST_ROUNDS, TRIED_NATS = 3, 0.05
@@ -154,7 +153,7 @@ def model_with(
     ------
     FitError : one does not apply together with the others.
     """
-    model, formula = fit.model, without_stretching(start.model.experiment.chain.formula)
+    model, formula = fit.model, start.model.experiment.chain.formula_without_stretching
     model = replace(model, experiment=by_formula(model.experiment, formula))
     for one in chosen:
         hypotheses = one.effect.hypotheses(model.experiment, one.evidence)

@@ -104,6 +104,12 @@ class Chain:
             raise ValueError(f"stretch_modulus_pN = {self.stretch_modulus_pN}: must be positive")
 
     @property
+    def formula_without_stretching(self) -> Formula:
+        """What its formula is for a chain that does not stretch."""
+        stiff = (stiff for stiff, soft in STRETCHING.items() if soft == self.formula)
+        return next(stiff, self.formula)
+
+    @property
     def thermal_force_pN(self) -> float:
         """The force scale kT/Lp, 0.08 pN for DNA."""
         return float(thermal_energy_pN_nm(self.temperature_K)) / self.persistence_length_nm
@@ -114,11 +120,6 @@ class Chain:
         if self.stretch_modulus_pN is None:
             return 0.0
         return self.thermal_force_pN / self.stretch_modulus_pN
-
-
-def without_stretching(formula: Formula) -> Formula:
-    """What a formula is for a chain that does not stretch."""
-    return next((stiff for stiff, soft in STRETCHING.items() if soft == formula), formula)
 
 
 def with_formula(chain: Chain, formula: Formula) -> Chain:

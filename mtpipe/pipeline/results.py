@@ -22,6 +22,7 @@ from mtpipe.pipeline.tables import beads_table
 from mtpipe.recording.recording import Recording
 from mtpipe.report.marks import Mark
 from mtpipe.rotation.beads import TurnedBead
+from mtpipe.setup.tables import ANHARMONIC, ROTATION
 from mtpipe.verdicts.verdict import BeadVerdict
 
 CHECK_FAILED = "crosscheck_failed"
@@ -125,9 +126,9 @@ def not_simulated(listed: Sequence[str]) -> list[Notice]:
     """What is to be said where the setup lists effects that no fit and no simulation has."""
     known = {effect.name for effect in catalogue()}
     names = [name for name in listed if name not in known]
-    if "anharmonic_tether" in listed and "rotation_coupling" not in listed:
+    if ANHARMONIC in listed and ROTATION not in listed:
         # only a bead that turns is followed through the whole potential
-        names.append("anharmonic_tether without rotation_coupling")
+        names.append(f"{ANHARMONIC} without {ROTATION}")
     if not names:
         return []
     return [

@@ -11,7 +11,6 @@ from mtpipe.proposal.files import FoundFiles
 from mtpipe.proposal.look import Look
 from mtpipe.proposal.nature import nature_of
 from mtpipe.setup.presets import (
-    CALISTO_HDF5,
     CALISTO_TEXT,
     DEKKER_TEXT,
     PRESETS,
@@ -38,10 +37,9 @@ def magscope_files(paths: Sequence[Path]) -> tuple[Path, ...]:
 def preset_of(found: FoundFiles) -> str | None:
     """The preset that fits the files of a recording; None for a layout of its own."""
     look, file = found.look, found.files[0]
-    names = set(look.table.names)
-    if look.kind == "hdf5":
-        calisto = "timestamp" in names and any(re.fullmatch(r"[MR]?\d+/x_nm", n) for n in names)
-        return CALISTO_HDF5 if calisto and "stage/mag_pos_mm" in names else None
+    by_names = (name for name, preset in PRESETS.items() if preset.has_columns(look.table.names))
+    if known := next(by_names, None):
+        return known
     if look.kind != "text" or look.table.has_names or len(found.files) > 1:
         return None
     width = len(look.table.names)

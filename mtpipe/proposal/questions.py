@@ -22,9 +22,20 @@ from mtpipe.setup.measured import UNKNOWN
 from mtpipe.setup.setup import Setup
 from mtpipe.setup.source_parts import PositionUnit
 from mtpipe.setup.source_table import Source
-from mtpipe.setup.tables import Beads, Buffer, Camera, FieldAxis, Model, Plateaus, Tether
+from mtpipe.setup.tables import (
+    NOISE,
+    ROTATION,
+    WALL_DRAG,
+    Beads,
+    Buffer,
+    Camera,
+    FieldAxis,
+    Model,
+    Plateaus,
+    Tether,
+)
 
-USUAL_EFFECTS = ["wall_drag", "rotation_coupling", "tracking_noise"]
+USUAL_EFFECTS = [WALL_DRAG, ROTATION, NOISE]
 USUAL_PIXEL_NM = 100.0
 NUMBER = r"([-+]?\d*[.,]?\d+(?:[eE][-+]?\d+)?)"
 # Units in which people answer, by the unit of the key: factor and what is added.

@@ -5,7 +5,8 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Any
 
-from mtpipe.battery.kinds import KINDS, Kind
+from mtpipe.battery.catalogue import KINDS
+from mtpipe.battery.statistic import Kind
 from mtpipe.report import words
 
 # Below the second the diagnosis has an alarm; above it the verdict is "consistent".
@@ -16,7 +17,7 @@ LINES = ("line", "second_line")
 def _kind(statistic: str) -> Kind:
     """What a statistic is called; one of another version by its name."""
     name = words.label(statistic)
-    return KINDS.get(statistic, Kind(name, name))
+    return KINDS.get(statistic, Kind(statistic, name, name))
 
 
 def line_of(row: Mapping[str, Any]) -> str:

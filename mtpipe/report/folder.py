@@ -168,7 +168,7 @@ class RunFolder:
     @property
     def assay(self) -> Assay:
         """How extensions and forces of its curves came about."""
-        turns = "rotation_coupling" in self.setup.model.effects
+        turns = self.setup.model.turns
         return Assay(self.run["conditions"]["temperature_K"], bead_turns=turns)
 
     def notices_of(self, bead: str) -> tuple[Notice, ...]:

@@ -210,6 +210,6 @@ def conditions_of(setup: Setup) -> tuple[Conditions, tuple[Notice, ...]]:
         viscosity_mPa_s=chosen,
         radius_nm=None if radius.value is None else (radius.value, radius.stderr),
         along=0 if setup.field.direction == "x" else 1,
-        wall="wall_drag" in setup.model.effects,
-        rotation="rotation_coupling" in setup.model.effects,
+        wall=setup.model.wall,
+        rotation=setup.model.turns,
     ), tuple(notices)

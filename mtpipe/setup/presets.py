@@ -8,7 +8,8 @@ in `instruments`. The layouts are those of the programs themselves, cited at eac
 from __future__ import annotations
 
 import difflib
-from collections.abc import Mapping
+import re
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -33,12 +34,21 @@ class Preset:
     table : the defaults, as they would stand in the setup.
     files : pattern (re) of the names of its recordings in a folder; `called` says it in words.
     needs : keys that differ from set-up to set-up and that no file tells, each with an example.
+    columns : patterns (re) of names of columns; a file that has one of each is known by them.
     """
 
     table: Mapping[str, Any]
     files: str = ".*"
     called: str = "any name"
     needs: Mapping[str, str] = field(default_factory=dict)
+    columns: tuple[str, ...] = ()
+
+    def has_columns(self, names: Iterable[str]) -> bool:
+        """Whether a file with columns of these names is known by them."""
+        there = list(names)
+        return bool(self.columns) and all(
+            any(re.fullmatch(pattern, name) for name in there) for pattern in self.columns
+        )
 
 
 PRESETS: dict[str, Preset] = {
@@ -69,6 +79,7 @@ PRESETS: dict[str, Preset] = {
         },
         files=r".*\.(h5|hdf5)(\.gz)?",
         called="*.h5",
+        columns=("timestamp", r"[MR]?\d+/x_nm", "stage/mag_pos_mm"),
     ),
     # 7jameslondon/MagScope, magscope/tracking_data.py; the columns are those of `magscope`
     MAGSCOPE_HDF5: Preset(

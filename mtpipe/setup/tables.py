@@ -28,6 +28,9 @@ EFFECTS = tuple(
 FRAME_RATES_HZ = (0.1, 1e6)
 # Entry points of other packages that bring effects.
 EFFECTS_GROUP = "mtpipe.effects"
+# Effects that are fields of the description from the start, where a setup lists them.
+DESCRIBED = ("wall_drag", "rotation_coupling", "tracking_noise", "anharmonic_tether")
+WALL_DRAG, ROTATION, NOISE, ANHARMONIC = DESCRIBED
 
 
 class Camera(Section):
@@ -147,8 +150,28 @@ class Model(BaseModel):
         default=(),
         description="Names of the effects that the simulation has beyond the baseline "
         "(docs/effects.md). A table [model.<effect>] pins parameters of one.",
-        examples=[["wall_drag", "tracking_noise"]],
+        examples=[[WALL_DRAG, NOISE]],
     )
+
+    @property
+    def wall(self) -> bool:
+        """Whether the surface raises the friction."""
+        return WALL_DRAG in self.effects
+
+    @property
+    def turns(self) -> bool:
+        """Whether the bead's rotation couples to its motion."""
+        return ROTATION in self.effects
+
+    @property
+    def noisy(self) -> bool:
+        """Whether tracked positions have white noise."""
+        return NOISE in self.effects
+
+    @property
+    def anharmonic(self) -> bool:
+        """Whether a bead at low force is followed through the whole of the tether's potential."""
+        return ANHARMONIC in self.effects
 
     @model_validator(mode="after")
     def _effects_exist(self) -> Model:

@@ -8,9 +8,10 @@ from mtpipe.effects.catalogue import catalogue
 from mtpipe.effects.effect import Effect, Evidence
 from mtpipe.effects.setup_sizes import pinned_sizes, read_sizes, with_pinned
 from mtpipe.experiment.description import Experiment, ForceCourse, Triple
-from mtpipe.experiment.from_setup import DESCRIBED, experiment_of
+from mtpipe.experiment.from_setup import experiment_of
 from mtpipe.ground.notice import Notice
 from mtpipe.setup.setup import Setup
+from mtpipe.setup.tables import DESCRIBED
 
 # That there are hypotheses to ask for the names of their sizes, where the setup states none.
 SOME_LINE_HZ, SOME_COURSE = (1.0,), ForceCourse(0.01)

@@ -121,7 +121,7 @@ def bead_verdict(
     reasons = list(known)
     if bead.friction_contradicts and bead.friction_ratio is not None:
         ratio = bead.friction_ratio
-        wall = "with" if "wall_drag" in setup.model.effects else "without"
+        wall = "with" if setup.model.wall else "without"
         reasons.append(
             f"its friction is {ratio.value:.2f} ± {ratio.stderr:.2f} times that expected from "
             f"radius and viscosity ({wall} the wall's correction)"

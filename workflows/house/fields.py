@@ -3,7 +3,10 @@
     python workflows/house/fields.py
 
 Each effect of the catalogue is given to an experiment; what it changes there are its fields.
-Counted are the files of mtpipe, apart from the effect's and the description's own, that name one.
+Counted are the files of mtpipe, apart from the effect's and the description's own, that name one as
+a field of the description: `fluid.memory`, `with_fluid(…, memory=…)`, `Fluid(…, memory=…)` or
+`replace(….fluid, memory=…)`. Setups, plans of a measurement and traces have some of the same name;
+a file without the word `experiment` has no description.
 """
 
 from __future__ import annotations
@@ -23,6 +26,7 @@ from mtpipe.experiment.from_setup import experiment_of
 from mtpipe.setup.setup import parse_setup
 
 PACKAGE = Path(mtpipe.__file__).parent
+DESCRIPTION = ("experiment/description.py", "physics/tether.py", "physics/camera.py")
 FORCES_PN = (0.05, 1.0, 5.0, 10.0)
 SETUP = {
     "schema": 1,
@@ -46,11 +50,12 @@ def main() -> None:
         known = sorted(
             name
             for name, text in texts.items()
-            if name not in (f"effects/{effect.name}.py", "experiment/description.py")
-            if any(re.search(rf"\.{field}\b|\b{field}=", text) for field in own)
+            if name not in (f"effects/{effect.name}.py", *DESCRIPTION) and "experiment" in text
+            if any(re.search(_use(*one), text) for one in own)
         )
         counts.append(len(known))
-        print(f"{effect.name:26} {', '.join(own) or '–':44} {len(known):2} {', '.join(known)}")
+        names = ", ".join(field for _, field in own) or "–"
+        print(f"{effect.name:26} {names:44} {len(known):2} {', '.join(known)}")
     print(f"median {median(counts):g}")
 
 
@@ -71,18 +76,25 @@ def given(effect: Any) -> list[tuple[Experiment, Experiment]]:
     return pairs
 
 
-def fields_of(one: Any, other: Any) -> set[str]:
-    """Names of the innermost fields in which two descriptions differ."""
-    found: set[str] = set()
+def fields_of(one: Any, other: Any, part: str = "experiment") -> set[tuple[str, str]]:
+    """The innermost fields in which two descriptions differ: part of the description, and name."""
+    found: set[tuple[str, str]] = set()
     for field in fields(one):
         here, there = getattr(one, field.name), getattr(other, field.name)
         if _same(here, there):
             continue
         if is_dataclass(here) and type(here) is type(there):
-            found |= fields_of(here, there)
+            found |= fields_of(here, there, field.name)
         elif field.name != "steps":  # a step is in the effect's own file
-            found.add(field.name)
+            found.add((part, field.name))
     return found
+
+
+def _use(part: str, field: str) -> str:
+    """Pattern of a field of a part of the description, read or changed."""
+    inside = r"(?:[^()]|\([^()]*\))*"
+    changed = rf"(?:with_{part}\(|{part.capitalize()}\(|replace\([\w.]*\b{part},)"
+    return rf"\b{part}\.{field}\b|\b{changed}{inside}\b{field}="
 
 
 def _same(here: Any, there: Any) -> bool:
