@@ -17,9 +17,10 @@ import mtpipe
 from mtpipe.crosschecking.beads import bead_generator
 from mtpipe.crosschecking.check import check_bead
 from mtpipe.crosschecking.prepared_bead import FORMULAS, prepare
+from mtpipe.diagnosis.alternatives import alike
 from mtpipe.diagnosis.before_after import content_of
 from mtpipe.diagnosis.evidence import BLOCK_S, noise_between_blocks_nm2, reference_moves
-from mtpipe.diagnosis.explain import alike, concluded, explain, made_sure
+from mtpipe.diagnosis.explain import concluded, explain, made_sure
 from mtpipe.diagnosis.explanation import Alternative, Explanation, Named, agrees
 from mtpipe.diagnosis.forces_to_quote import diagnosed_forces
 from mtpipe.diagnosis.heldout import halves_of
