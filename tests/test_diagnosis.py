@@ -314,7 +314,7 @@ def moved_by_itself(reference_noise_nm, walk_nm, stage_nm, seed):
 def test_the_references_noise_is_not_taken_for_its_motion():
     """It goes against what was subtracted too, though nothing but the bead moves."""
     for seed in range(3):
-        case = moved_by_itself(10.0, 1.0, 1.0, seed)
+        case = moved_by_itself(10.0, 2.0, 1.0, seed)
         assert reference_moves(SimpleNamespace(case=case)) is False
 
 

@@ -118,7 +118,7 @@ def test_captions_say_which_posterior_is_shown(folder: Path) -> None:
         f"{joint} of this trace, and the force that x and y share. C"
     )
     assert captions["2/y"]["posterior"].startswith("Posterior of this trace alone. ")
-    assert captions["1/y"]["spectrum"].startswith("From y alone ")
+    assert captions["1/y"]["spectrum"].startswith("Force from y alone: ")
 
 
 def test_what_is_not_identified_says_with_what(tmp_path: Path) -> None:

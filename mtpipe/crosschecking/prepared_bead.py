@@ -161,7 +161,9 @@ def prepare(recording: Recording, bead: str) -> PreparedBead:
     )
     subtraction = subtraction_of(recording)
     reference = _reference_mean(recording)
-    if reference is not None:
+    loose = any(use.used and use.loose for use in _references(recording))
+    # of a reference that moves on its own nobody knows how much is the stage's
+    if reference is not None and not loose:
         walk = _stage(reference, kept, subtraction, 1 / frame_s)
         subtraction = replace(subtraction, stage_nm_per_root_s=walk)
     pixel = recording.setup.camera.pixel_size_nm
@@ -192,7 +194,7 @@ def prepare(recording: Recording, bead: str) -> PreparedBead:
         preferred_fit(model),
         None if pixel is None else pixel.value,
         focus=focus_numbers(recording, kept),
-        reference_loose=any(use.used and use.loose for use in _references(recording)),
+        reference_loose=loose,
     )
 
 

@@ -64,9 +64,15 @@ def _hypotheses(experiment: Experiment, evidence: Evidence) -> list[Hypothesis]:
     ]
 
 
+def _left_in_place(experiment: Experiment) -> bool:
+    """Whether it is drift that is in the trace, and not the reference's motion."""
+    stage = experiment.stage
+    return any(stage.unsubtracted_nm_per_root_s) and not any(stage.reference_nm)
+
+
 def _cause(experiment: Experiment) -> str:
     x, y, z = experiment.stage.reference_nm
-    if not any((x, y, z)):
+    if _left_in_place(experiment):
         x, y, z = experiment.stage.unsubtracted_nm_per_root_s
         return (
             "the reference bead moves on its own, so that little could be subtracted, and drift of "
@@ -79,7 +85,7 @@ def _cause(experiment: Experiment) -> str:
 
 
 def _strengths(experiment: Experiment) -> list[tuple[str, float, str]]:
-    if not any(experiment.stage.reference_nm):
+    if _left_in_place(experiment):
         return drift.walks(experiment)
     return [
         (f"motion_{a}_nm", v, "nm")

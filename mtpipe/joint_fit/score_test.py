@@ -3,8 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import replace
-from functools import partial
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -50,14 +49,19 @@ def most_promising(
 
 
 def _with_those(effect: Effect, which: tuple[int, ...]) -> Effect:
-    return replace(effect, hypotheses=partial(_those, effect.hypotheses, which))
+    return replace(effect, hypotheses=_Those(effect.hypotheses, which))
 
 
-def _those(
-    hypotheses: Hypotheses, which: tuple[int, ...], experiment: Experiment, evidence: Evidence
-) -> Sequence[Hypothesis]:
-    every = hypotheses(experiment, evidence)
-    return [every[min(i, len(every) - 1)] for i in which] if every else []
+@dataclass(frozen=True)
+class _Those:
+    """Some of an effect's hypotheses; equal to one that comes back from another process."""
+
+    hypotheses: Hypotheses
+    which: tuple[int, ...]
+
+    def __call__(self, experiment: Experiment, evidence: Evidence) -> Sequence[Hypothesis]:
+        every = self.hypotheses(experiment, evidence)
+        return [every[min(i, len(every) - 1)] for i in self.which] if every else []
 
 
 def promised_gain(fit: ConfiguredFit, hypothesis: Hypothesis) -> float | None:
