@@ -17,13 +17,20 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from mtpipe.crosschecking.check import CLEARLY_NOT, ENOUGH, BeadCheck, check_bead
+from mtpipe.crosschecking.check import (
+    CLEARLY_NOT,
+    ENOUGH,
+    BeadCheck,
+    check_bead,
+    comparable_p_values,
+)
 from mtpipe.diagnosis.evidence import evidence_of
 from mtpipe.diagnosis.explanation import AGREES_P, ALIKE_NATS, Named, agrees
 from mtpipe.diagnosis.heldout import heldout_gain
 from mtpipe.diagnosis.kept import SEARCHING, SURE_SIMULATIONS
 from mtpipe.diagnosis.probability import CAUSE_NATS, TERM_NATS
 from mtpipe.diagnosis.refit import begun_again, best_formula
+from mtpipe.diagnosis.rivals import ln_of
 from mtpipe.diagnosis.unexplained import SPECTRAL
 from mtpipe.effects.effect import Effect, Evidence
 from mtpipe.ground.errors import FitError
@@ -99,6 +106,7 @@ def several_causes(
     members: tuple[Effect, ...] = (*effects, *TERMS)
     weighed: dict[frozenset[str], Causes] = {}
     best, beam = nothing, [nothing]
+    rivals: list[Causes] = []
     for _ in range(MOST_STEPS):
         say("weighing causes beside " + (", ".join(sorted(best.names)) or "none"))
         # the better the fit, the more of what differs is seen as what it is
@@ -116,6 +124,7 @@ def several_causes(
             except (FitError, ValueError):
                 return []
             if agrees(check, first):
+                best, check = _better_judged(best, check, rivals, begun, random)
                 others = [one for names, one in weighed.items() if names != best.names]
                 return _in_order(begun, best, check, random) if leads(best, others) else []
             wrong = _contradicted(begun, best, check, random)
@@ -130,9 +139,35 @@ def several_causes(
                 break
         if next_best.score <= best.score:
             break
-        best = _settled(next_best)
-        beam = [best if one is next_best else one for one in beam]
+        beam = [
+            _settled(one) if next_best.score - one.score < UNDISPUTED_NATS else one for one in beam
+        ]
+        best = max(beam, key=_score)
+        rivals = [one for one in beam if one is not best and best.score - one.score < ALIKE_NATS]
     return []
+
+
+def _better_judged(
+    best: Causes,
+    check: BeadCheck,
+    rivals: Sequence[Causes],
+    begun: BeadCheck,
+    random: np.random.Generator,
+) -> tuple[Causes, BeadCheck]:
+    """Of sets that are nearly as likely, the one that likelihood and battery together speak for
+    (as of single effects, `rivals.better_judged`), with its check.
+    """
+    for rival in rivals:
+        if rival.score + ln_of(1.0) <= best.score + ln_of(check.p_value):
+            continue
+        try:
+            other = check_bead(replace(begun.case, fit=rival.fit), random)
+        except (FitError, ValueError):
+            continue
+        p_best, p_rival = comparable_p_values(check, other)
+        if p_rival >= AGREES_P and rival.score + ln_of(p_rival) > best.score + ln_of(p_best):
+            best, check = rival, other
+    return best, check
 
 
 def _contradicted(
