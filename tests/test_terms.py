@@ -107,4 +107,4 @@ def test_what_a_term_promises_is_not_much_less_than_it_gains(known):
         return  # too little to be told from none
     (chosen,) = most_promising(silent, [known.effect], known.evidence, 3)
     assert chosen.name == known.name
-    assert len(chosen.hypotheses(known.base, known.evidence)) == 1
+    assert chosen.hypotheses(known.base, known.evidence)

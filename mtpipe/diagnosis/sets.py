@@ -115,6 +115,11 @@ def several_causes(
         next_best = max(beam, key=_score, default=best)
         if best.members and next_best.score < best.score + UNDISPUTED_NATS:
             # what is left is small: is it anything?
+            named_instead = _with_names(best, without, members, evidence)
+            if named_instead is not best:
+                weighed[named_instead.names] = best = named_instead
+                beam, rivals = [best], []
+                continue
             say("checking with " + ", ".join(sorted(best.names)))
             try:
                 check = check_bead(replace(begun.case, fit=best.fit), random)
@@ -259,6 +264,30 @@ def _grown(
                 weighed[larger.names] = larger
                 grown.append(larger)
     return sorted(grown, key=_score, reverse=True)[:BEAM]
+
+
+def _with_names(
+    best: Causes, without: ConfiguredFit, members: Sequence[Effect], evidence: Evidence
+) -> Causes:
+    """The set with a cause that has a name in the place of one of its terms, if that is likelier: a
+    term that was taken early may stand for what is left once other causes are there.
+    """
+    named = [one for one in members if not one.form and one.name not in best.names]
+    for one in best.members:
+        if not one.effect.form:
+            continue
+        rest = tuple(other for other in best.members if other is not one)
+        try:
+            fewer = together(without, rest, best.fit)
+        except (FitError, ValueError):
+            continue
+        promising = most_promising(fewer, named, evidence, MOST_NAMES)
+        for other in try_effects(fewer, promising, evidence, beside=bool(rest)):
+            gain = other.fit.log_likelihood - without.log_likelihood
+            score = gain - sum(price(each) for each in (*rest, other))
+            if score > best.score and gained_by_motion(other) >= ALIKE_NATS:
+                return _settled(Causes((*rest, other), other.fit, score))
+    return best
 
 
 def _needed(

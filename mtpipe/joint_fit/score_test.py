@@ -21,6 +21,9 @@ from mtpipe.joint_fit.slopes import Slopes, slopes
 
 # Of a size, that other parameters can do as well, this share of its information is none.
 LEAST_LEFT = 1e-6
+# Hypotheses of one effect that promise this share of its best are fitted too: large gains are not
+# what they promise.
+NEARLY_AS_MUCH = 0.3
 # Expectations that differ by no more than this are the same: what changed is nothing but rounding.
 SAME = 1e-9
 Hypotheses = Callable[[Experiment, Evidence], Sequence[Hypothesis]]
@@ -30,17 +33,18 @@ def most_promising(
     fit: ConfiguredFit, effects: Sequence[Effect], evidence: Evidence, most: int
 ) -> list[Effect]:
     """Effects that are worth fitting: those few whose sizes promise most, each with its best
-    hypothesis only, and behind them what cannot be told without a fit.
+    hypotheses only, and behind them what cannot be told without a fit.
     """
     promising: list[tuple[float, Effect]] = []
     untold: list[Effect] = []
     for effect in effects:
         hypotheses = effect.hypotheses(fit.model.experiment, evidence)
         gains = [promised_gain(fit, one) for one in hypotheses]
-        told = [(gain, i) for i, gain in enumerate(gains) if gain is not None]
-        gain, best = max(told, default=(0.0, 0))
-        if gain > 0:
-            promising.append((gain, _with_those(effect, (best,))))
+        told = {i: gain for i, gain in enumerate(gains) if gain is not None}
+        best = max(told.values(), default=0.0)
+        if best > 0:
+            able = tuple(i for i, gain in told.items() if gain >= NEARLY_AS_MUCH * best)
+            promising.append((best, _with_those(effect, able)))
         if len(told) < len(gains):
             rest = tuple(i for i, gain in enumerate(gains) if gain is None)
             untold.append(_with_those(effect, rest))
