@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import os
+import subprocess
+import sys
 from pathlib import Path
 
 import pytest
@@ -33,6 +35,16 @@ def test_a_file_that_cannot_be_moved_into_place_leaves_nothing(tmp_path: Path) -
     with pytest.raises(OSError, match="a"):
         write_atomically(tmp_path / "a", "text")
     assert list(tmp_path.iterdir()) == [tmp_path / "a"]
+
+
+def test_what_a_killed_process_left_of_a_file_is_cleared(tmp_path: Path) -> None:
+    ended = subprocess.Popen([sys.executable, "-c", ""])
+    ended.wait()
+    (tmp_path / f".a.{ended.pid}.tmp").touch()
+    running = tmp_path / f".a.{os.getppid()}.tmp"
+    running.touch()
+    write_atomically(tmp_path / "a", "text")
+    assert set(tmp_path.iterdir()) == {tmp_path / "a", running}
 
 
 def test_a_folder_is_replaced_whole(tmp_path: Path) -> None:

@@ -34,12 +34,14 @@ def _is_shown(sign: str) -> bool:
 
 
 def write_atomically(path: Path, content: str | bytes) -> None:
-    """Write a file whole or not at all; text as UTF-8. The folder is made where it is missing.
+    """Write a file whole or not at all; text as UTF-8. The folder is made where it is missing, and
+    what a killed process left of an earlier attempt is cleared.
 
     What is no Unicode, as of a file's name in another encoding, becomes a question mark.
     """
     data = content.encode("utf-8", "replace") if isinstance(content, str) else content
     path.parent.mkdir(parents=True, exist_ok=True)
+    clear_leftovers(path.parent, path.name)
     # opened by name and not by `tempfile`, whose files only their owner may read
     temporary = path.with_name(f".{path.name}.{os.getpid()}.tmp")
     try:
