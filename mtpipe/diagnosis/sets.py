@@ -1,6 +1,6 @@
-"""Several causes at once, weighed as sets, where one after the other explains nothing.
+"""Causes weighed as sets, by what they explain together.
 
-A real recording has four or five. Each by itself explains little, and with one of them alone
+A real recording has four or five causes. Each by itself explains little, and with one of them alone
 recording and simulation may differ even more, so a set of causes is weighed as a whole. Its score
 is the ln likelihood of its fit, less half of ln of the number of ordinates for each parameter, less
 the ln of the catalogue's length for each cause; a term of known form costs 10 nats more. Sets grow
