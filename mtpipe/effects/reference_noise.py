@@ -48,7 +48,9 @@ AT_THE_START = Parameter(
 def _hypotheses(experiment: Experiment, evidence: Evidence) -> list[Hypothesis]:
     if experiment.references == 0 or evidence.reference_moves is False:
         return []
+    # what of the stage could not be subtracted is in the trace too
     without = [drift.left(experiment)] if evidence.reference_loose else []
+    walks = without[0].parameters if without else ()
     sizes = tuple(_along(i, name) for i, name in enumerate("xyz"))
     return without + [
         Hypothesis(
@@ -57,6 +59,7 @@ def _hypotheses(experiment: Experiment, evidence: Evidence) -> list[Hypothesis]:
                 *sizes,
                 logarithm("reference relaxation time", "s", start, (0.005, 100.0), _relaxing),
                 AT_THE_START,
+                *walks,
             ),
             given=1,
         )
