@@ -104,7 +104,7 @@ EXTENSIONS = Group(
 
 
 def known_forces(seen: Sequence[Observed], fixed: Fixed) -> Values:
-    """Fitted forces against those known beforehand, ln; and the mean of all."""
+    """ln of each fitted force over the force that the setup states, and the mean of these."""
     known = [(i, one.ln_force_off) for i, one in enumerate(seen) if one.ln_force_off is not None]
     values: Values = [(Statistic("known_force", "", (i,)), off) for i, off in known]
     if len(known) > 1:

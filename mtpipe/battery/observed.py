@@ -25,7 +25,7 @@ class Observed:
     camera_offset_nm : (n, 3) to be added for the camera's own coordinates.
     data, expected : spectra and mean height, and what they should be.
     frame_s : frame interval.
-    ln_force_off : ln of the fitted force over the one known beforehand, or None.
+    ln_force_off : ln of the fitted force over the one that the setup states, or None.
     """
 
     position_nm: FloatArray
@@ -77,7 +77,7 @@ class Fixed:
     above_hz : (3,) frequencies above which the reference's own motion was not subtracted.
     projection : per plateau and axis, (2, n_bins) what takes a residual P/S − 1 to the changes of
         ln stiffness and ln friction.
-    force_weight : (plateaus,) of forces known beforehand, in their mean.
+    force_weight : (plateaus,) weights of the plateaus in the mean of stated forces.
     """
 
     band_edges_hz: FloatArray

@@ -91,8 +91,8 @@ def alike(
     named: Collection[str],
     foretold: Callable[[FittedEffect, FittedEffect], float],
 ) -> tuple[Alternative, ...]:
-    """Effects that are not named and fit as well as this one, by themselves or by their price, or
-    tell as much beforehand.
+    """Effects, not named themselves, that the recording cannot tell from this one: by ln
+    likelihood, by net gain after BIC, or by what they gain on time that was not fitted.
 
     Parameters
     ----------

@@ -18,7 +18,7 @@ from mtpipe.joint_fit.hypotheses import FittedEffect
 
 # Prior odds of a cause outside the catalogue against one inside it.
 UNKNOWN = 0.05
-# Nats that a cause costs beforehand: each effect of the catalogue is taken for equally likely.
+# Prior cost of a cause, in nats: each effect of the catalogue is taken for equally likely.
 CAUSE_NATS = math.log(len(OWN))
 # Nats that a term costs: 10 more than a name, as a form with a free law in the force fits more
 # recordings than physics does.

@@ -65,7 +65,7 @@ def main() -> None:
             for name, xyz in changed.positions_nm.items()
             if name == bead or name in changed.setup.beads.reference
         }
-        found = diagnose(_with(changed, kept), workers=1)
+        found = diagnose(replace(changed, positions_nm=kept), workers=1)
         path.write_text(json.dumps(found.as_dict()["beads"].get(bead, {"effects": []})))
     print("\n".join(_table(choice.results, drawn)))
 
@@ -90,10 +90,6 @@ def _series(recordings: Path) -> Recording:
     subtracted = subtract_drift(load(recordings / RECORDING, setup))
     here = [p for p in subtracted.plateaus if p.number in SERIES]
     return untold(cut_out(subtracted, here))
-
-
-def _with(recording: Recording, positions_nm: dict[str, Any]) -> Recording:
-    return replace(recording, positions_nm=positions_nm)
 
 
 def _table(results: Path, drawn: list[tuple[str, str, float]]) -> list[str]:
