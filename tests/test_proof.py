@@ -123,12 +123,23 @@ def test_the_same_seed_gives_the_same_bytes_in_any_order(proof, short, tmp_path)
 def test_sets_are_mixed_as_they_say_and_every_effect_comes_in_every_strength(proof):
     plan, concealed = proof("plan"), proof("concealed")
     tasks = [plan.task(3, number) for number in range(300)]
-    assert Counter(t.kind for t in tasks) == {"clean": 60, "single": 150, "pair": 45, "outside": 45}
+    assert Counter(t.kind for t in tasks) == {
+        "clean": 48,
+        "usual errors": 24,
+        "single": 120,
+        "pair": 36,
+        "several": 36,
+        "outside": 36,
+    }
+    several = [t.names for t in tasks if t.kind == "several"]
+    assert {len(names) for names in several} == {3, 4}
+    for names in several:
+        assert len({concealed.BY_NAME[name].kind for name in names}) == len(names)
     singles = Counter((t.names[0], t.strength) for t in tasks if t.kind == "single")
     assert len(singles) == 3 * len(concealed.EFFECTS)
     assert set(singles.values()) <= {1, 2}
     outside = Counter(t.names[0] for t in tasks if t.kind == "outside")
-    assert set(outside.values()) == {5}
+    assert set(outside.values()) == {4}
 
 
 def test_what_can_be_concealed_is_what_can_be_named(proof):
@@ -137,6 +148,33 @@ def test_what_can_be_concealed_is_what_can_be_named(proof):
     assert set(proof("concealed").BY_NAME) == named
     assert not set(proof("outside").EFFECTS) & named
     assert len(proof("outside").EFFECTS) >= 5
+
+
+def test_usual_errors_are_those_of_laboratories_and_nothing_else_is_off(proof, short):
+    generate, configurations = proof("generate"), proof("configurations")
+    case = generate.make(5, 0, short, proof("plan").Task("usual errors"))
+    stated = tomllib.loads(case.setup)
+    assert not [
+        key
+        for table in stated.values()
+        if isinstance(table, dict)
+        for key in table
+        if key.endswith("_stderr")
+    ]
+    assert case.answer["effects"] == []
+    drawn = [
+        configurations.with_usual_errors(
+            configurations.draw(np.random.default_rng(1), 512).content, np.random.default_rng(seed)
+        )[1]
+        for seed in range(400)
+    ]
+    assert set(drawn[0]) == {
+        "pixel_size_nm", "radius_nm", "contour_length_nm", "persistence_length_nm",
+        "temperature_K", "viscosity_mPa_s", "exposure_s",
+    }  # fmt: skip
+    # 400 draws: their spread is within 10 % of the usual one with a probability of 0.995
+    assert np.std([one["radius_nm"] for one in drawn]) == pytest.approx(0.03, rel=0.1)
+    assert np.std([one["viscosity_mPa_s"] for one in drawn]) == pytest.approx(0.02, rel=0.1)
 
 
 def test_a_setup_is_written_as_it_is_read(proof):
@@ -347,6 +385,14 @@ def test_tables_print_from_nothing_and_count_failures(proof):
     assert "| drift | – | – | 1/2 |" in text
     # a clean recording that failed is no quiet one
     assert "100.0 % (21–100; 1 of 1)" in tables.alarms([score(_answer("clean"), _failed())])
+    half = score(
+        _answer("several", "drift", "exposure", "viscosity"), _outcome("unexplained", "drift")
+    )
+    assert "| drift + exposure + viscosity | clear | unexplained | drift |" in tables.several(
+        [half]
+    )
+    assert tables._causes_named([half]).startswith("33.3 %")
+    assert tables._causes_named([score(_answer("several", "drift"), _failed())]).startswith("0.0 %")
 
 
 def test_what_is_recorded_prints_the_same_again_unless_it_was_changed(proof, tmp_path):

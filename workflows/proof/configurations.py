@@ -18,7 +18,7 @@ from mtpipe.experiment.description import Experiment, Stage
 from mtpipe.experiment.from_setup import experiment_of
 from mtpipe.physics.tether import Formula
 from mtpipe.setup.setup import Setup, parse_setup
-from mtpipe.setup.usual_errors import exact
+from mtpipe.setup.usual_errors import exact, usual_stderr
 from mtpipe.simulation.simulate import Engine
 
 EXPOSURES = (0.3, 1.0)
@@ -130,6 +130,29 @@ def unlisted(configuration: Configuration, effect: str) -> Configuration:
     else:
         raise ValueError(f"{effect} is not a matter of being listed")
     return Configuration(configuration.content | {"model": {"effects": listed}}, without)
+
+
+def with_usual_errors(
+    content: dict[str, Any], random: np.random.Generator
+) -> tuple[dict[str, Any], dict[str, float]]:
+    """What a laboratory would write that knows its values as well as laboratories do.
+
+    Every stated value is off by its usual error and has none stated beside it; the frame rate,
+    which the times of the recording tell, stays. Relative errors by key are returned as well.
+    """
+    stated, errors = dict(content), {}
+    for table, values in content.items():
+        if isinstance(values, dict):
+            stated[table] = {k: v for k, v in values.items() if not k.endswith("_stderr")}
+            for key, value in stated[table].items():
+                stderr = usual_stderr(key, value) if isinstance(value, float | int) else 0.0
+                if stderr > 0 and key != "frame_rate_hz":
+                    stated[table][key] = round(value + stderr * random.normal(), 7)
+                    errors[key] = stated[table][key] / value - 1
+    camera = stated["camera"]
+    most = math.floor(1e7 / camera["frame_rate_hz"]) / 1e7
+    camera["exposure_s"] = min(camera["exposure_s"], most)
+    return stated, errors
 
 
 def brownian(configuration: Configuration) -> Configuration:

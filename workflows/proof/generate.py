@@ -17,7 +17,7 @@ import sealing
 import strength
 from concealed import BY_NAME, Effect, Family
 from configurations import Configuration
-from plan import STRENGTHS, Task, strength_of, task
+from plan import NOTHING_CONCEALED, STRENGTHS, Task, strength_of, task
 
 from mtpipe.experiment.description import Experiment
 from mtpipe.ground.errors import FitError
@@ -95,6 +95,10 @@ def make(seed: int, number: int, form: Form, wanted: Task | None = None) -> Case
         for effect, amount in hidden.spoils:
             if effect.spoil is not None:
                 recording = effect.spoil(recording, hidden.true, amount, random)
+    stated, errors = configuration.content, {}
+    if wanted.kind == "usual errors":
+        stated, errors = configurations.with_usual_errors(stated, random)
+        recording = _tracked_with(1 + errors["pixel_size_nm"], recording)
     rests = hidden.true.rests
     answer = {
         "name": name,
@@ -104,6 +108,7 @@ def make(seed: int, number: int, form: Form, wanted: Task | None = None) -> Case
         "strength": hidden.strength,
         "wanted_strength": wanted.strength,
         "effects": effects,
+        "errors": errors,
         "listed": list(configuration.listed),
         "engine": engine if wanted.names not in (("fouling",), ("shortening",)) else "linear",
         "formula": hidden.true.chain.formula,
@@ -117,7 +122,7 @@ def make(seed: int, number: int, form: Form, wanted: Task | None = None) -> Case
             bead: np.round(xyz, form.digits) for bead, xyz in recording.positions_nm.items()
         },
     )
-    return Case(name, recording, configurations.toml(configuration.content), answer)
+    return Case(name, recording, configurations.toml(stated), answer)
 
 
 def write(case: Case, recordings: Path, answers: Path) -> str:
@@ -131,6 +136,13 @@ def write(case: Case, recordings: Path, answers: Path) -> str:
     text = sealing.text_of(case.answer)
     (answers / f"{case.name}.json").write_text(text, encoding="utf-8")
     return sealing.seal(case.answer)
+
+
+def _tracked_with(scale: float, recording: Recording) -> Recording:
+    """The recording of a camera whose pixels are taken for larger than they are."""
+    factors = np.array([scale, scale, 1.0])
+    positions = {bead: xyz * factors for bead, xyz in recording.positions_nm.items()}
+    return replace(recording, positions_nm=positions)
 
 
 def penalty(parameters: int, true: Experiment) -> float:
@@ -159,7 +171,7 @@ def _hidden(wanted: Task, form: Form, random: np.random.Generator) -> _Hidden:
                 formula=form.formula,
                 regime=regime,
             )
-            if wanted.kind in ("clean", "outside"):
+            if wanted.kind in (*NOTHING_CONCEALED, "outside"):
                 # an experiment that can be
                 strength.difference(configuration.experiment, configuration.experiment)
                 return _Hidden(configuration, configuration.experiment)

@@ -1,7 +1,8 @@
 """What each recording of a set conceals, and how strongly.
 
-Recordings come in blocks of twenty: four clean, ten with one effect of the catalogue, three with
-two, three with an effect outside it. Effects and strengths of single ones go round, so that every
+Recordings come in blocks of twenty-five: four clean, two with nothing but a laboratory's usual
+errors in the setup, ten with one effect of the catalogue, three with two, three with three or four,
+three with an effect outside it. Effects and strengths of single ones go round, so that every
 combination is there equally often. It depends on the set's seed and the recording's number alone.
 """
 
@@ -14,10 +15,19 @@ import concealed
 import numpy as np
 import outside
 
-BLOCK = ("clean",) * 4 + ("single",) * 10 + ("pair",) * 3 + ("outside",) * 3
+BLOCK = (
+    ("clean",) * 4
+    + ("usual errors",) * 2
+    + ("single",) * 10
+    + ("pair",) * 3
+    + ("several",) * 3
+    + ("outside",) * 3
+)
+NOTHING_CONCEALED = ("clean", "usual errors")
 # Nats beyond the penalty of each strength; the last ends where nobody asks further.
 STRENGTHS = {"faint": (10.0, 25.0), "moderate": (25.0, 100.0), "clear": (100.0, 600.0)}
 PAIR_STRENGTHS = ("moderate", "clear")
+SEVERAL = (3, 4)
 
 
 @dataclass(frozen=True)
@@ -36,7 +46,7 @@ def task(seed: int, number: int) -> Task:
     kind = BLOCK[order[place]]
     # how many of its kind came before
     turn = block * BLOCK.count(kind) + int(sum(BLOCK[i] == kind for i in order[:place]))
-    if kind == "clean":
+    if kind in NOTHING_CONCEALED:
         return Task(kind)
     if kind == "outside":
         names = sorted(outside.EFFECTS)
@@ -45,13 +55,26 @@ def task(seed: int, number: int) -> Task:
         every = list(itertools.product(sorted(concealed.BY_NAME), STRENGTHS))
         name, size = every[_shuffled(seed, 3, turn, len(every))]
         return Task(kind, (name,), size)
+    strength = PAIR_STRENGTHS[turn % len(PAIR_STRENGTHS)]
+    if kind == "several":
+        return Task(kind, _several(np.random.default_rng([seed, turn, 5])), strength)
     pairs = [
         (a.name, b.name)
         for a, b in itertools.combinations(concealed.EFFECTS, 2)
         if a.kind != b.kind
     ]
     pair = pairs[_shuffled(seed, 4, turn, len(pairs))]
-    return Task(kind, pair, PAIR_STRENGTHS[turn % len(PAIR_STRENGTHS)])
+    return Task(kind, pair, strength)
+
+
+def _several(random: np.random.Generator) -> tuple[str, ...]:
+    """Three or four effects, of kinds of their own."""
+    number = int(random.choice(SEVERAL))
+    kinds = random.permutation(sorted({effect.kind for effect in concealed.EFFECTS}))[:number]
+    return tuple(
+        str(random.choice([effect.name for effect in concealed.EFFECTS if effect.kind == kind]))
+        for kind in kinds
+    )
 
 
 def strength_of(nats: float) -> str:

@@ -38,13 +38,13 @@ class Score:
     Attributes
     ----------
     kind, strength, chain, effects : of the answer. verdict, named : of the diagnosis.
-    outcome : of clean recordings "right" or "false alarm"; of effects outside the catalogue
-        "right" (unexplained or described without a name, at the right place), "located" (the same,
-        elsewhere), "wrong"
-        (explained, with a name) or "missed"; of others "exact", "partial" (nothing wrong, but not
-        all, or something unexplained), "wrong" (any wrong name), "located" or "missed".
-    wrong : names that are not right. by_equivalent : some name is right by its equivalents.
-    equivalents : how many are listed in all.
+    outcome : of recordings that conceal nothing "right" or "false alarm"; of effects outside the
+        catalogue "right" (unexplained or described without a name, at the right place), "located"
+        (the same, elsewhere), "wrong" (explained, with a name) or "missed"; of others "exact",
+        "partial" (nothing wrong, but not all, or something unexplained), "wrong" (any wrong name),
+        "located" or "missed".
+    wrong : names that are not right. left : effects without a name.
+    by_equivalent : some name is right by its equivalents. equivalents : how many are listed in all.
     bound : share of a force by which what is unexplained may move it, as stated.
     place : whether the most significant place is right; None where nothing defines it.
     sure : of each name its probability, and whether it is right or has a right equivalent; names
@@ -66,6 +66,7 @@ class Score:
     forces: tuple[Force, ...]
     seconds: float
     sure: tuple[tuple[float, bool], ...] = ()
+    left: tuple[str, ...] = ()
 
 
 def score(answer: dict[str, Any], outcome: dict[str, Any]) -> Score:
@@ -82,12 +83,12 @@ def score(answer: dict[str, Any], outcome: dict[str, Any]) -> Score:
     if bead is None:
         return Score(
             answer["kind"], answer["strength"] or "", chain, effects, "", (), FAILED, (), False, 0,
-            math.nan, None, (), outcome["seconds"],
+            math.nan, None, (), outcome["seconds"], (), effects,
         )  # fmt: skip
     named = bead["effects"]
     wrong, left, by_equivalent = _matched(named, effects)
     place = place_is_right(answer["effects"], bead)
-    if answer["kind"] == "clean":
+    if answer["kind"] in ("clean", "usual errors"):
         marked = RIGHT if bead["verdict"] == "consistent" and not named else ALARM
     elif answer["kind"] == "outside":
         wrong = [one["effect"] for one in named]
@@ -109,6 +110,7 @@ def score(answer: dict[str, Any], outcome: dict[str, Any]) -> Score:
         place=place,
         forces=_forces(answer, bead),
         seconds=outcome["seconds"],
+        left=tuple(left),
         sure=tuple(
             (one["probability"], one["effect"] not in wrong)
             for one in named
