@@ -5,6 +5,11 @@ loaded in any test run, of whatever tests.
 """
 
 import pytest
+from hypothesis import settings
+
+# a property holds on a busy machine too
+settings.register_profile("mtpipe", deadline=None)
+settings.load_profile("mtpipe")
 
 
 def pytest_addoption(parser):

@@ -36,7 +36,7 @@ pytestmark = pytest.mark.slow
 KT = float(thermal_energy_pN_nm(293.15))
 FRAME_S = 1 / 120
 SIGMAS = 4.0
-FEW = settings(max_examples=20, deadline=None, derandomize=True)
+FEW = settings(max_examples=20, derandomize=True)
 
 
 def chain(contour_nm=1200.0, **changes):

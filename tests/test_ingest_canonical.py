@@ -18,7 +18,7 @@ from mtpipe.ingest import load
 from mtpipe.recording.recording import Recording
 from tests.ingest_recordings import RATE, canonical_lines, codes, motion, setup_of, write
 
-QUICK = settings(max_examples=25, deadline=None, suppress_health_check=list(HealthCheck))
+QUICK = settings(max_examples=25, suppress_health_check=list(HealthCheck))
 
 
 @QUICK
@@ -55,7 +55,7 @@ def test_what_is_written_is_read(tmp_path, change, kind):
     assert [(p.start, p.stop, p.magnet_mm) for p in recording.plateaus] == [(0, 150, 2.5)]
 
 
-@settings(max_examples=150, deadline=None, suppress_health_check=list(HealthCheck))
+@settings(max_examples=150, suppress_health_check=list(HealthCheck))
 @given(data=st.data())
 def test_corruption_gives_a_recording_or_a_sentence(tmp_path, data):
     lines = canonical_lines(motion(120), magnet=[2.5] * 120)

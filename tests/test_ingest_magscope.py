@@ -87,7 +87,7 @@ def test_a_magnet_log_beside_a_magscope_file(tmp_path):
     )
 
 
-@settings(max_examples=40, deadline=None)
+@settings(max_examples=40)
 @given(order=st.permutations(range(8)))
 def test_any_order_of_batches_is_the_same_recording(tmp_path_factory, order):
     folder = tmp_path_factory.mktemp("magscope")

@@ -4,7 +4,7 @@ import string
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from mtpipe.ground.errors import RecordingError
@@ -285,7 +285,6 @@ def test_a_line_that_is_at_fault_is_told_with_what_is_there_and_the_key_that_hel
     assert "skip_lines" in str(caught.value)
 
 
-@settings(deadline=None)
 @given(
     preamble=st.lists(st.text(string.ascii_letters + " :=.", max_size=30), max_size=6),
     mark=st.sampled_from([",", ";", "\t"]),

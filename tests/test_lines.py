@@ -4,6 +4,7 @@ Seeds are fixed. Where a bound is statistical, the chance that it fails for a ri
 stated beside it.
 """
 
+import math
 from dataclasses import replace
 
 import numpy as np
@@ -15,8 +16,9 @@ from mtpipe.diagnosis.explain import BESIDE_NATS
 from mtpipe.drift import subtract_drift
 from mtpipe.effects.catalogue import OWN
 from mtpipe.effects.effect import Evidence
+from mtpipe.experiment.from_setup import experiment_of
 from mtpipe.joint_fit.hypotheses import best_of
-from tests.small_case import FRAMES, generator, raw
+from tests.small_case import FRAMES, generator, raw, setup
 
 RATE_HZ = 120.0
 VIBRATION = next(effect for effect in OWN if effect.name == "vibration")
@@ -118,3 +120,16 @@ def test_bins_of_a_lines_own_tell_the_forces_the_same():
 def test_a_line_is_counted_once():
     assert distinct_lines((50.0, 50.4, 30.0, 49.5)) == (50.0, 30.0)
     assert distinct_lines((50.0, 30.0), [30.2]) == (50.0,)
+
+
+def test_a_slow_wave_keeps_its_phase_for_some_periods_or_is_no_line():
+    """What keeps it for less is a bump of noise, which other effects describe."""
+    experiment, _ = experiment_of(setup(), (1.0, 4.0), 4096)
+    evidence = Evidence((0.14,), (1.0, 4.0))
+    _, diffusing = VIBRATION.hypotheses(experiment, evidence)
+    coherence = diffusing.parameters[-1]
+    assert math.exp(coherence.lower) == pytest.approx(3 / 0.14)
+    assert coherence.lower < coherence.start < coherence.upper
+    assert diffusing.experiment.stage.lines[0].coherence_s == pytest.approx(
+        math.exp(coherence.start)
+    )

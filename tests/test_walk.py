@@ -3,7 +3,9 @@
 from dataclasses import replace
 
 import numpy as np
+import pytest
 from scipy import linalg
+from scipy.fft import dct
 
 from mtpipe.experiment.changes import with_stage
 from mtpipe.experiment.from_setup import experiment_of
@@ -13,6 +15,7 @@ from mtpipe.joint_fit.data import plateau_data, whitening
 from mtpipe.joint_fit.expectation import LEAST_HEIGHT_STDERR_NM, Subtraction
 from mtpipe.joint_fit.model import ConfiguredModel
 from mtpipe.physics.camera import frame_variance, lag_one_covariance
+from mtpipe.physics.walk import walk_variance_s
 from tests.small_case import generator, setup
 
 FRAME_S, FRAMES, FORCES_PN, NOISE_NM = 1 / 120, 512, (1.0, 4.0), 2.0
@@ -88,3 +91,14 @@ def test_likelihood_of_a_walk_is_that_of_all_positions():
     exact, independent = np.sqrt(np.mean(np.square(wrong), axis=1))
     assert exact < 0.25
     assert independent > 0.5
+
+
+def test_a_walk_is_diagonal_in_cosines_with_its_variance_at_each_frequency():
+    """Exact: the covariance min(i, j) Δ of a walk, in the cosine basis."""
+    frames, frame_s = 64, 0.02
+    at = np.arange(1, frames + 1)
+    walk = frame_s * np.minimum.outer(at, at)
+    cosines = dct(np.eye(frames), norm="ortho", axis=0)
+    found = (cosines @ walk @ cosines.T)[1:, 1:]
+    frequency_hz = np.arange(1, frames) / (2 * frames * frame_s)
+    assert found == pytest.approx(np.diag(walk_variance_s(frequency_hz, frame_s)), abs=1e-9)

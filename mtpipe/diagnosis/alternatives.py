@@ -48,12 +48,15 @@ def with_alternatives(
         without = begun_again(together(case.fit, others, named[-1].after.case.fit))
     except (FitError, ValueError):
         return replace(one, alternatives=())
-    others_of_all = [other for other in effects if other.name != one.name]
-    weighed = most_promising(without, others_of_all, one.found.evidence, MOST_ALIKE)
-    weighed += [other for other in effects if other.name == one.name]
+    evidence = one.found.evidence
+    rivals = [other for other in effects if other.name != one.name]
+    promising = most_promising(without, rivals, evidence, MOST_ALIKE)
     if any(other.form for other in named):
-        weighed += most_promising(without, TERMS, one.found.evidence, MOST_FORMS)
-    tried = try_effects(without, weighed, one.found.evidence, beside=bool(others))
+        promising |= most_promising(without, TERMS, evidence, MOST_FORMS)
+    weighed = [
+        other for other in (*effects, *TERMS) if other.name in promising or other.name == one.name
+    ]
+    tried = try_effects(without, weighed, evidence, beside=bool(others), only=promising)
     return among_tried(one, tried, {other.name for other in named}, case, without)
 
 

@@ -95,30 +95,55 @@ def explain(
     effects = catalogue() if effects is None else effects
     say("looking for sticking and pixel locking")
     corrections, begun = corrected(before, random)
-    case = begun.case
-    named, verdict, found_first = list(corrections), "unexplained", 0
-    if not agrees(begun, before):
-        named += several_causes(before, begun, effects, random, say)
-    if len(named) > len(corrections):
-        check = named[-1].after
-        verdict, kept, check, nearest = concluded(before, case.fit, named, check, None, random)
+    together = _by_sets(before, corrections, begun, effects, random, say)
+    return together or _by_search(before, corrections, begun, effects, random, say)
+
+
+def _by_sets(
+    before: BeadCheck,
+    corrections: Sequence[Named],
+    begun: BeadCheck,
+    effects: Sequence[Effect],
+    random: np.random.Generator,
+    say: Say,
+) -> Explanation | None:
+    """What a set of causes explains; None where none does, or none is needed."""
+    if agrees(begun, before):
+        return None
+    causes = several_causes(before, begun, effects, random, say)
+    if not causes:
+        return None
+    case, named = begun.case, [*corrections, *causes]
+    verdict, kept, check, _ = concluded(before, case.fit, named, named[-1].after, None, random)
     if verdict == "unexplained":
-        named, check, nearest, case = _searched_twice(
-            before, corrections, begun, effects, random, say
-        )
-        found_first = len(named)
-        named, check = without_superfluous(case, named, check, random)
-        named, check, nearest = without_unclear_third(named, check, nearest)
-        named, check = made_sure(before, named, check, random)
-        verdict, kept, check, nearest = concluded(before, case.fit, named, check, nearest, random)
-    elif any(one.form for one in kept):
+        return None
+    if any(one.form for one in kept):
         verdict = "described"
+    told_apart = tuple(with_alternatives(one, kept, case, effects) for one in kept)
+    return Explanation(before, check, told_apart, verdict, None)
+
+
+def _by_search(
+    before: BeadCheck,
+    corrections: Sequence[Named],
+    begun: BeadCheck,
+    effects: Sequence[Effect],
+    random: np.random.Generator,
+    say: Say,
+) -> Explanation:
+    """What is found one after the other."""
+    named, check, nearest, case = _searched_twice(before, corrections, begun, effects, random, say)
+    found_first = len(named)
+    named, check = without_superfluous(case, named, check, random)
+    named, check, nearest = without_unclear_third(named, check, nearest)
+    named, check = made_sure(before, named, check, random)
+    verdict, kept, check, nearest = concluded(before, case.fit, named, check, nearest, random)
     # the last was compared with all others there, unless one of them has gone since
     compared = kept[-1:] if len(named) == found_first else []
-    distinct = tuple(
+    told_apart = tuple(
         one if one in compared else with_alternatives(one, kept, case, effects) for one in kept
     )
-    return Explanation(before, check, distinct, verdict, nearest)
+    return Explanation(before, check, told_apart, verdict, nearest)
 
 
 def _searched_twice(

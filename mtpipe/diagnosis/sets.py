@@ -248,11 +248,12 @@ def _grown(
     """
     grown: list[Causes] = []
     for one in beam:
-        named = [member for member in members if not member.form]
-        named = most_promising(one.fit, named, evidence, MOST_NAMES)
+        causes = [member for member in members if not member.form]
         forms = [member for member in members if member.form]
-        forms = most_promising(one.fit, forms, evidence, MOST_FORMS)
-        tried = try_effects(one.fit, [*named, *forms], evidence, beside=bool(one.members))
+        promising = most_promising(one.fit, causes, evidence, MOST_NAMES)
+        promising |= most_promising(one.fit, forms, evidence, MOST_FORMS)
+        able = [member for member in members if member.name in promising]
+        tried = try_effects(one.fit, able, evidence, beside=bool(one.members), only=promising)
         by_worth = sorted(tried, key=lambda other: price(other) - other.gain)
         for other in by_worth[:BEAM]:
             if other.gain <= price(other):
@@ -282,7 +283,8 @@ def _with_names(
         except (FitError, ValueError):
             continue
         promising = most_promising(fewer, named, evidence, MOST_NAMES)
-        for other in try_effects(fewer, promising, evidence, beside=bool(rest)):
+        able = [other for other in named if other.name in promising]
+        for other in try_effects(fewer, able, evidence, beside=bool(rest), only=promising):
             gain = other.fit.log_likelihood - without.log_likelihood
             score = gain - sum(price(each) for each in (*rest, other))
             if score > best.score and gained_by_motion(other) >= ALIKE_NATS:

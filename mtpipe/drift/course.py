@@ -2,8 +2,8 @@
 
 A course in time that all beads share: a random walk, and a steady rate if the plateaus show one.
 Within each plateau the lowest cosine coefficients of z are the walk's plus the tether's own thermal
-motion. The walk is exactly diagonal in them (`lowpass`), with variance q Δ / (4 sin²(π j / 2n)) of
-coefficient j (q in nm²/s, frame time Δ, n frames); thermal motion is level below its corner
+motion. The walk is exactly diagonal in them (`lowpass`), coefficient j of n frames at the frequency
+j/(2 n Δ); thermal motion is level below its corner
 frequency, a level of its own for each bead and plateau. The magnets' forces change from plateau to
 plateau and the extensions with them, so that nothing is learnt from the steps between plateaus.
 
@@ -22,6 +22,7 @@ import numpy as np
 from scipy.fft import dct
 
 from mtpipe.ground.types import FloatArray
+from mtpipe.physics.walk import walk_variance_s
 from mtpipe.recording.recording import StageCourse
 
 # Slower than 32 half periods in a plateau: that is nearest to what happens between plateaus, and
@@ -71,13 +72,13 @@ def piece_of(z_nm: Sequence[FloatArray], frame_s: float) -> Piece | None:
     count = min(LOWEST, frames // FRAMES_PER_COEFFICIENT)
     if count < 1:
         return None
-    j = np.arange(1, count + 1)
+    frequency_hz = np.arange(1, count + 1) / (2 * frames * frame_s)
     every = np.array([dct(z - z.mean(), norm="ortho") for z in z_nm])
     return Piece(
         coefficients_nm=every[:, 1 : count + 1],
-        walk_s=frame_s / (4 * np.sin(np.pi * j / (2 * frames)) ** 2),
+        walk_s=walk_variance_s(frequency_hz, frame_s),
         ramp_s=dct(frame_s * np.arange(frames), norm="ortho")[1 : count + 1],
-        angular_per_s=math.pi / (frames * frame_s) * j.astype(np.float64),
+        angular_per_s=2 * math.pi * frequency_hz,
         faster_nm2=np.sum(every[:, count + 1 :] ** 2, axis=1) / frames,
         frames=frames,
         frame_s=frame_s,

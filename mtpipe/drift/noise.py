@@ -20,6 +20,7 @@ from scipy.optimize import nnls
 
 from mtpipe.drift.lowpass import PowerBins, power_bins
 from mtpipe.ground.types import FloatArray
+from mtpipe.physics.walk import walk_variance_s
 
 # White noise is read above this part of the Nyquist frequency; own motion above OWN_MOTION_HZ,
 # below which stuck beads too wander apart by temperature and rotation of the field of view.
@@ -118,7 +119,7 @@ def _near(power: FloatArray) -> FloatArray:
 def _floor_nm(bins: PowerBins, scatter_nm2: FloatArray, rate_hz: float) -> float:
     """Root of the floor of a spectrum beside a slope.
 
-    The floor and the spectrum of a random walk, a / (4 sin^2(pi f / rate)), are fitted by least
+    The floor and the spectrum of a random walk are fitted by least
     squares weighted with the scatter per coefficient; the slope stands for drift, or for the upper
     side of a loose bead's Lorentzian. Lines, which stand out from their neighbours, are left out.
     The exposure blurs a walk within a frame, which takes a W/(6 D) off the floor (exposure W,
@@ -127,7 +128,7 @@ def _floor_nm(bins: PowerBins, scatter_nm2: FloatArray, rate_hz: float) -> float
     power = bins.power_nm2 / bins.count
     error = scatter_nm2 * np.sqrt(2 / bins.count)
     usual = np.abs(power - _near(power)) < OUTLIER_SIGMA * error
-    sine = np.sin(np.pi * bins.frequency_hz / rate_hz)
-    shapes = np.column_stack([np.ones_like(sine), 1 / (4 * sine**2)])[usual] / error[usual, None]
+    walk = rate_hz * walk_variance_s(bins.frequency_hz, 1 / rate_hz)
+    shapes = np.column_stack([np.ones_like(walk), walk])[usual] / error[usual, None]
     (floor_nm2, _), _ = nnls(shapes, power[usual] / error[usual])
     return math.sqrt(floor_nm2)

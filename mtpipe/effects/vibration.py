@@ -14,8 +14,10 @@ from mtpipe.experiment.parameter import Parameter
 
 LARGEST_NM = 500.0
 START_NM = 1.0
-# How long a phase lasts that is seen to diffuse; what keeps it for less is no narrow line.
-START_S, COHERENCES_S = 5.0, (1.0, 1e3)
+# A phase that is seen to diffuse lasts for so long. What keeps it for less than a second, or for
+# less than three periods (a peak wider than a tenth of its frequency), is noise and no line; what
+# keeps it for a thousand times that is steady.
+START_S, LEAST_S, FEWEST_COHERENT, LONGEST = 5.0, 1.0, 3.0, 1e3
 # Lines are taken together only where a plateau has so many periods: a few slower ones look like
 # slow motion of any kind.
 FEWEST_PERIODS = 100
@@ -40,13 +42,15 @@ def _hypotheses(experiment: Experiment, evidence: Evidence) -> list[Hypothesis]:
 def _of_lines(
     experiment: Experiment, lines_hz: tuple[float, ...], coherence_s: float
 ) -> Hypothesis:
-    lines = tuple(Line(hz, (START_NM, START_NM, START_NM), coherence_s) for hz in lines_hz)
-    parameters = []
-    for number in range(len(lines)):
+    lines, parameters = [], list[Parameter]()
+    for number, hz in enumerate(lines_hz):
         parameters += [_along(number, axis) for axis in range(3)]
+        least_s = max(LEAST_S, FEWEST_COHERENT / hz)
+        begun_s = max(coherence_s, 2 * least_s)
+        lines.append(Line(hz, (START_NM, START_NM, START_NM), begun_s))
         if math.isfinite(coherence_s):
-            parameters.append(_coherence(number))
-    changed = with_stage(experiment, lines=lines)
+            parameters.append(_coherence(number, begun_s, least_s))
+    changed = with_stage(experiment, lines=tuple(lines))
     return Hypothesis(changed, tuple(parameters), read=len(lines))
 
 
@@ -55,9 +59,9 @@ def _along(number: int, axis: int) -> Parameter:
     return variance(name, "nm", START_NM, LARGEST_NM, partial(_change, number, axis))
 
 
-def _coherence(number: int) -> Parameter:
-    change = partial(_with_coherence, number)
-    return logarithm(f"coherence{_of_line(number)}", "s", START_S, COHERENCES_S, change)
+def _coherence(number: int, begun_s: float, least_s: float) -> Parameter:
+    change, bounds = partial(_with_coherence, number), (least_s, LONGEST * least_s)
+    return logarithm(f"coherence{_of_line(number)}", "s", begun_s, bounds, change)
 
 
 def _of_line(number: int) -> str:

@@ -28,6 +28,7 @@ from mtpipe.joint_fit.random_walk import line_of
 from mtpipe.joint_fit.spectra import Transform
 from mtpipe.joint_fit.three_axes import inverses
 from mtpipe.physics.camera import Camera, power_spectrum
+from mtpipe.physics.walk import walk_variance_s
 from mtpipe.spectra.window_power import with_noise
 
 # Heights are not believed better than this: rounding, interpolated formulas, time steps.
@@ -304,8 +305,7 @@ def _unit_reference(data: PlateauData, relaxation_s: float, camera: Camera) -> F
 
 @functools.lru_cache(maxsize=1024)
 def _unit_walk(data: PlateauData, frame_s: float) -> FloatArray:
-    """Variance per frame that a random walk of 1 nm/√s has at each frequency."""
-    return np.asarray(frame_s / (2 * np.sin(np.pi * data.spectrum.frequency_hz * frame_s)) ** 2)
+    return walk_variance_s(data.spectrum.frequency_hz, frame_s)
 
 
 @functools.lru_cache(maxsize=1024)

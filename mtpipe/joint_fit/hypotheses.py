@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import itertools
 import math
-from collections.abc import Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -238,7 +238,12 @@ def promised_gains(gains: FloatArray, changes: FloatArray) -> FloatArray:
 
 
 def try_effects(
-    fit: ConfiguredFit, effects: Sequence[Effect], evidence: Evidence, *, beside: bool = False
+    fit: ConfiguredFit,
+    effects: Sequence[Effect],
+    evidence: Evidence,
+    *,
+    beside: bool = False,
+    only: Mapping[str, Collection[int]] | None = None,
 ) -> list[FittedEffect]:
     """Fit every effect that applies, each with the best of its hypotheses; best first.
 
@@ -248,14 +253,18 @@ def try_effects(
     Parameters
     ----------
     beside : whether the fit has an effect already.
+    only : which hypotheses of an effect, by its name; of others: all.
     """
     taken = {parameter.name for parameter in fit.model.parameters}
     begun: list[FittedEffect] = []
     afresh = worth_beginning_afresh(fit, beside=beside)
     for effect in effects:
         hypotheses = effect.hypotheses(fit.model.experiment, evidence)
+        wanted = (only or {}).get(effect.name, range(len(hypotheses)))
         for index, hypothesis in enumerate(hypotheses):
-            if taken & {parameter.name for parameter in hypothesis.parameters}:
+            if index not in wanted or taken & {
+                parameter.name for parameter in hypothesis.parameters
+            }:
                 continue
             try:
                 fitted = with_hypothesis(fit, hypothesis, rounds=FIRST_ROUNDS, afresh=afresh)

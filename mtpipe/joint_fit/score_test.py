@@ -2,14 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Sequence
+from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
 
 from mtpipe.effects.effect import Effect, Evidence, Hypothesis
-from mtpipe.experiment.description import Experiment
 from mtpipe.ground.errors import FitError
 from mtpipe.ground.types import FloatArray
 from mtpipe.joint_fit.expectation import Expectation
@@ -26,46 +25,30 @@ LEAST_LEFT = 1e-6
 NEARLY_AS_MUCH = 0.3
 # Expectations that differ by no more than this are the same: what changed is nothing but rounding.
 SAME = 1e-9
-Hypotheses = Callable[[Experiment, Evidence], Sequence[Hypothesis]]
 
 
 def most_promising(
     fit: ConfiguredFit, effects: Sequence[Effect], evidence: Evidence, most: int
-) -> list[Effect]:
-    """Effects that are worth fitting: those few whose sizes promise most, each with its best
-    hypotheses only, and behind them what cannot be told without a fit.
+) -> dict[str, tuple[int, ...]]:
+    """Which hypotheses are worth fitting, by the effect's name: the best of those few effects whose
+    sizes promise most, and of any effect those that cannot be told without a fit.
     """
-    promising: list[tuple[float, Effect]] = []
-    untold: list[Effect] = []
+    promising: dict[str, tuple[float, tuple[int, ...]]] = {}
+    untold: dict[str, tuple[int, ...]] = {}
     for effect in effects:
         hypotheses = effect.hypotheses(fit.model.experiment, evidence)
         gains = [promised_gain(fit, one) for one in hypotheses]
-        told = {i: gain for i, gain in enumerate(gains) if gain is not None}
-        best = max(told.values(), default=0.0)
+        best = max((gain for gain in gains if gain is not None), default=0.0)
         if best > 0:
-            able = tuple(i for i, gain in told.items() if gain >= NEARLY_AS_MUCH * best)
-            promising.append((best, _with_those(effect, able)))
-        if len(told) < len(gains):
-            rest = tuple(i for i, gain in enumerate(gains) if gain is None)
-            untold.append(_with_those(effect, rest))
-    promising.sort(key=lambda pair: -pair[0])
-    return [effect for _, effect in promising[:most]] + untold
-
-
-def _with_those(effect: Effect, which: tuple[int, ...]) -> Effect:
-    return replace(effect, hypotheses=_Those(effect.hypotheses, which))
-
-
-@dataclass(frozen=True)
-class _Those:
-    """Some of an effect's hypotheses; equal to one that comes back from another process."""
-
-    hypotheses: Hypotheses
-    which: tuple[int, ...]
-
-    def __call__(self, experiment: Experiment, evidence: Evidence) -> Sequence[Hypothesis]:
-        every = self.hypotheses(experiment, evidence)
-        return [every[min(i, len(every) - 1)] for i in self.which] if every else []
+            enough = NEARLY_AS_MUCH * best
+            able = (i for i, gain in enumerate(gains) if gain is not None and gain >= enough)
+            promising[effect.name] = best, tuple(able)
+        rest = tuple(i for i, gain in enumerate(gains) if gain is None)
+        if rest:
+            untold[effect.name] = rest
+    first = sorted(promising, key=lambda name: -promising[name][0])[:most]
+    chosen = {name: promising[name][1] for name in first}
+    return {name: chosen.get(name, ()) + untold.get(name, ()) for name in {**chosen, **untold}}
 
 
 def promised_gain(fit: ConfiguredFit, hypothesis: Hypothesis) -> float | None:

@@ -18,13 +18,13 @@ from mtpipe.physics.camera import Camera
 from mtpipe.physics.langevin import simulate_mode
 from mtpipe.terms.term import (
     AXES,
+    ByStretches,
     grows,
     law,
     of_axis,
     of_square,
     relative,
     set_to,
-    stretches,
     typical_force_pN,
 )
 
@@ -34,7 +34,7 @@ START_NM, LARGEST_NM = 3.0, 1000.0
 
 
 @dataclass(frozen=True)
-class OwnMotion:
+class OwnMotion(ByStretches):
     """Along an axis the record moves by `size_nm` (F/F₀)^(exponent/2), with a corner of
     `corner_hz` (F/F₀)^corner_exponent.
     """
@@ -63,21 +63,14 @@ class OwnMotion:
         covariance[0, self.axis, self.axis] = self.variance_nm2(force_pN)
         return seen.with_modes(np.array([self.tau_s(force_pN)]), covariance)
 
-    def played(
-        self,
-        position_nm: FloatArray,
-        force_pN: FloatArray,
-        camera: Camera,
-        thermal_energy_pN_nm: float,
-        random: np.random.Generator,
+    def in_stretch(
+        self, position_nm: FloatArray, force_pN: float, camera: Camera, random: np.random.Generator
     ) -> FloatArray:
-        """Begun anew in each stretch of one force."""
+        """Begun anew."""
         moved = position_nm.copy()
-        for rows, force in stretches(force_pN):
-            frames = rows.stop - rows.start
-            moved[rows, self.axis] += simulate_mode(
-                self.variance_nm2(force), self.tau_s(force), camera, frames, random
-            )
+        moved[:, self.axis] += simulate_mode(
+            self.variance_nm2(force_pN), self.tau_s(force_pN), camera, len(moved), random
+        )
         return moved
 
     @property

@@ -19,13 +19,13 @@ from mtpipe.ground.types import FloatArray
 from mtpipe.physics.camera import Camera
 from mtpipe.terms.term import (
     AXES,
+    ByStretches,
     axis_name,
     grows,
     law,
     of_axis,
     relative,
     set_to,
-    stretches,
     typical_force_pN,
 )
 
@@ -34,7 +34,7 @@ LARGEST = 0.8
 
 
 @dataclass(frozen=True)
-class Gain:
+class Gain(ByStretches):
     """Motion along an axis is recorded e^(ln_gain (F/F₀)^exponent) times as large."""
 
     place: ClassVar[Place] = "optics"
@@ -56,20 +56,13 @@ class Gain:
         matrix[self.axis, self.axis] = float(self.factor(force_pN))
         return replace(seen.through(matrix), height_nm=seen.height_nm)
 
-    def played(
-        self,
-        position_nm: FloatArray,
-        force_pN: FloatArray,
-        camera: Camera,
-        thermal_energy_pN_nm: float,
-        random: np.random.Generator,
+    def in_stretch(
+        self, position_nm: FloatArray, force_pN: float, camera: Camera, random: np.random.Generator
     ) -> FloatArray:
-        """About the mean of each stretch of one force."""
+        """About the mean."""
         scaled = position_nm.copy()
-        for rows, force in stretches(force_pN):
-            mean = position_nm[rows, self.axis].mean()
-            about = position_nm[rows, self.axis] - mean
-            scaled[rows, self.axis] = mean + self.factor(force) * about
+        mean = position_nm[:, self.axis].mean()
+        scaled[:, self.axis] = mean + self.factor(force_pN) * (position_nm[:, self.axis] - mean)
         return scaled
 
     @property
@@ -91,7 +84,7 @@ class Gain:
 
 
 @dataclass(frozen=True)
-class Share:
+class Share(ByStretches):
     """Along an axis a share of the motion along another is recorded, share (F/F₀)^exponent."""
 
     place: ClassVar[Place] = "optics"
@@ -111,20 +104,14 @@ class Share:
         matrix[self.axis] = float(self.at(force_pN))
         return replace(seen.through(matrix), height_nm=seen.height_nm)
 
-    def played(
-        self,
-        position_nm: FloatArray,
-        force_pN: FloatArray,
-        camera: Camera,
-        thermal_energy_pN_nm: float,
-        random: np.random.Generator,
+    def in_stretch(
+        self, position_nm: FloatArray, force_pN: float, camera: Camera, random: np.random.Generator
     ) -> FloatArray:
-        """What is along the other axis about the mean of each stretch of one force."""
+        """What is along the other axis, about its mean."""
         into, other = self.axis
         mixed = position_nm.copy()
-        for rows, force in stretches(force_pN):
-            about = position_nm[rows, other] - position_nm[rows, other].mean()
-            mixed[rows, into] += self.at(force) * about
+        about = position_nm[:, other] - position_nm[:, other].mean()
+        mixed[:, into] += self.at(force_pN) * about
         return mixed
 
     @property

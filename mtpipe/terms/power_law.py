@@ -18,13 +18,13 @@ from mtpipe.physics.camera import Camera
 from mtpipe.physics.langevin import simulate_mode
 from mtpipe.terms.term import (
     AXES,
+    ByStretches,
     grows,
     law,
     of_axis,
     of_square,
     relative,
     set_to,
-    stretches,
     typical_force_pN,
 )
 
@@ -38,7 +38,7 @@ SLOWEST = 3.0
 
 
 @dataclass(frozen=True)
-class PowerLaw:
+class PowerLaw(ByStretches):
     """Along an axis the power goes as f^−slope, from modes of all times between two.
 
     `size_nm` is the standard deviation within one factor e of relaxation times around a second.
@@ -66,23 +66,16 @@ class PowerLaw:
         covariance[:, self.axis, self.axis] = size * self.variances_nm2
         return seen.with_modes(np.asarray(self.times_s), covariance)
 
-    def played(
-        self,
-        position_nm: FloatArray,
-        force_pN: FloatArray,
-        camera: Camera,
-        thermal_energy_pN_nm: float,
-        random: np.random.Generator,
+    def in_stretch(
+        self, position_nm: FloatArray, force_pN: float, camera: Camera, random: np.random.Generator
     ) -> FloatArray:
-        """Begun anew in each stretch of one force."""
+        """Begun anew."""
         moved = position_nm.copy()
-        for rows, force in stretches(force_pN):
-            size = float(relative(force, self.at_pN, self.exponent))
-            frames = rows.stop - rows.start
-            for tau_s, square in zip(self.times_s, self.variances_nm2, strict=True):
-                moved[rows, self.axis] += simulate_mode(
-                    size * float(square), tau_s, camera, frames, random
-                )
+        size = float(relative(force_pN, self.at_pN, self.exponent))
+        for tau_s, square in zip(self.times_s, self.variances_nm2, strict=True):
+            moved[:, self.axis] += simulate_mode(
+                size * float(square), tau_s, camera, len(moved), random
+            )
         return moved
 
     @property

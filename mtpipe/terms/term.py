@@ -17,6 +17,7 @@ from mtpipe.experiment.description import Experiment
 from mtpipe.experiment.parameter import Parameter
 from mtpipe.experiment.step import StepOfAxis
 from mtpipe.ground.types import FloatArray
+from mtpipe.physics.camera import Camera
 
 AXES = "xyz"
 Axis = int | tuple[int, int]
@@ -98,11 +99,35 @@ def relative(force_pN: FloatArray | float, at_pN: float, exponent: float) -> Flo
     return np.asarray(np.exp(np.clip(ln, -50.0, 50.0)))
 
 
-def stretches(force_pN: FloatArray) -> Iterator[tuple[slice, float]]:
+def _stretches(force_pN: FloatArray) -> Iterator[tuple[slice, float]]:
     """Stretches of one force, each with that force."""
     edges = [0, *(np.flatnonzero(np.diff(force_pN)) + 1).tolist(), len(force_pN)]
     for start, stop in itertools.pairwise(edges):
         yield slice(start, stop), float(force_pN[start])
+
+
+class ByStretches:
+    """What a step does in time, done to each stretch of one force by itself."""
+
+    def in_stretch(
+        self, position_nm: FloatArray, force_pN: float, camera: Camera, random: np.random.Generator
+    ) -> FloatArray:
+        """(frames, 3) positions of a stretch with the step."""
+        raise NotImplementedError
+
+    def played(
+        self,
+        position_nm: FloatArray,
+        force_pN: FloatArray,
+        camera: Camera,
+        thermal_energy_pN_nm: float,
+        random: np.random.Generator,
+    ) -> FloatArray:
+        """As `Step.played`."""
+        moved = position_nm.copy()
+        for rows, force in _stretches(force_pN):
+            moved[rows] = self.in_stretch(position_nm[rows], force, camera, random)
+        return moved
 
 
 def law(kind: type[Kind], axis: Axis, field: str = "exponent", what: str = "law") -> Parameter:
