@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 import math
-from dataclasses import replace
 from typing import TypeVar
 
+from mtpipe.experiment.changed import changed
 from mtpipe.experiment.description import Experiment
 from mtpipe.experiment.step import Step
 from mtpipe.physics.camera import Camera
@@ -14,40 +14,40 @@ from mtpipe.physics.tether import Formula, with_formula
 
 def with_fluid(experiment: Experiment, **changes: object) -> Experiment:
     """The experiment with another fluid."""
-    return replace(experiment, fluid=replace(experiment.fluid, **changes))  # type: ignore[arg-type]
+    return changed(experiment, fluid=changed(experiment.fluid, **changes))
 
 
 def with_bead(experiment: Experiment, **changes: object) -> Experiment:
     """The experiment with another bead."""
-    return replace(experiment, bead=replace(experiment.bead, **changes))  # type: ignore[arg-type]
+    return changed(experiment, bead=changed(experiment.bead, **changes))
 
 
 def with_chain(experiment: Experiment, **changes: object) -> Experiment:
     """The experiment with another tether."""
-    return replace(experiment, chain=replace(experiment.chain, **changes))  # type: ignore[arg-type]
+    return changed(experiment, chain=changed(experiment.chain, **changes))
 
 
 def by_formula(experiment: Experiment, formula: Formula) -> Experiment:
     """The experiment with a tether by another formula, as stretchable as it is."""
-    return replace(experiment, chain=with_formula(experiment.chain, formula))
+    return changed(experiment, chain=with_formula(experiment.chain, formula))
 
 
 def with_optics(experiment: Experiment, **changes: object) -> Experiment:
     """The experiment with other optics."""
-    return replace(experiment, optics=replace(experiment.optics, **changes))  # type: ignore[arg-type]
+    return changed(experiment, optics=changed(experiment.optics, **changes))
 
 
 def with_magnets(experiment: Experiment, **changes: object) -> Experiment:
     """The experiment with other magnets."""
-    return replace(
+    return changed(
         experiment,
-        magnets=replace(experiment.magnets, **changes),  # type: ignore[arg-type]
+        magnets=changed(experiment.magnets, **changes),
     )
 
 
 def with_stage(experiment: Experiment, **changes: object) -> Experiment:
     """The experiment with another stage."""
-    return replace(experiment, stage=replace(experiment.stage, **changes))  # type: ignore[arg-type]
+    return changed(experiment, stage=changed(experiment.stage, **changes))
 
 
 Kind = TypeVar("Kind", bound=Step)
@@ -67,7 +67,7 @@ def with_step(experiment: Experiment, step: Step) -> Experiment:
     """The experiment with a step, in the place of one of its kind (and axis) if it has one."""
     kind = type(step), _axis(step)
     steps = tuple(step if (type(one), _axis(one)) == kind else one for one in experiment.steps)
-    return replace(experiment, steps=steps if step in steps else (*steps, step))
+    return changed(experiment, steps=steps if step in steps else (*steps, step))
 
 
 def _axis(step: object) -> int | tuple[int, int] | None:
@@ -113,4 +113,4 @@ def scaled_exposure(experiment: Experiment, ln_factor: float) -> Experiment:
     """With another exposure, at most a frame."""
     camera = experiment.camera
     exposure = min(camera.exposure_s * math.exp(ln_factor), camera.frame_s)
-    return replace(experiment, camera=Camera(camera.frame_s, exposure))
+    return changed(experiment, camera=Camera(camera.frame_s, exposure))

@@ -11,13 +11,14 @@ from __future__ import annotations
 
 import functools
 import math
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import Literal, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
 
-from mtpipe.experiment.step import Step, StepByPlateau
+from mtpipe.experiment.changed import changed
+from mtpipe.experiment.step import Step, by_plateau
 from mtpipe.physics.buffer import thermal_energy_pN_nm
 from mtpipe.physics.camera import Camera
 from mtpipe.physics.tether import Chain
@@ -250,13 +251,10 @@ class Experiment:
 
     def in_plateau(self, plateau: int) -> Experiment:
         """The experiment with the steps that it has in one plateau."""
-        if not any(isinstance(step, StepByPlateau) for step in self.steps):
+        if not any(by_plateau(step) for step in self.steps):
             return self
-        steps = tuple(
-            step.in_plateau(plateau) if isinstance(step, StepByPlateau) else step
-            for step in self.steps
-        )
-        return replace(self, steps=steps)
+        steps = tuple(step.in_plateau(plateau) if by_plateau(step) else step for step in self.steps)
+        return changed(self, steps=steps)
 
     @property
     def rocks(self) -> bool:

@@ -8,9 +8,10 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import partial
 
+from mtpipe.experiment.changed import changed
 from mtpipe.experiment.description import Experiment, Triple
 
 # The factor on the exposure, and the share of a frame that no exposure is shorter than.
@@ -68,5 +69,5 @@ def noise_parameters(start_nm: Triple) -> tuple[Parameter, ...]:
 def _noise(axis: int, experiment: Experiment, value: float) -> Experiment:
     noise = list(experiment.tracker.noise_nm)
     noise[axis] = math.sqrt(max(value, 0.0))
-    tracker = replace(experiment.tracker, noise_nm=(noise[0], noise[1], noise[2]))
-    return replace(experiment, tracker=tracker)
+    tracker = changed(experiment.tracker, noise_nm=(noise[0], noise[1], noise[2]))
+    return changed(experiment, tracker=tracker)

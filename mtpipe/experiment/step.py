@@ -8,7 +8,7 @@ any number of them; within one place they act in the order in which they were ad
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from typing import ClassVar, Literal, Protocol, runtime_checkable
+from typing import ClassVar, Literal, Protocol, TypeGuard
 
 import numpy as np
 
@@ -59,12 +59,16 @@ def nothing_seen(height_nm: float = 0.0) -> Seen:
     return Seen(np.empty(0), np.empty((0, 3, 3)), np.zeros((3, 3)), height_nm)
 
 
-@runtime_checkable
 class StepByPlateau(Protocol):
     """A step that is another in each plateau."""
 
     def in_plateau(self, plateau: int) -> Step:
         """The step in one plateau."""
+
+
+def by_plateau(step: Step | StepByPlateau) -> TypeGuard[StepByPlateau]:
+    """Whether a step is another in each plateau."""
+    return hasattr(step, "in_plateau")
 
 
 class Step(Protocol):

@@ -8,8 +8,9 @@ from __future__ import annotations
 
 import functools
 from collections.abc import Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 
+from mtpipe.experiment.changed import changed
 from mtpipe.experiment.description import Clock, Experiment, Optics, Stage, Tracker
 from mtpipe.experiment.recorded_modes import BeadState
 from mtpipe.experiment.state import bead_states
@@ -68,20 +69,20 @@ class Steady:
 def steady_of(experiment: Experiment) -> Steady:
     """A description without its plateaus and the courses of their forces."""
     if experiment.rests or experiment.magnets.courses:
-        magnets = replace(experiment.magnets, courses=())
-        return steady_of(replace(experiment, rests=(), magnets=magnets))
+        magnets = changed(experiment.magnets, courses=())
+        return steady_of(changed(experiment, rests=(), magnets=magnets))
     return Steady(experiment, _moving(experiment))
 
 
 def _moving(experiment: Experiment) -> Moving:
     left = Stage(unsubtracted_nm_per_root_s=experiment.stage.unsubtracted_nm_per_root_s)
-    optics = replace(experiment.optics, z_zero_nm=0.0)
-    return _the_moving(replace(experiment, tracker=Tracker(), stage=left, optics=optics))
+    optics = changed(experiment.optics, z_zero_nm=0.0)
+    return _the_moving(changed(experiment, tracker=Tracker(), stage=left, optics=optics))
 
 
 @functools.lru_cache(maxsize=MOST_KNOWN)
 def _the_moving(experiment: Experiment) -> Moving:
-    core = replace(experiment, stage=Stage(), optics=Optics(), clock=Clock(), steps=())
+    core = changed(experiment, stage=Stage(), optics=Optics(), clock=Clock(), steps=())
     return Moving(experiment, _the_core(core))
 
 

@@ -17,11 +17,12 @@ from __future__ import annotations
 
 import functools
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 from scipy import linalg
 
+from mtpipe.experiment.changed import changed
 from mtpipe.experiment.description import Experiment, Rest
 from mtpipe.experiment.known_force import KnownForce
 from mtpipe.experiment.parameter import Parameter
@@ -87,15 +88,36 @@ class ConfiguredModel:
 
     def described(self, theta: FloatArray) -> Experiment:
         """The experiment at θ."""
-        experiment = self.experiment
-        for parameter, value in zip(self.parameters, theta[self.plateaus :], strict=True):
-            experiment = parameter.change(experiment, float(value))
+        return self._changed(self._at_forces(theta), theta, 0)
+
+    def beside(self, theta: FloatArray) -> list[tuple[float, Experiment]]:
+        """Of each parameter a step away from θ, and the experiment there."""
+        found = []
+        before = self._at_forces(theta)
+        for k, parameter in enumerate(self.parameters):
+            value = float(theta[self.plateaus + k])
+            step = parameter.step_from(value)
+            found.append(
+                (step, self._changed(parameter.change(before, value + step), theta, k + 1))
+            )
+            before = parameter.change(before, value)
+        return found
+
+    def _at_forces(self, theta: FloatArray) -> Experiment:
+        """The experiment with the forces at θ, its parameters not yet."""
         forces = np.exp(theta[: self.plateaus]).tolist()
         rests = tuple(
             Rest(force_pN, rest.frames, rest.magnet_mm)
-            for force_pN, rest in zip(forces, experiment.rests, strict=True)
+            for force_pN, rest in zip(forces, self.experiment.rests, strict=True)
         )
-        return replace(experiment, rests=rests)
+        return changed(self.experiment, rests=rests)
+
+    def _changed(self, experiment: Experiment, theta: FloatArray, first: int) -> Experiment:
+        """With the parameters at θ from the first on, those before it being there."""
+        values = theta[self.plateaus + first :].tolist()
+        for parameter, value in zip(self.parameters[first:], values, strict=True):
+            experiment = parameter.change(experiment, value)
+        return experiment
 
     def asked(self, experiment: Experiment, plateau: int, force_pN: float) -> Asked:
         """The question what one plateau's data should be in an experiment, at a force."""

@@ -54,11 +54,7 @@ def slopes(model: ConfiguredModel, theta: FloatArray, expected: list[Expectation
     """
     n, plateaus = len(theta), model.plateaus
     experiment = model.described(theta)
-    shifted = []
-    for k, parameter in enumerate(model.parameters):
-        step, moved = parameter.step_from(theta[plateaus + k]), theta.copy()
-        moved[plateaus + k] += step
-        shifted.append((step, model.described(moved)))
+    shifted = model.beside(theta)
     forces = [rest.force_pN for rest in experiment.rests]
     for _, other in shifted:
         know_states(model.data, other, [[force] for force in forces])

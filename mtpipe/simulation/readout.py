@@ -20,7 +20,7 @@ from mtpipe.experiment.readout import (
     height_weights,
 )
 from mtpipe.experiment.state import all_states
-from mtpipe.experiment.step import Place, StepByPlateau
+from mtpipe.experiment.step import Place, by_plateau
 from mtpipe.ground.types import FloatArray
 from mtpipe.physics.langevin import simulate_mode
 from mtpipe.physics.normal_numbers import standard_normal
@@ -129,7 +129,7 @@ def _played(
     for step in experiment.steps:
         if step.place == place:
             position_nm = step.played(position_nm, force_pN, camera, energy, random)
-            if isinstance(step, StepByPlateau):
+            if by_plateau(step):
                 position_nm = position_nm.copy()
                 for i, rows in enumerate(plateaus):
                     here = step.in_plateau(i)

@@ -1,0 +1,37 @@
+"""Frozen descriptions with other values."""
+
+from __future__ import annotations
+
+import dataclasses
+import functools
+from typing import Any, TypeVar
+
+Described = TypeVar("Described")
+# Of each kind of description, the fields that may be copied as they are.
+_COPIED: dict[type[Any], frozenset[str]] = {}
+
+
+def changed(description: Described, **values: Any) -> Described:
+    """As `dataclasses.replace`, in a third of the time where there is nothing to check: fits change
+    descriptions a hundred thousand times.
+    """
+    kind = type(description)
+    if kind not in _COPIED:
+        _COPIED[kind] = _copied(kind)
+    if not values.keys() <= _COPIED[kind]:
+        return dataclasses.replace(description, **values)  # type: ignore[type-var]
+    other = object.__new__(kind)
+    other.__dict__.update(description.__dict__)
+    other.__dict__.update(values)
+    return other
+
+
+def _copied(kind: type[Any]) -> frozenset[str]:
+    """The fields of a dataclass that is its fields and nothing else; none where it checks them, or
+    keeps what was worked out of them.
+    """
+    of_all = {name: value for one in kind.__mro__ for name, value in vars(one).items()}
+    kept = any(isinstance(value, functools.cached_property) for value in of_all.values())
+    if kept or "__post_init__" in of_all or "__slots__" in of_all:
+        return frozenset()
+    return frozenset(field.name for field in dataclasses.fields(kind))
