@@ -20,15 +20,13 @@ from mtpipe.crosschecking.prepared_bead import FORMULAS, prepare
 from mtpipe.diagnosis.alternatives import alike
 from mtpipe.diagnosis.before_after import content_of
 from mtpipe.diagnosis.evidence import BLOCK_S, noise_between_blocks_nm2, reference_moves
-from mtpipe.diagnosis.explain import concluded, explain, made_sure
+from mtpipe.diagnosis.explain import concluded, explain
 from mtpipe.diagnosis.explanation import Alternative, Explanation, Named, agrees
 from mtpipe.diagnosis.forces_to_quote import diagnosed_forces
 from mtpipe.diagnosis.heldout import halves_of
 from mtpipe.diagnosis.mismatch import Mismatch
 from mtpipe.diagnosis.refit import other_formulas
-from mtpipe.diagnosis.rivals import better_judged
-from mtpipe.diagnosis.superfluous import without_superfluous, without_unclear_third
-from mtpipe.diagnosis.unexplained import Rejected
+from mtpipe.diagnosis.sets import Weighed
 from mtpipe.drift.lowpass import low_pass
 from mtpipe.effects.catalogue import OWN
 from mtpipe.effects.effect import Evidence
@@ -330,27 +328,6 @@ def test_noise_that_passes_the_low_pass_is_known_between_blocks():
         assert steps.var() == pytest.approx(expected, rel=0.2)
 
 
-def test_an_effect_that_another_makes_needless_is_dropped():
-    """A thicker buffer explains it all; a scale that was named first is no longer needed then."""
-    random = bead_generator(0, "b1")
-    before = check_bead(prepare(recording("viscosity", 2), "b1"), random)
-    named, check = [], before
-    for name in ("lateral_scale", "viscosity"):
-        effect = next(effect for effect in OWN if effect.name == name)
-        tried = best_of(check.case.fit, effect, Evidence((), FORCES_PN))
-        after = check_bead(replace(before.case, fit=tried.fit), random)
-        named.append(Named(tried, (), check, after, math.nan))
-        check = after
-    left, after = without_superfluous(before.case, named, check, random)
-    assert [one.name for one in left] == ["viscosity"]
-    assert left[0].before is before
-    assert left[0].after is after
-    assert after.p_value > 0.004
-    assert {p.name for p in after.case.fit.model.parameters} == {
-        p.name for p in before.case.fit.model.parameters
-    } | {"viscosity over configured"}
-
-
 def stand_in(name, net, before, after, *, frees=False):
     """A named effect whose checks are (p, whether heights are free with what is in it)."""
 
@@ -359,71 +336,9 @@ def stand_in(name, net, before, after, *, frees=False):
         return SimpleNamespace(p_value=p_value, simulated=simulated, case=SimpleNamespace(fit=free))
 
     tried = FittedEffect(
-        SimpleNamespace(name=name), SimpleNamespace(numbers=1), None, net, 0.0, None, 0
+        SimpleNamespace(name=name, form=""), SimpleNamespace(numbers=1), None, net, 0.0, None, 0
     )
     return Named(tried, (), check(before, False), check(after, frees), math.nan)
-
-
-@pytest.mark.parametrize(("net", "names"), [(99.0, ["a", "b"]), (101.0, ["a", "b", "c"])])
-@pytest.mark.parametrize("corrections", [0, 1])
-def test_a_third_effect_has_to_be_unmistakable(net, names, corrections):
-    """What no name describes looks like several effects; a correction of traces is none of them."""
-    corrected = [replace(stand_in("pixel_locking", 0.0, 1e-9, 1e-8), found=None)] * corrections
-    named = [stand_in("a", 500.0, 1e-9, 1e-6), stand_in("b", 9.0, 1e-6, 1e-3)]
-    named = [*corrected, *named, stand_in("c", net, 1e-3, 0.5)]
-    left, check, nearest = without_unclear_third(named, named[-1].after, None)
-    assert [one.name for one in left[corrections:]] == names
-    assert check is (named[-1].after if len(names) == 3 else named[-1].before)
-    assert (nearest is None) == (net > 100)
-    assert nearest is None or (nearest.tried.effect.name, nearest.tried.net) == ("c", 99.0)
-
-
-@pytest.mark.parametrize(
-    ("first_p", "net", "rival_p", "taken"),
-    [
-        (0.03, 28.7, 0.3, "rival"),  # the battery objects to the first by 1.9 nats
-        (0.03, 28.0, 0.3, "first"),  # by less than the first is likelier
-        (0.03, 28.7, 0.06, "first"),  # and nearly as much to the other
-        (0.25, 29.9, 0.9, "first"),  # both are clearly consistent
-        (1e-9, 25.5, 0.3, "rival"),
-        (1e-9, 25.5, 1e-4, "first"),  # something is left with either
-    ],
-)
-def test_of_effects_that_are_nearly_as_likely_the_battery_decides(first_p, net, rival_p, taken):
-    first, rival = (
-        stand_in(*one) for one in (("first", 30.0, 1e-12, first_p), ("rival", net, 1e-12, rival_p))
-    )
-    found = better_judged(first, [rival.found], as_it_was, lambda one: rival)
-    assert found.name == taken
-
-
-def as_it_was(one):
-    return one
-
-
-def test_a_rival_is_judged_as_it_is_when_fitted_again():
-    """The formula of the chain that suits it better may be worth more than what it was behind."""
-    first, rival = stand_in("first", 30.0, 1e-12, 0.05), stand_in("rival", 27.5, 1e-12, 0.3)
-    again = replace(rival, found=replace(rival.found, gain=rival.found.gain + 9.0))
-    asked = []
-
-    def checked(one):
-        asked.append(one)
-        return again
-
-    found = better_judged(first, [rival.found], lambda one: again.found, checked)
-    assert found is again
-    assert asked == [again.found]
-    assert better_judged(first, [rival.found], as_it_was, checked) is first
-
-
-def test_a_rival_that_is_rejected_or_cannot_win_takes_no_place():
-    first, rival = stand_in("first", 30.0, 1e-12, 0.1), stand_in("rival", 29.9, 1e-12, 0.9)
-    assert better_judged(first, [rival.found], as_it_was, lambda one: Rejected(one, "")) is first
-    # ln 2 is all that the first can lose
-    hopeless = stand_in("hopeless", 29.2, 1e-12, 0.9)
-    asked = better_judged(first, [hopeless.found], as_it_was, lambda one: pytest.fail("asked"))
-    assert asked is first
 
 
 @pytest.mark.parametrize(
@@ -442,14 +357,14 @@ def test_what_frees_heights_is_not_named_where_they_are_off(
     monkeypatch.setattr(module, "gained_by_scatter", lambda fit, fitted: scatter)
     monkeypatch.setattr(module, "wanders", lambda fit: fit)
     monkeypatch.setattr(module, "bend_instead", lambda without, fitted, fit: None)
-    monkeypatch.setattr(module, "certain", lambda named: list(named))
-    monkeypatch.setattr("mtpipe.diagnosis.kept.explained_share", lambda before, after: 0.5)
+    monkeypatch.setattr("mtpipe.diagnosis.why_not.explained_share", lambda before, after: 0.5)
     named, free = [], False
     for name in order:
         free = free or name == "drift"
         one = stand_in(name, 50.0, 1e-9, 0.5, frees=free)
         named.append(replace(one, before=named[-1].after if named else one.before))
-    found = concluded(named[0].before, None, named, named[-1].after, None, None)
+    first = named[0].before
+    found = concluded(first, first, [], Weighed(named, named[-1].after), None)
     assert (found[0], [one.name for one in found[1]]) == (verdict, kept)
     assert found[2] is (found[1][-1].after if kept else named[0].before)
     if len(kept) < len(order):
@@ -479,35 +394,13 @@ def test_what_a_bend_of_the_scale_tells_as_well_is_not_named(
     monkeypatch.setattr(
         module, "bend_instead", lambda without, fitted, fit: rival if replaced else None
     )
-    monkeypatch.setattr(module, "certain", lambda named: list(named))
-    found = concluded(named[0].before, None, named, named[-1].after, None, None)
+    first = named[0].before
+    found = concluded(first, first, [], Weighed(named, named[-1].after), None)
     assert (found[0], [one.name for one in found[1]]) == (verdict, kept)
     assert (found[3] and found[3].tried.effect.name) == nearest
     if nearest is not None:
         assert found[3].instead is bend
         assert found[3].reason == f"gains 50 in ln likelihood, but is no likelier than {bend.words}"
-
-
-def test_the_check_with_what_is_kept_of_a_search_is_made_clearer(monkeypatch):
-    module = importlib.import_module("mtpipe.diagnosis.explain")
-    named = [stand_in("viscosity", 50.0, 1e-9, 1e-3), stand_in("hopping", 20.0, 1e-3, 1e-3)]
-    named[0].after.simulated = [None] * 48
-    clear = SimpleNamespace(p_value=2e-3)
-
-    def check_bead(case, random, *, rounds, begun):
-        assert (begun, rounds) == (named[0].after, (48, 120))
-        return clear
-
-    monkeypatch.setattr(module, "check_bead", check_bead)
-    monkeypatch.setattr(module, "gained_by_scatter", lambda fit, fitted: 0.0)
-    monkeypatch.setattr(module, "bend_instead", lambda without, fitted, fit: None)
-    monkeypatch.setattr(module, "certain", lambda named: named[:1])
-    monkeypatch.setattr("mtpipe.diagnosis.kept.explained_share", lambda before, after: 0.5)
-    verdict, kept, check, _ = concluded(named[0].before, None, named, named[-1].after, None, None)
-    assert verdict == "unexplained"
-    assert [one.name for one in kept] == ["viscosity"]
-    assert check is clear
-    assert kept[-1].after is clear
 
 
 @pytest.mark.parametrize(
@@ -521,45 +414,6 @@ def test_the_check_with_what_is_kept_of_a_search_is_made_clearer(monkeypatch):
 )
 def test_what_was_an_alarm_has_to_agree_better_than_to_be_none(before, after, agree):
     assert agrees(SimpleNamespace(p_value=after), SimpleNamespace(p_value=before)) == agree
-
-
-@pytest.mark.parametrize(
-    ("p_values", "simulations"),
-    [
-        ([0.3], [48]),
-        ([0.1, 0.09], [48, 120]),
-        ([0.1, 0.0005, 0.2], [48, 120, 240]),
-        ([0.0005, 0.2], [120, 240]),
-        ([0.02], [120]),
-        ([1e-7], [48]),
-    ],
-    ids=["agrees", "hardly agrees", "turns", "open", "agrees by many", "clearly not"],
-)
-def test_whether_something_is_left_is_not_left_to_the_chance_of_few_simulations(
-    monkeypatch, p_values, simulations
-):
-    """p-values and numbers of simulations, of the search and of what is asked beyond."""
-    checks = [
-        SimpleNamespace(p_value=p_value, simulated=[None] * number, case="of all of them")
-        for p_value, number in zip(p_values, simulations, strict=True)
-    ]
-    asked = list(checks[1:])
-
-    def check_bead(case, random, *, rounds, begun):
-        assert begun is checks[-len(asked) - 1]
-        # beside the 48 first: what is looked at a second time is another chance
-        assert rounds == {120: (48, 120), 240: (240,)}[len(asked[0].simulated)]
-        assert case == "of all of them"
-        return asked.pop(0)
-
-    module = importlib.import_module("mtpipe.diagnosis.explain")
-    monkeypatch.setattr(module, "check_bead", check_bead)
-    one = replace(stand_in("viscosity", 50.0, 1e-9, 0.5), after=checks[0])
-    named, check = made_sure(one.before, [one], checks[0], None)
-    assert check is checks[-1]
-    assert not asked
-    assert named[-1].after is check
-    assert made_sure(one.before, [], one.after, None) == ([], one.after)
 
 
 def one_tried(name, gain, penalty):

@@ -12,7 +12,7 @@ import pytest
 
 from mtpipe.crosschecking.lines import apart, distinct_lines, strongest_lines, with_lines_apart
 from mtpipe.crosschecking.prepared_bead import described, prepare
-from mtpipe.diagnosis.explain import BESIDE_NATS
+from mtpipe.diagnosis.sets import FORM_NATS
 from mtpipe.drift import subtract_drift
 from mtpipe.effects.catalogue import OWN
 from mtpipe.effects.effect import Evidence
@@ -61,7 +61,7 @@ def test_a_faint_line_is_lost_in_a_usual_bin_and_seen_in_its_own():
     assert line_hz == pytest.approx(31.7, abs=0.3 * RATE_HZ / FRAMES)
     usual, _ = named(case, own.lines_hz)
     found, sizes = named(own, own.lines_hz)
-    assert found.net > max(BESIDE_NATS, usual.net + 10)
+    assert found.net > max(FORM_NATS, usual.net + 10)
     assert "coherence_s" not in sizes
     stderr = np.sqrt(found.fit.covariance.diagonal())[-2] / (2 * sizes["amplitude_y_nm"])
     assert abs(sizes["amplitude_y_nm"] - 5.0) < 3 * stderr

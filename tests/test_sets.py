@@ -2,12 +2,15 @@
 
 import itertools
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 
 from mtpipe.crosschecking.check import check_bead
 from mtpipe.crosschecking.prepared_bead import prepare
+from mtpipe.diagnosis import sets
+from mtpipe.diagnosis.causes import Causes
 from mtpipe.diagnosis.explanation import Explanation
 from mtpipe.diagnosis.forces_to_quote import diagnosed_forces
 from mtpipe.diagnosis.mismatch import bead_content
@@ -40,8 +43,8 @@ def changed(matrix):
 def found(recording, names):
     effects = [effect for effect in OWN if effect.name in names]
     check = check_bead(prepare(recording, "b1"), generator(5), rounds=(24,))
-    named = several_causes(check, check, effects, generator(6), lambda step: None)
-    return check, named
+    weighed = several_causes(check, check, effects, generator(6), lambda step: None)
+    return check, weighed.named
 
 
 @pytest.fixture(scope="module")
@@ -98,3 +101,64 @@ def test_a_cause_without_a_name_is_described_by_its_form(seen):
 def test_nothing_is_found_where_nothing_is_concealed():
     _, named = found(subtract_drift(raw(3)), NAMES)
     assert named == []
+
+
+@pytest.mark.parametrize(
+    ("p_values", "simulations"),
+    [
+        ([0.3], []),
+        ([0.0005, 0.2], [240]),
+        ([0.0005, 0.0005], [240]),
+        ([1e-7], []),
+    ],
+    ids=["agrees", "agrees by many", "does not", "clearly not"],
+)
+def test_whether_something_is_left_is_not_left_to_the_chance_of_few_simulations(
+    monkeypatch, p_values, simulations
+):
+    """p-values, and numbers of simulations beyond the usual ones."""
+    checks = [SimpleNamespace(p_value=p_value, case="the bead with it") for p_value in p_values]
+    asked = list(checks)
+    rounds_asked = []
+
+    def check_bead(case, random, *, rounds=None, begun=None):
+        if rounds is not None:
+            assert (case, begun) == ("the bead with it", checks[0])
+            rounds_asked.extend(rounds)
+        return asked.pop(0)
+
+    monkeypatch.setattr(sets, "check_bead", check_bead)
+    monkeypatch.setattr(sets, "replace", lambda case, fit: case)
+    begun = SimpleNamespace(case="the bead with it")
+    first = SimpleNamespace(p_value=1e-9)
+    check = sets._checked(Causes((), None, 0.0), begun, first, None)
+    assert check is checks[-1]
+    assert not asked
+    assert rounds_asked == simulations
+
+
+@pytest.mark.parametrize(
+    ("first_p", "lead", "rival_p", "taken"),
+    [
+        (0.03, 1.3, 0.3, "rival"),  # the battery objects to the first by 1.9 nats
+        (0.03, 2.0, 0.3, "first"),  # by less than the first is likelier
+        (0.03, 1.3, 0.06, "first"),  # and nearly as much to the other
+        (0.25, 0.1, 0.9, "first"),  # both are clearly consistent
+        (1e-9, 4.5, 0.3, "rival"),
+        (1e-9, 4.5, 1e-4, "first"),  # something is left with either
+    ],
+)
+def test_of_sets_that_are_nearly_as_likely_the_battery_decides(
+    monkeypatch, first_p, lead, rival_p, taken
+):
+    checks = {
+        name: SimpleNamespace(p_value=p_value, simulated=[None] * 120)
+        for name, p_value in (("first", first_p), ("rival", rival_p))
+    }
+    monkeypatch.setattr(sets, "check_bead", lambda case, random: checks[case])
+    monkeypatch.setattr(sets, "replace", lambda case, fit: fit)
+    first, rival = Causes((), "first", 30.0), Causes((), "rival", 30.0 - lead)
+    begun = SimpleNamespace(case=None)
+    best, check = sets._better_judged(first, checks["first"], [rival], begun, None)
+    assert best.fit == taken
+    assert check is checks[taken]

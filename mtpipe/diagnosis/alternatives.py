@@ -6,80 +6,97 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Collection, Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from functools import partial
 
+from mtpipe.crosschecking.check import BeadCheck
 from mtpipe.crosschecking.prepared_bead import PreparedBead
 from mtpipe.diagnosis.explanation import ALIKE_NATS, Alternative, Named
 from mtpipe.diagnosis.heldout import heldout_gain
-from mtpipe.diagnosis.probability import odds_against, odds_against_correction
+from mtpipe.diagnosis.probability import odds_against
 from mtpipe.diagnosis.refit import begun_again
-from mtpipe.diagnosis.sets import MOST_FORMS
-from mtpipe.diagnosis.superfluous import SEEN_NATS
 from mtpipe.effects.effect import Effect
 from mtpipe.ground.errors import FitError
 from mtpipe.joint_fit.fit import ConfiguredFit
 from mtpipe.joint_fit.hypotheses import FittedEffect, together, try_effects
-from mtpipe.joint_fit.score_test import most_promising
+from mtpipe.joint_fit.score_test import MOST_FORMS, most_promising
 from mtpipe.terms.catalogue import TERMS
 
 # What effects gain on time that was not fitted is compared where their net gains differ by no more:
 # ordinates that are less independent than they are taken for make as much of a difference where
 # they were fitted.
 NEAR_NATS = 20.0
+# Net gain from which an effect is seen by itself.
+SEEN_NATS = 4.0
 # Effects that are fitted in the place of one that is named, of those that one look at the fit is
 # enough for: what is as good promises as much.
 MOST_ALIKE = 10
 
 
-def with_alternatives(
-    one: Named, named: Sequence[Named], case: PreparedBead, effects: Sequence[Effect]
-) -> Named:
-    """The effect with what the recording cannot tell from it, given the others that are named."""
-    if not isinstance(one.found, FittedEffect):
-        return replace(one, odds_against=odds_against_correction(one.before))
-    if one.form:
-        return one  # a term has no name that others could have instead
-    fitted = [other.found for other in named if isinstance(other.found, FittedEffect)]
-    others = [other for other in fitted if other is not one.found]
-    try:
-        # where it is far from the data its forces are found afresh: what it gains by these is no
-        # matter of any effect, and all of them would be fitted to the end for it
-        without = begun_again(together(case.fit, others, named[-1].after.case.fit))
-    except (FitError, ValueError):
-        return replace(one, alternatives=())
-    evidence = one.found.evidence
-    rivals = [other for other in effects if other.name != one.name]
-    promising = most_promising(without, rivals, evidence, MOST_ALIKE)
-    if any(other.form for other in named):
-        promising |= most_promising(without, TERMS, evidence, MOST_FORMS)
-    weighed = [
-        other for other in (*effects, *TERMS) if other.name in promising or other.name == one.name
-    ]
-    tried = try_effects(without, weighed, evidence, beside=bool(others), only=promising)
-    return among_tried(one, tried, {other.name for other in named}, case, without)
+@dataclass(frozen=True, eq=False)
+class Place:
+    """The place of one member in a set of causes.
+
+    Attributes
+    ----------
+    own : the member, fitted there as the others were; None if it cannot be.
+    tried : all that were fitted there, best first. without : fit with the other members alone.
+    """
+
+    own: FittedEffect | None
+    tried: list[FittedEffect]
+    without: ConfiguredFit
 
 
-def among_tried(
-    one: Named,
-    tried: Sequence[FittedEffect],
-    names: Collection[str],
-    case: PreparedBead,
+def place_of(
+    one: FittedEffect,
+    members: Sequence[FittedEffect],
     without: ConfiguredFit,
-) -> Named:
-    """The effect with those of all that were tried as it was, none of them better fitted than the
-    others, which are alike and not named; and how sure its name is.
+    fit: ConfiguredFit,
+    effects: Sequence[Effect],
+) -> Place | None:
+    """What else of the catalogue could be in a member's place; None where nothing can be said.
 
     Parameters
     ----------
-    without : fit with the others that are named.
+    members : of the set. without : fit without any of them. fit : with all of them.
     """
-    own = next((other for other in tried if other.effect.name == one.name), None)
-    if own is None:
+    others = [other for other in members if other is not one]
+    try:
+        # where it is far from the data its forces are found afresh: what it gains by these is no
+        # matter of any effect, and all of them would be fitted to the end for it
+        rest = begun_again(together(without, others, fit))
+    except (FitError, ValueError):
+        return None
+    names = {other.effect.name for other in members}
+    able = [other for other in effects if other.name not in names]
+    promising = most_promising(rest, able, one.evidence, MOST_ALIKE)
+    if any(other.effect.form for other in members):
+        promising |= most_promising(rest, TERMS, one.evidence, MOST_FORMS)
+    weighed = [other for other in (*able, *TERMS) if other.name in promising]
+    weighed.append(one.effect)
+    tried = try_effects(rest, weighed, one.evidence, beside=bool(others), only=promising)
+    own = next((other for other in tried if other.effect.name == one.effect.name), None)
+    return Place(own, tried, rest)
+
+
+def with_alternatives(
+    one: Named, names: Collection[str], place: Place | None, last: BeadCheck
+) -> Named:
+    """A named effect with what the recording cannot tell from it, given the others that are named;
+    and how sure its name is.
+
+    Parameters
+    ----------
+    names : of all that are named. last : the check with all of them.
+    """
+    if one.form:
+        return one  # a term has no name that others could have instead
+    if place is None or place.own is None:
         return replace(one, alternatives=())
-    alternatives = alike(own, tried, names, partial(_foretold, case))
+    alternatives = alike(place.own, place.tried, names, partial(_foretold, last.case))
     beside = {*names, *(other.found.effect.name for other in alternatives)}
-    against = odds_against(own, tried, beside, without, one.after.case.fit)
+    against = odds_against(place.own, place.tried, beside, place.without, last.case.fit)
     return replace(one, alternatives=alternatives, odds_against=against)
 
 

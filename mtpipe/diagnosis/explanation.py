@@ -7,7 +7,7 @@ import math
 from dataclasses import dataclass
 
 from mtpipe.corrections.correction import Correction
-from mtpipe.crosschecking.check import BeadCheck
+from mtpipe.crosschecking.check import CLEARLY_CONSISTENT, BeadCheck
 from mtpipe.crosschecking.prepared_bead import support
 from mtpipe.diagnosis.mixture import Mixture
 from mtpipe.diagnosis.refit import other_formulas
@@ -164,6 +164,11 @@ class Explanation:
         if self.verdict != "unexplained":
             return None
         return unexplained(self.after, self.nearest, beside=bool(self.named))
+
+
+def ln_of(p_value: float) -> float:
+    """A p-value that is clearly consistent is as good as any; of one below, its ln is lost."""
+    return math.log(max(min(p_value, CLEARLY_CONSISTENT), 1e-300))
 
 
 def agrees(after: BeadCheck, before: BeadCheck) -> bool:

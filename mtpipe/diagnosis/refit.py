@@ -4,26 +4,10 @@ from __future__ import annotations
 
 from dataclasses import replace
 
-from mtpipe.crosschecking.check import BeadCheck
 from mtpipe.crosschecking.prepared_bead import FORMULAS, preference
 from mtpipe.experiment.changes import by_formula
 from mtpipe.ground.errors import FitError
-from mtpipe.joint_fit.courses import force_courses
 from mtpipe.joint_fit.fit import ConfiguredFit, first_guess, fit_configured
-from mtpipe.joint_fit.hypotheses import FittedEffect, together
-
-
-def with_forces_found(best: FittedEffect, check: BeadCheck) -> FittedEffect:
-    """A changing force's course read again from the heights, the forces being known better."""
-    if not best.fit.model.experiment.magnets.courses:
-        return best
-    case = check.case
-    each, common = force_courses(best.fit, case.positions_nm, case.frame_s)
-    again = replace(best, evidence=replace(best.evidence, courses=each, common_course=common))
-    try:
-        return replace(again, fit=together(case.fit, [again], best.fit))
-    except (FitError, ValueError):
-        return best
 
 
 def begun_again(fit: ConfiguredFit) -> ConfiguredFit:

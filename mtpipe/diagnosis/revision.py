@@ -2,7 +2,7 @@
 
 An effect may be replaced by one that the bead could not tell from it, lose such alternatives, get
 its size from the others as a prior, or be excluded. Where the others have it and this bead is not
-as they are, the search begins again with the size that they have. What has changed is checked anew.
+as they are, weighing begins again with the size that they have. What has changed is checked anew.
 """
 
 from __future__ import annotations
@@ -18,7 +18,6 @@ from mtpipe.diagnosis.explanation import Alternative, Explanation, Named, agrees
 from mtpipe.diagnosis.heldout import heldout_gain
 from mtpipe.diagnosis.pooled import Common, Settled
 from mtpipe.diagnosis.refit import begun_again, best_formula
-from mtpipe.diagnosis.superfluous import certain
 from mtpipe.diagnosis.unexplained import Rejected
 from mtpipe.effects.effect import Effect, Evidence
 from mtpipe.ground.errors import FitError
@@ -156,7 +155,7 @@ def _with_prior(fit: ConfiguredFit, tried: FittedEffect, common: Common) -> Conf
 
 
 def _begun_again(one: Explanation, change: Change, random: np.random.Generator) -> Explanation:
-    """The search begun again with the size that the other beads have of a shared effect."""
+    """Weighed again with the size that the other beads have of a shared effect."""
     known, common = change.known(one), change.settled.others
     # a bead that did without it by itself may go on doing so
     otherwise = one if known is None else _excluded(one, change)
@@ -178,19 +177,17 @@ def _begun_again(one: Explanation, change: Change, random: np.random.Generator) 
     shared = Named(found, (), first.before, check, gain, others)
     named = tuple(other for other in one.named if not isinstance(other.found, FittedEffect))
     named = (*named, shared, *further.named)
-    if further.verdict != "unexplained":
-        verdict = "described" if any(other.form for other in named) else "explained"
-        return Explanation(one.before, further.after, named, verdict, None)
-    if known is None or not certain([shared]):
+    if further.verdict == "unexplained":
         return otherwise
-    return Explanation(one.before, further.after, named, "unexplained", further.nearest)
+    verdict = "described" if any(other.form for other in named) else "explained"
+    return Explanation(one.before, further.after, named, verdict, None)
 
 
 def _excluded(one: Explanation, change: Change) -> Explanation:
     """Unexplained: what the bead would need, all beads would share, and they have it not."""
     tried = change.known(one)
     assert tried is not None
-    kept = certain(list(one.named[: change.place]))
+    kept = [other for other in one.named if not isinstance(other.found, FittedEffect)]
     reason = f"gains {tried.gain:.0f} in ln likelihood, but all beads would share it: {change.told}"
     after = kept[-1].after if kept else one.before
     return Explanation(one.before, after, tuple(kept), "unexplained", Rejected(tried, reason))

@@ -1,12 +1,10 @@
 """Causes weighed as sets, by what they explain together.
 
 A real recording has four or five causes. Each by itself explains little, and with one of them alone
-recording and simulation may differ even more, so a set of causes is weighed as a whole. Its score
-is the ln likelihood of its fit, less half of ln of the number of ordinates for each parameter, less
-the ln of the catalogue's length for each cause; a term of known form costs 10 nats more. Sets grow
-by one member at a time, the two best of each size. At the end the set is compared with simulations:
-if recording and simulation do not agree with all of it, none of it is named. Nor is any where other
-sets, without one of its causes, have as much weight.
+recording and simulation may differ even more, so a set of causes is weighed as a whole
+(`mtpipe.diagnosis.causes`). Sets grow by one member at a time, the two best of each size. At the
+end the set is compared with simulations: if recording and simulation do not agree with all of it,
+none of it is named. Nor is any where other sets, without one of its causes, have as much weight.
 """
 
 from __future__ import annotations
@@ -20,71 +18,66 @@ import numpy as np
 from mtpipe.crosschecking.check import (
     CLEARLY_NOT,
     ENOUGH,
+    ROUNDS,
     BeadCheck,
     check_bead,
     comparable_p_values,
 )
+from mtpipe.diagnosis.alternatives import Place, place_of, with_alternatives
+from mtpipe.diagnosis.causes import (
+    BEAM,
+    Causes,
+    by_score,
+    causes_of,
+    grown,
+    leads,
+    price,
+    settled,
+)
 from mtpipe.diagnosis.evidence import evidence_of
-from mtpipe.diagnosis.explanation import AGREES_P, ALIKE_NATS, Named, agrees
+from mtpipe.diagnosis.explanation import AGREES_P, ALIKE_NATS, Named, agrees, ln_of
 from mtpipe.diagnosis.heldout import heldout_gain
-from mtpipe.diagnosis.kept import SEARCHING, SURE_SIMULATIONS
-from mtpipe.diagnosis.probability import CAUSE_NATS, TERM_NATS
-from mtpipe.diagnosis.refit import begun_again, best_formula
-from mtpipe.diagnosis.rivals import ln_of
-from mtpipe.diagnosis.unexplained import SPECTRAL
-from mtpipe.effects.effect import Effect, Evidence
+from mtpipe.diagnosis.unexplained import SPECTRAL, Rejected
+from mtpipe.diagnosis.why_not import gains_in_words, too_little
+from mtpipe.effects.effect import Effect
 from mtpipe.ground.errors import FitError
 from mtpipe.joint_fit.fit import ConfiguredFit
 from mtpipe.joint_fit.hypotheses import (
-    FittedEffect,
-    gained_by_motion,
-    lost_without,
     model_with,
     together,
-    try_effects,
 )
-from mtpipe.joint_fit.score_test import most_promising
 from mtpipe.terms.catalogue import TERMS
 
-# Sets of each size that are followed: two ways of beginning end in one place where there is one.
-BEAM = 2
-# Causes and terms that are fitted as the next of a set, of all that one look at its fit is enough
-# for.
-MOST_NAMES, MOST_FORMS = 6, 3
-# A member is kept, without a fit that leaves it out, where by the curvature of ln likelihood the
-# set would lose 3 times its price: the curvature alone is not exact enough for less.
-CLEARLY_NEEDED = 3.0
 # While a set gains more than this by its next member (nats), it is not compared with simulations.
 UNDISPUTED_NATS = 20.0
-# Steps after which the search ends, whatever members gain; recordings need six.
+# What is left of a cause whose form is known only so well may look like another: where recording
+# and simulation agree, a further member has to gain so much beyond its price.
+FORM_NATS = 7.0
+# Steps after which weighing ends, whatever members gain; recordings need six.
 MOST_STEPS = 12
+# What each member does by itself needs no more simulations than tell what is far off; what comes of
+# all of them together is made sure: a p-value of 120 simulations differs tenfold from one set of
+# them to the next where it is small, of twice as many fivefold.
+SEARCHING, SURE_SIMULATIONS = tuple(goal for goal in ROUNDS if goal <= ENOUGH), 240
 # One statistic of some three hundred is as odd as that by chance in one of thirty thousand.
 REFUTED_P = 1e-7
 
 
 @dataclass(frozen=True, eq=False)
-class Causes:
-    """A set of causes, fitted together.
+class Weighed:
+    """What weighing ends with.
 
     Attributes
     ----------
-    members : in the order in which they were found. fit : with all of them.
-    score : ln likelihood gained, less the price of all members (nats).
+    named : the causes and terms that together make recording and simulation agree, in the order
+        found; none where they do not, or where others weigh as much.
+    check : with the last set that was compared with simulations; where none was, without any.
+    nearest : the cause that came nearest where none is named, and why; None if none could be tried.
     """
 
-    members: tuple[FittedEffect, ...]
-    fit: ConfiguredFit
-    score: float
-
-    @property
-    def names(self) -> frozenset[str]:
-        """Of the members."""
-        return frozenset(one.effect.name for one in self.members)
-
-
-def price(one: FittedEffect) -> float:
-    """What a member of a set costs: its numbers, and how unlikely it is beforehand (nats)."""
-    return one.penalty + (TERM_NATS if one.effect.form else CAUSE_NATS)
+    named: list[Named]
+    check: BeadCheck
+    nearest: Rejected | None = None
 
 
 def several_causes(
@@ -93,9 +86,8 @@ def several_causes(
     effects: Sequence[Effect],
     random: np.random.Generator,
     say: Callable[[str], None],
-) -> list[Named]:
-    """The causes and terms that together make recording and simulation agree, in the order found;
-    none where they do not, or where others weigh as much.
+) -> Weighed:
+    """Weigh causes as sets.
 
     Parameters
     ----------
@@ -105,51 +97,118 @@ def several_causes(
     nothing = Causes((), without, 0.0)
     members: tuple[Effect, ...] = (*effects, *TERMS)
     weighed: dict[frozenset[str], Causes] = {}
-    best, beam = nothing, [nothing]
+    best, beam, check = nothing, [nothing], begun
     rivals: list[Causes] = []
+    nearest: Rejected | None = None
     for _ in range(MOST_STEPS):
         say("weighing causes beside " + (", ".join(sorted(best.names)) or "none"))
         # the better the fit, the more of what differs is seen as what it is
         evidence = evidence_of(replace(begun, case=replace(begun.case, fit=best.fit)))
-        beam = _grown(beam, without, members, evidence, weighed)
-        next_best = max(beam, key=_score, default=best)
-        if best.members and next_best.score < best.score + UNDISPUTED_NATS:
+        beam, strongest = grown(beam, without, members, evidence, weighed)
+        next_best = max(beam, key=by_score, default=best)
+        gained = next_best.score - best.score
+        if best.members and gained < UNDISPUTED_NATS:
             # what is left is small: is it anything?
-            named_instead = _with_names(best, without, members, evidence)
-            if named_instead is not best:
-                weighed[named_instead.names] = best = named_instead
-                beam, rivals = [best], []
-                continue
             say("checking with " + ", ".join(sorted(best.names)))
             try:
-                check = check_bead(replace(begun.case, fit=best.fit), random)
-                if check.p_value >= CLEARLY_NOT and not agrees(check, first):
-                    # few simulations leave it to chance
-                    check = check_bead(check.case, random, rounds=(SURE_SIMULATIONS,), begun=check)
-            except (FitError, ValueError):
-                return []
-            if agrees(check, first):
+                check = _checked(best, begun, first, random)
+            except (FitError, ValueError) as error:
+                nearest = _rejected(best, f"the bead cannot be simulated with it ({error})")
+                break
+            if agrees(check, first) and gained < FORM_NATS + ln_of(check.p_value) - ln_of(1.0):
                 best, check = _better_judged(best, check, rivals, begun, random)
                 others = [one for names, one in weighed.items() if names != best.names]
-                return _in_order(begun, best, check, random) if leads(best, others) else []
+                able = [one for one in members if not one.form]
+                return _named(best, others, begun, check, random, able)
+            nearest = _rejected(best, f"recording and simulation differ (p {check.p_value:.1g})")
             wrong = _contradicted(begun, best, check, random)
             if wrong:
                 say(f"without {wrong}, which is not how positions are distributed")
                 members = tuple(one for one in members if one.name != wrong)
                 weighed = {names: one for names, one in weighed.items() if wrong not in names}
-                beam = sorted([nothing, *weighed.values()], key=_score, reverse=True)[:BEAM]
+                beam = sorted([nothing, *weighed.values()], key=by_score, reverse=True)[:BEAM]
                 best = beam[0]
                 continue
-            if next_best.score - best.score < hopeful(check):
+            if gained < hopeful(check):
                 break
-        if next_best.score <= best.score:
+        if gained <= 0:
+            if not best.members and strongest is not None:
+                nearest = Rejected(strongest, too_little(strongest, price(strongest)))
             break
         beam = [
-            _settled(one) if next_best.score - one.score < UNDISPUTED_NATS else one for one in beam
+            settled(one) if next_best.score - one.score < UNDISPUTED_NATS else one for one in beam
         ]
-        best = max(beam, key=_score)
+        best = max(beam, key=by_score)
         rivals = [one for one in beam if one is not best and best.score - one.score < ALIKE_NATS]
-    return []
+    return Weighed([], check, nearest)
+
+
+def _checked(
+    best: Causes, begun: BeadCheck, first: BeadCheck, random: np.random.Generator
+) -> BeadCheck:
+    check = check_bead(replace(begun.case, fit=best.fit), random)
+    if check.p_value >= CLEARLY_NOT and not agrees(check, first):
+        # few simulations leave it to chance
+        check = check_bead(check.case, random, rounds=(SURE_SIMULATIONS,), begun=check)
+    return check
+
+
+def _rejected(best: Causes, why: str) -> Rejected:
+    """The first of a set's members, which is not named, in words that continue "it …"."""
+    one, *others = best.members
+    beside = f" beside {', '.join(other.effect.name for other in others)}" if others else ""
+    return Rejected(one, f"{gains_in_words(one)}, but{beside} {why}")
+
+
+def _named(
+    best: Causes,
+    others: Sequence[Causes],
+    begun: BeadCheck,
+    check: BeadCheck,
+    random: np.random.Generator,
+    effects: Sequence[Effect],
+) -> Weighed:
+    """The members of a set with which recording and simulation agree, or why none is named."""
+    if not leads(best, others):
+        return Weighed([], check, _rejected(best, "causes without it are as likely"))
+    best, check, places = _exchanged(best, begun, check, random, effects)
+    named = _in_order(begun, best, check, random)
+    if not named:
+        return Weighed([], check, _rejected(best, "nothing in data kept out of the fit"))
+    told = [
+        with_alternatives(one, best.names, place, check)
+        for one, place in zip(named, places, strict=True)
+    ]
+    return Weighed(told, check)
+
+
+def _exchanged(
+    best: Causes,
+    begun: BeadCheck,
+    check: BeadCheck,
+    random: np.random.Generator,
+    effects: Sequence[Effect],
+) -> tuple[Causes, BeadCheck, list[Place | None]]:
+    """The set with other effects in the places of its members, where likelihood and battery
+    together speak for them, its check, and what there is in each place.
+    """
+    without = begun.case.fit
+    while True:
+        places = [place_of(one, best.members, without, best.fit, effects) for one in best.members]
+        rivals = [
+            causes_of(
+                tuple(other if each is one else each for each in best.members), other.fit, without
+            )
+            for one, place in zip(best.members, places, strict=True)
+            for other in (place.tried if place else [])
+            if other.effect.name not in best.names
+        ]
+        rivals = [rival for rival in rivals if rival.score > best.score]
+        rivals.sort(key=by_score, reverse=True)
+        better, its_check = _better_judged(best, check, rivals[:BEAM], begun, random)
+        if better is best:
+            return best, check, places
+        best, check = better, its_check
 
 
 def _better_judged(
@@ -160,7 +219,7 @@ def _better_judged(
     random: np.random.Generator,
 ) -> tuple[Causes, BeadCheck]:
     """Of sets that are nearly as likely, the one that likelihood and battery together speak for
-    (as of single effects, `rivals.better_judged`), with its check.
+    (as of bends of z's scale), with its check.
     """
     for rival in rivals:
         if rival.score + ln_of(1.0) <= best.score + ln_of(check.p_value):
@@ -210,115 +269,6 @@ def hopeful(check: BeadCheck) -> float:
     mends more than it gains.
     """
     return 0.5 * math.log(AGREES_P / max(check.p_value, 1e-300))
-
-
-def leads(best: Causes, others: Sequence[Causes]) -> bool:
-    """Whether each cause of a set has most of the weight of all sets that were weighed.
-
-    Members that take each other's place are for `Named.alternatives` to say: a set that differs by
-    one of them counts for both.
-    """
-    for name in (one.effect.name for one in best.members if not one.effect.form):
-        without = sum(
-            math.exp(min(one.score - best.score, 0.0))
-            for one in others
-            if name not in one.names and len(best.names - one.names) > 1
-        )
-        if without >= 1:
-            return False
-    return True
-
-
-def _score(one: Causes) -> float:
-    return one.score
-
-
-def _grown(
-    beam: Sequence[Causes],
-    without: ConfiguredFit,
-    members: Sequence[Effect],
-    evidence: Evidence,
-    weighed: dict[frozenset[str], Causes],
-) -> list[Causes]:
-    """The best few of the sets with one member more, less those that it makes needless.
-
-    Parameters
-    ----------
-    weighed : all sets as yet; new ones are added.
-    """
-    grown: list[Causes] = []
-    for one in beam:
-        causes = [member for member in members if not member.form]
-        forms = [member for member in members if member.form]
-        promising = most_promising(one.fit, causes, evidence, MOST_NAMES)
-        promising |= most_promising(one.fit, forms, evidence, MOST_FORMS)
-        able = [member for member in members if member.name in promising]
-        tried = try_effects(one.fit, able, evidence, beside=bool(one.members), only=promising)
-        by_worth = sorted(tried, key=lambda other: price(other) - other.gain)
-        for other in by_worth[:BEAM]:
-            if other.gain <= price(other):
-                break
-            if gained_by_motion(other) < ALIKE_NATS:
-                continue  # all of it but its motion fits as well
-            larger = _needed(without, (*one.members, other), other.fit)
-            if larger.names not in weighed:
-                weighed[larger.names] = larger
-                grown.append(larger)
-    return sorted(grown, key=_score, reverse=True)[:BEAM]
-
-
-def _with_names(
-    best: Causes, without: ConfiguredFit, members: Sequence[Effect], evidence: Evidence
-) -> Causes:
-    """The set with a cause that has a name in the place of one of its terms, if that is likelier: a
-    term that was taken early may stand for what is left once other causes are there.
-    """
-    named = [one for one in members if not one.form and one.name not in best.names]
-    for one in best.members:
-        if not one.effect.form:
-            continue
-        rest = tuple(other for other in best.members if other is not one)
-        try:
-            fewer = together(without, rest, best.fit)
-        except (FitError, ValueError):
-            continue
-        promising = most_promising(fewer, named, evidence, MOST_NAMES)
-        able = [other for other in named if other.name in promising]
-        for other in try_effects(fewer, able, evidence, beside=bool(rest), only=promising):
-            gain = other.fit.log_likelihood - without.log_likelihood
-            score = gain - sum(price(each) for each in (*rest, other))
-            if score > best.score and gained_by_motion(other) >= ALIKE_NATS:
-                return _settled(Causes((*rest, other), other.fit, score))
-    return best
-
-
-def _needed(
-    without: ConfiguredFit, members: tuple[FittedEffect, ...], fit: ConfiguredFit
-) -> Causes:
-    """The set without members whose price is more than the others lose without them."""
-    for one in members[:-1]:
-        if lost_without(fit, one.hypothesis) > CLEARLY_NEEDED * price(one):
-            continue
-        rest = tuple(other for other in members if other is not one)
-        try:
-            fewer = together(without, rest, fit)
-        except (FitError, ValueError):
-            continue
-        if fit.log_likelihood - fewer.log_likelihood < price(one):
-            members, fit = rest, fewer
-    gain = fit.log_likelihood - without.log_likelihood
-    return Causes(members, fit, gain - sum(price(one) for one in members))
-
-
-def _settled(one: Causes) -> Causes:
-    """The set with forces begun afresh and the formula of the chain that suits it best: what was
-    chosen without any of it may be wrong with it.
-    """
-    try:
-        fit = best_formula(begun_again(one.fit))
-    except (FitError, ValueError):
-        return one
-    return replace(one, fit=fit, score=one.score + fit.log_likelihood - one.fit.log_likelihood)
 
 
 def _in_order(

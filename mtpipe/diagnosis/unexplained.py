@@ -52,13 +52,11 @@ INTERVAL_95 = (0.025, 0.975)
 class Rejected:
     """An effect of the catalogue that is not named, and why, in words that continue "which …".
 
-    `unseen` : because all of it but its motion fits as well. `instead` : a bend of z's scale
-    that does as well.
+    `instead` : a bend of z's scale that does as well.
     """
 
     tried: FittedEffect
     reason: str
-    unseen: bool = False
     instead: Bend | None = None
 
 
@@ -69,8 +67,7 @@ class Unexplained:
     Attributes
     ----------
     check : with all that is named. beside : whether anything is.
-    nearest : the effect that came nearest; None if none could be tried, or the search ended
-        because no more effects are named at once.
+    nearest : the effect that came nearest; None if none could be tried.
     spectra : recorded beside expected power. correction : of the spectra; None if none is needed.
     bend : of z's scale, where that would explain most of it, or as much as an effect that
         does.

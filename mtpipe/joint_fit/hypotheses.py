@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import itertools
 import math
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, replace
@@ -21,11 +20,6 @@ from mtpipe.joint_fit.model import ConfiguredModel
 FIRST_ROUNDS, TRIED_NATS = 3, 0.05
 # A hypothesis that has gained less than the best by this many nats, and by this share, is left.
 WORTHWHILE_NATS, WORTHWHILE_SHARE = 30.0, 0.6
-# So many effects are tried in pairs, and so many pairs beyond; a pair has to be better than one by
-# so much.
-AHEAD, PROMISING, PAIR_NATS = 6, 5, 3.0
-# Changes whose cosine is beyond this are one and the same.
-ALONG_ONE = 0.98
 # Recorded heights this many standard errors from the fitted ones are out of the tether's reach. A
 # fit begun afresh that is this share of the whole misfit worse than before has not found its way.
 FAR_FROM_IT, LOST_SHARE = 8.0, 0.1
@@ -173,68 +167,6 @@ def model_with(
     }
     values = [known.get(parameter.name, parameter.start) for parameter in model.parameters]
     return model, np.concatenate([start.theta[:plateaus], values])
-
-
-def looking_ahead(fit: ConfiguredFit, tried: Sequence[FittedEffect]) -> list[FittedEffect]:
-    """Effects in the order in which to take them: first one of the pair that explains most.
-
-    The best alone may be a substitute for two others (`tried`: best first). Fitted are all pairs of
-    the best few, and of the others those that promise most (`promised_gains`).
-    """
-    best, most = tried[0], tried[0].net + PAIR_NATS
-    for i, j in _worth_fitting(fit, tried):
-        first, second = tried[i], tried[j]
-        try:
-            both = together(fit, [first, second], first.fit)
-        except (FitError, ValueError):
-            continue
-        net = both.log_likelihood - fit.log_likelihood - first.penalty - second.penalty
-        if net > most:
-            best, most = first, net
-    return [best, *(one for one in tried if one is not best)]
-
-
-def _worth_fitting(fit: ConfiguredFit, tried: Sequence[FittedEffect]) -> list[tuple[int, int]]:
-    """Pairs of effects, as indices, the better one first."""
-    changes = np.array([_change_of(fit, one.fit) for one in tried])
-    promised = promised_gains(np.array([one.gain for one in tried]), changes)
-    costs = np.array([one.penalty for one in tried])
-    promised = promised - costs[:, None] - costs[None, :]
-    others = [(i, j) for i, j in itertools.combinations(range(len(tried)), 2) if j >= AHEAD]
-    others.sort(key=lambda pair: -float(promised[pair]))
-    return [*itertools.combinations(range(min(len(tried), AHEAD)), 2), *others[:PROMISING]]
-
-
-def _change_of(fit: ConfiguredFit, other: ConfiguredFit) -> FloatArray:
-    """What another fit changes of the expected powers and heights, in their standard errors."""
-    parts = []
-    for data, here, there in zip(fit.model.data, fit.expected, other.expected, strict=True):
-        powers = [np.diagonal(one.power, axis1=1, axis2=2) for one in (here, there)]
-        root = np.sqrt(data.spectrum.ordinates)[:, None]
-        parts.append(np.ravel(root * np.log(powers[1] / powers[0])))
-        raised = there.extension_nm - here.extension_nm
-        parts.append(np.array([raised / here.extension_stderr_nm]))
-    return np.concatenate(parts)
-
-
-def promised_gains(gains: FloatArray, changes: FloatArray) -> FloatArray:
-    """(n, n) what effects would gain two at a time were their changes small (nats).
-
-    With a_i = √(2 gain_i), the misfit's part along the i-th change, and c the cosine of two, the
-    part in their plane has half the square (a_i² + a_j² − 2 c a_i a_j)/(1 − c²)/2.
-
-    Parameters
-    ----------
-    gains : (n,) of each by itself. changes : (n, m) of what is expected, in standard errors.
-    """
-    size = np.sqrt(2 * np.maximum(gains, 0.0))
-    length = np.maximum(np.linalg.norm(changes, axis=1), 1e-300)
-    cosine = (changes @ changes.T) / np.outer(length, length)
-    alike = np.abs(cosine) > ALONG_ONE
-    both = size[:, None] ** 2 + size[None, :] ** 2 - 2 * cosine * np.outer(size, size)
-    inside = both / (1 - np.where(alike, 0.0, cosine) ** 2)
-    best = np.maximum(size[:, None], size[None, :]) ** 2
-    return np.asarray(np.where(alike, best, inside) / 2)
 
 
 def try_effects(

@@ -23,6 +23,8 @@ LEAST_LEFT = 1e-6
 # Hypotheses of one effect that promise this share of its best are fitted too: large gains are not
 # what they promise.
 NEARLY_AS_MUCH = 0.3
+# Terms are fitted for so many of what they promise, whatever place they are for.
+MOST_FORMS = 3
 # Expectations that differ by no more than this are the same: what changed is nothing but rounding.
 SAME = 1e-9
 

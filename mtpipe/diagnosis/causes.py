@@ -1,0 +1,156 @@
+"""Sets of causes and what each is worth.
+
+A set's score is the ln likelihood of its fit, less half of ln of the number of ordinates for each
+parameter, less the ln of the catalogue's length for each cause; a term of known form costs 10 nats
+more.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+from mtpipe.diagnosis.explanation import ALIKE_NATS
+from mtpipe.diagnosis.probability import CAUSE_NATS, TERM_NATS
+from mtpipe.diagnosis.refit import begun_again, best_formula
+from mtpipe.effects.effect import Effect, Evidence
+from mtpipe.ground.errors import FitError
+from mtpipe.joint_fit.fit import ConfiguredFit
+from mtpipe.joint_fit.hypotheses import (
+    FittedEffect,
+    gained_by_motion,
+    lost_without,
+    together,
+    try_effects,
+)
+from mtpipe.joint_fit.score_test import MOST_FORMS, most_promising
+
+# Sets of each size that are followed: two ways of beginning end in one place where there is one.
+BEAM = 2
+# Causes that are fitted as the next of a set, of all that one look at its fit is enough for.
+MOST_NAMES = 6
+# A member is kept, without a fit that leaves it out, where by the curvature of ln likelihood the
+# set would lose 3 times its price: the curvature alone is not exact enough for less.
+CLEARLY_NEEDED = 3.0
+
+
+@dataclass(frozen=True, eq=False)
+class Causes:
+    """A set of causes, fitted together.
+
+    Attributes
+    ----------
+    members : in the order in which they were found. fit : with all of them.
+    score : ln likelihood gained, less the price of all members (nats).
+    """
+
+    members: tuple[FittedEffect, ...]
+    fit: ConfiguredFit
+    score: float
+
+    @property
+    def names(self) -> frozenset[str]:
+        """Of the members."""
+        return frozenset(one.effect.name for one in self.members)
+
+
+def causes_of(
+    members: tuple[FittedEffect, ...], fit: ConfiguredFit, without: ConfiguredFit
+) -> Causes:
+    """A set with its score; `without` : the fit without any of it."""
+    gain = fit.log_likelihood - without.log_likelihood
+    return Causes(members, fit, gain - sum(price(one) for one in members))
+
+
+def price(one: FittedEffect) -> float:
+    """What a member of a set costs: its numbers, and how unlikely it is beforehand (nats)."""
+    return one.penalty + (TERM_NATS if one.effect.form else CAUSE_NATS)
+
+
+def by_score(one: Causes) -> float:
+    """For sorting."""
+    return one.score
+
+
+def leads(best: Causes, others: Sequence[Causes]) -> bool:
+    """Whether each cause of a set has most of the weight of all sets that were weighed.
+
+    Members that take each other's place are for `Named.alternatives` to say: a set that differs by
+    one of them counts for both.
+    """
+    for name in (one.effect.name for one in best.members if not one.effect.form):
+        without = sum(
+            math.exp(min(one.score - best.score, 0.0))
+            for one in others
+            if name not in one.names and len(best.names - one.names) > 1
+        )
+        if without >= 1:
+            return False
+    return True
+
+
+def grown(
+    beam: Sequence[Causes],
+    without: ConfiguredFit,
+    members: Sequence[Effect],
+    evidence: Evidence,
+    weighed: dict[frozenset[str], Causes],
+) -> tuple[list[Causes], FittedEffect | None]:
+    """The best few of the sets with one member more, less those that it makes needless; and of the
+    causes that were tried the one that was most nearly worth its price.
+
+    Parameters
+    ----------
+    weighed : all sets as yet; new ones are added.
+    """
+    grown: list[Causes] = []
+    strongest: list[FittedEffect] = []
+    for one in beam:
+        causes = [member for member in members if not member.form]
+        forms = [member for member in members if member.form]
+        promising = most_promising(one.fit, causes, evidence, MOST_NAMES)
+        promising |= most_promising(one.fit, forms, evidence, MOST_FORMS)
+        able = [member for member in members if member.name in promising]
+        tried = try_effects(one.fit, able, evidence, beside=bool(one.members), only=promising)
+        by_worth = sorted(tried, key=lambda other: price(other) - other.gain)
+        strongest += [other for other in by_worth if not other.effect.form][:1]
+        for other in by_worth[:BEAM]:
+            if other.gain <= price(other):
+                break
+            if gained_by_motion(other) < ALIKE_NATS:
+                continue  # all of it but its motion fits as well
+            larger = _needed(without, (*one.members, other), other.fit)
+            if larger.names not in weighed:
+                weighed[larger.names] = larger
+                grown.append(larger)
+    beam = sorted(grown, key=by_score, reverse=True)[:BEAM]
+    return beam, max(strongest, key=lambda other: other.gain - price(other), default=None)
+
+
+def _needed(
+    without: ConfiguredFit, members: tuple[FittedEffect, ...], fit: ConfiguredFit
+) -> Causes:
+    """The set without members whose price is more than the others lose without them."""
+    for one in members[:-1]:
+        if lost_without(fit, one.hypothesis) > CLEARLY_NEEDED * price(one):
+            continue
+        rest = tuple(other for other in members if other is not one)
+        try:
+            fewer = together(without, rest, fit)
+        except (FitError, ValueError):
+            continue
+        if fit.log_likelihood - fewer.log_likelihood < price(one):
+            members, fit = rest, fewer
+    return causes_of(members, fit, without)
+
+
+def settled(one: Causes) -> Causes:
+    """The set with forces begun afresh and the formula of the chain that suits it best: what was
+    chosen without any of it may be wrong with it.
+    """
+    try:
+        fit = best_formula(begun_again(one.fit))
+    except (FitError, ValueError):
+        return one
+    return replace(one, fit=fit, score=one.score + fit.log_likelihood - one.fit.log_likelihood)
