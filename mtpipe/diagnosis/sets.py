@@ -153,10 +153,15 @@ def _checked(
     return check
 
 
-def _rejected(best: Causes, why: str) -> Rejected:
-    """The first of a set's members, which is not named, in words that continue "it …"."""
-    one, *others = best.members
-    beside = f" beside {', '.join(other.effect.name for other in others)}" if others else ""
+def _rejected(best: Causes, why: str) -> Rejected | None:
+    """The first cause of a set, which is not named, in words that continue "it …"; None where terms
+    are all that it has.
+    """
+    one = next((one for one in best.members if not one.effect.form), None)
+    if one is None:
+        return None
+    others = [other.effect.name for other in best.members if other is not one]
+    beside = f" beside {', '.join(others)}" if others else ""
     return Rejected(one, f"{gains_in_words(one)}, but{beside} {why}")
 
 
