@@ -8,7 +8,7 @@ import pytest
 
 from mtpipe.joint_fit.fit import fit_configured
 from mtpipe.joint_fit.hypotheses import try_effects, with_hypothesis
-from mtpipe.joint_fit.score_test import most_promising, promised_gain
+from mtpipe.joint_fit.score_test import _worth_beginning, most_promising, promised_gain
 from mtpipe.terms.catalogue import TERMS
 from tests import test_effects as effects
 
@@ -107,3 +107,12 @@ def test_what_a_term_promises_is_not_much_less_than_it_gains(known):
         return  # too little to be told from none
     chosen = most_promising(silent, [known.effect], known.evidence, 3)
     assert chosen[known.name]
+
+
+def test_of_many_beginnings_the_best_and_some_elsewhere_are_taken():
+    gains = [10.0, 11.0, 12.0, 13.0, None, 14.0, 0.0, 9.0, 8.0, 9.5]
+    chosen = _worth_beginning(gains, 8.5)
+    assert {2, 3, 5} <= set(chosen)
+    # of 0, 1, 7 and 9, that are left, three: the first, the last, and one between
+    assert set(chosen) - {2, 3, 5} in ({0, 1, 9}, {0, 7, 9})
+    assert _worth_beginning([1.0, None], 0.5) == (0,)
