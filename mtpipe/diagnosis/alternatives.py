@@ -22,14 +22,12 @@ from mtpipe.joint_fit.hypotheses import FittedEffect, together, try_effects
 from mtpipe.joint_fit.score_test import MOST_FORMS, most_promising
 from mtpipe.terms.catalogue import TERMS
 
-# What effects gain on time that was not fitted is compared where their net gains differ by no more:
-# ordinates that are less independent than they are taken for make as much of a difference where
-# they were fitted.
+# Held-out gains are compared of causes whose net gains differ by less than 20 nats: ordinates that
+# are not quite independent can make that much of a difference where they were fitted.
 NEAR_NATS = 20.0
 # Net gain from which an effect is seen by itself.
 SEEN_NATS = 4.0
-# Effects that are fitted in the place of one that is named, of those that one look at the fit is
-# enough for: what is as good promises as much.
+# Causes that are fitted in the place of a named one: those that promise most by the score test.
 MOST_ALIKE = 10
 
 

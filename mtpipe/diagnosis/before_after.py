@@ -13,7 +13,7 @@ from mtpipe.diagnosis.explanation import Explanation
 from mtpipe.ground.types import FloatArray
 from mtpipe.recording.recording import AXES
 
-# Of a spectrum that is drawn, each of so many ordinates at least, and of a column of the map.
+# Points of a drawn spectrum, the fewest ordinates of each, and the bands of a column of the map.
 POINTS, FEWEST_ORDINATES, BANDS = 36, 8, 10
 
 

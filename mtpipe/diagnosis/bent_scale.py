@@ -33,7 +33,7 @@ from mtpipe.physics.camera import Camera
 # Scales that differ by more are no matter of optics.
 MOST_BENT = 0.33
 NUMBERS = 2
-# It is told where it would explain so much of the misfit.
+# A bend is reported where it would explain half of the misfit.
 TOLD_SHARE = 0.5
 
 

@@ -26,12 +26,12 @@ from mtpipe.joint_fit.hypotheses import (
 )
 from mtpipe.joint_fit.score_test import MOST_FORMS, most_promising
 
-# Sets of each size that are followed: two ways of beginning end in one place where there is one.
+# Sets of each size that are followed: one cause that stands for two gives way to the two.
 BEAM = 2
-# Causes that are fitted as the next of a set, of all that one look at its fit is enough for.
+# Causes that are fitted as the next of a set: those that promise most by the score test.
 MOST_NAMES = 6
-# A member is kept, without a fit that leaves it out, where by the curvature of ln likelihood the
-# set would lose 3 times its price: the curvature alone is not exact enough for less.
+# A member whose loss by the curvature of ln likelihood (Wald) is 3 times its price is kept without
+# a fit that leaves it out: for less the curvature alone is not exact enough.
 CLEARLY_NEEDED = 3.0
 
 

@@ -13,9 +13,9 @@ from mtpipe.ground.types import FloatArray
 from mtpipe.joint_fit.courses import force_courses
 
 BLOCK_S = 1.0
-# So much likelier one of two has to be to be believed.
+# Slow motion is laid to the reference, or to the bead, where that is likelier by 6 nats.
 DECIDED_NATS = 6.0
-# Block means hold next to nothing of frequencies beyond so many per block.
+# Frequencies in units of 1/block up to which a block mean is integrated, and their number.
 HIGHEST, POINTS = 20.0, 2001
 
 

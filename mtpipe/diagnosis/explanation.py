@@ -18,12 +18,11 @@ from mtpipe.joint_fit.hypotheses import FittedEffect
 
 # Chance of a false alarm that is accepted per bead.
 ALARM_P = 0.004
-# Below this p a recording that had raised an alarm does not agree with its simulation yet.
+# A recording that had raised an alarm agrees with its simulation from this p on.
 AGREES_P = 0.01
-# Two effects that fit equally well within so many nats cannot be told apart, whatever their numbers
-# cost, nor can two whose net gains differ by less, or what they gain on time that was not fitted. A
-# wrong one is better by as much once in 150 recordings at most (the mean of a likelihood ratio is
-# 1), and there are several. By as much motion has to be seen to be motion, and heights to be off.
+# Causes whose ln likelihood, net gain or held-out gain differ by less than 5 nats cannot be told
+# apart. A wrong cause is better by 5 nats once in 150 recordings at most, as the mean of a
+# likelihood ratio is 1. Hopping is seen to hop, and heights are seen to be off, from 5 nats on.
 ALIKE_NATS = 5.0
 # Nats of ln likelihood that count as one: ordinates of a spectrum are not quite independent
 # (`python workflows/crosscheck/temperature.py`).
@@ -31,7 +30,7 @@ TEMPERATURE = 1.0
 # Weight of something without a name that looks just like a named effect, over the effect's: one in
 # 45 recordings with an effect outside the catalogue, or fewer, is given a name (docs/proof.md).
 IMITATED = 0.02
-# An alternative that is worse by so many nats weighs nothing, and one better by so many all.
+# An alternative that is worse by 50 nats weighs nothing, one that is better by 50 weighs all.
 CERTAIN_NATS = 50.0
 
 

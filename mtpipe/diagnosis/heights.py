@@ -17,7 +17,7 @@ from mtpipe.ground.errors import FitError
 from mtpipe.joint_fit.fit import ConfiguredFit, exchanged, fit_configured
 from mtpipe.joint_fit.hypotheses import TRIED_NATS, FittedEffect
 
-# Sizes that are tried of what else mean heights may be off by.
+# Errors of mean heights that are tried.
 SCATTERS_NM = (1.0, 3.0, 10.0, 30.0)
 
 

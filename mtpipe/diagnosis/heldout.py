@@ -12,9 +12,8 @@ from mtpipe.joint_fit.distance import excess
 from mtpipe.joint_fit.fit import ConfiguredFit, fit_configured
 from mtpipe.joint_fit.model import ConfiguredModel
 
-# Beside an unexplained rest an effect is named, and one that is not named is told as the nearest,
-# only if it explains this share of the misfit: what no name describes looks like something that one
-# does, but for a fifth or more of it.
+# A cause that is not named is reported as the nearest if it explains 90 % of the misfit: of what no
+# name describes, the best name leaves a fifth or more.
 MOST_OF_IT = 0.9
 
 

@@ -12,7 +12,7 @@ import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
-# Of all beads together causes that differ by so many nats are told apart.
+# One size for all beads, or one of its own for each: 3 nats decide.
 TOLD_NATS = 3.0
 # What a bead says of a size that another would have: it asks for that too, or for another, it
 # excludes it, or cannot tell it from none.

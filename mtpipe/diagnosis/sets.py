@@ -48,16 +48,15 @@ from mtpipe.joint_fit.hypotheses import (
 )
 from mtpipe.terms.catalogue import TERMS
 
-# While a set gains more than this by its next member (nats), it is not compared with simulations.
+# A set whose next member gains 20 nats or more is not complete, and is not simulated yet.
 UNDISPUTED_NATS = 20.0
-# What is left of a cause whose form is known only so well may look like another: where recording
-# and simulation agree, a further member has to gain so much beyond its price.
+# With p of 0.2 or more a further member must gain 7 nats beyond its price: models are approximate,
+# and what one leaves can imitate another cause. With less, by ln of p over 0.2 less.
 FORM_NATS = 7.0
-# Steps after which weighing ends, whatever members gain; recordings need six.
+# Most members that are added; real recordings have up to six.
 MOST_STEPS = 12
-# What each member does by itself needs no more simulations than tell what is far off; what comes of
-# all of them together is made sure: a p-value of 120 simulations differs tenfold from one set of
-# them to the next where it is small, of twice as many fivefold.
+# Simulations of a part of a set, and of the whole where few speak against it: small p-values of 120
+# simulations scatter tenfold from one draw to the next, of 240 fivefold.
 SEARCHING, SURE_SIMULATIONS = tuple(goal for goal in ROUNDS if goal <= ENOUGH), 240
 # One statistic of some three hundred is as odd as that by chance in one of thirty thousand.
 REFUTED_P = 1e-7

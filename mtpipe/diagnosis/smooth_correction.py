@@ -16,8 +16,7 @@ from mtpipe.diagnosis.smooth_fit import Spectra, Term, best_solution, spline_bas
 from mtpipe.ground.types import FloatArray
 from mtpipe.joint_fit.fit import ConfiguredFit
 
-# ln of the marginal likelihood that a correction of an axis has to gain, as an effect of the
-# catalogue has to.
+# Least gain in ln marginal likelihood of an axis's correction.
 WORTH_NATS = 3.0
 GRID = 121
 # ln of a factor beyond which nothing is drawn or written.

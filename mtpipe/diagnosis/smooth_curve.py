@@ -16,8 +16,8 @@ from mtpipe.ground.types import FloatArray
 
 # Sizes that are tried, in units of the points' own spread, and lengths, of their range.
 SIZES, LENGTHS = (0.3, 1.0, 3.0), (0.1, 0.3, 1.0)
-# The constant is known so badly beforehand, in units of all that is seen, and errors are taken for
-# no smaller than this part of it: the arithmetic holds so many digits.
+# In units of the points' whole spread: prior error of the constant, which is next to unknown, and
+# the least error of a point, below which matrices cannot be inverted.
 CONSTANT, LEAST_ERROR = 30.0, 1e-4
 
 

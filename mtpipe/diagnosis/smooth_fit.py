@@ -24,7 +24,7 @@ SPACING, DEGREE = 0.5, 3
 # over which they are alike.
 PRIORS = tuple((width, length) for width in (0.05, 0.15, 0.5, 1.5) for length in (0.7, 2.0))
 MOST_ROUNDS, LONGEST_STEP, ARRIVED = 60, 1.0, 1e-4
-# What is fitted may be tied up; this much of each is known beforehand, of what the data tell.
+# Relative ridge for degenerate parameters.
 LEAST = 1e-9
 
 

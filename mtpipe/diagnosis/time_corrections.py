@@ -15,8 +15,8 @@ from mtpipe.crosschecking.check import BeadCheck, check_bead, comparable_p_value
 from mtpipe.crosschecking.prepared_bead import PreparedBead
 from mtpipe.diagnosis.explanation import ALARM_P, Named
 
-# A correction is kept where ln p falls to this share. One with which it does not fall to the second
-# beside the simulations that are there already is not simulated.
+# A correction is kept where it halves ln p. It is simulated only if, beside the simulations of the
+# uncorrected traces, ln p falls to 0.8 of what it was.
 MOST_OF_THE_ODDITY, HARDLY_LESS_ODD = 0.5, 0.8
 
 

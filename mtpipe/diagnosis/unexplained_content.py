@@ -19,7 +19,7 @@ from mtpipe.diagnosis.smooth_correction import (
 from mtpipe.diagnosis.unexplained import CLEAR, Unexplained, ln_force_bounds, strongest
 from mtpipe.recording.recording import AXES
 
-# Recorded power is drawn in so many bands.
+# Bands in which recorded power is drawn.
 POINTS = 36
 
 
