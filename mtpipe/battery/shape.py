@@ -20,10 +20,11 @@ FEWEST_BLOCKS = 16
 # Positions are folded at a length and binned; periods of pixels lie between those given.
 FOLD_NM, FOLD_BINS = 2560.0, 512
 SHORTEST_PERIOD_NM, LONGEST_PERIOD_NM = 40.0, 400.0
-# From there on a Gaussian distribution has next to no amplitude of a period, in units of σ.
+# Spread σ times the period's wave number, from which a Gaussian hides the period: its amplitude
+# exp(−q²σ²/2) is then 2 %.
 SMOOTH_SPREADS = 2.8
 FEWEST_GAPS = 10
-# √(n/7.8) √(6/n)
+# Width of asinh(skewness/width) in D'Agostino's law of many samples: √(n/7.8) √(6/n).
 SKEWNESS_SCALE = 0.877
 
 

@@ -16,7 +16,8 @@ from mtpipe.recording.recording import AXES
 
 BANDS = 6
 FEWEST_ORDINATES = 2.0
-# Lines stand out of so many neighbours; tapered ordinates spread a line over three.
+# Ordinates in a block whose median gives the local level; ordinates on each side of a found line
+# that are left out for the second line (the taper spreads a line over three).
 NEIGHBOURS, TAPERED = 96, 4
 PAIRS = ((0, 1), (0, 2), (1, 2))
 
@@ -74,8 +75,9 @@ def _band_scores(one: Observed, edges_hz: FloatArray) -> dict[int, FloatArray]:
 def lines(seen: Sequence[Observed], fixed: Fixed) -> Values:
     """The two strongest single ordinates per axis and plateau, and the strongest of the mean.
 
-    A line stands out of its neighbours, whatever the level of the spectrum there. Of plateaus in
-    the normal score that the largest of so many exponential variates has, of the mean in ln.
+    A line stands out of its neighbours, whatever the level of the spectrum there. In a plateau its
+    value is a normal score, by the law of the largest of as many exponential variates as there are
+    ordinates; in the mean it is ln of the power.
     """
     values: Values = []
     spectra = [one.whitened for one in seen]
@@ -133,7 +135,7 @@ def local_level(power: FloatArray) -> FloatArray:
 
 
 def _score_of_largest(largest: float, count: int) -> float:
-    """Normal score of the largest of so many exponential variates of mean 1."""
+    """Normal score of the largest of `count` exponential variates of mean 1."""
     largest = max(largest, 0.1)
     log_p = np.log(count) - largest
     if largest < 30:

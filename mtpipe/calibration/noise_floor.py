@@ -19,8 +19,8 @@ from mtpipe.ground.estimate import Estimate
 from mtpipe.ground.notice import Notice
 from mtpipe.recording.recording import AXES, Drift, Recording
 
-# Precision by the images is known to 15 % where it was looked at, in three pieces of the film, and
-# differs with the height. Half as much again is beyond that.
+# Ratio of the noise in spectra to the precision by images that is worth a notice. That precision is
+# known to 15 % (looked at in three pieces of the film) and differs with the height; 1.5 is beyond.
 FACTOR = 1.5
 SIGMAS = 3.0
 

@@ -34,7 +34,8 @@ FORCE_DIFFERENCE = 0.10
 MAGNET_TOLERANCE_MM = 0.01
 LOST_SHARE = 0.05
 MISTRACKED_SHARE = 0.01
-# Look-up tables of two beads agree within a few percent: over this range that is tens of nm.
+# Motion of the stage in z (nm) worth a flag: look-up tables of two beads differ by a few percent,
+# which is tens of nm over this range.
 STAGE_MOVED_NM = 500.0
 STAGE_STEP_NM = 100.0
 LOW_ORDINATES = 6

@@ -22,16 +22,16 @@ from mtpipe.setup.conditions import Conditions
 STRONGEST_TETHER_PN = 65.0
 # No bead near a surface has this many times its Stokes friction with the wall's correction.
 IMPLAUSIBLE_FRICTION = 5.0
-# A line of less than three periods is drift. A circle holds more than half of the motion of both
-# axes, a quarter turn apart, which no vibration of a table does; motion along a line has to hold
-# more, as tables vibrate along lines.
+# Least shares of the motion at one frequency for a driven bead. On a circle it is over half of x
+# and of y, a quarter period apart, which no vibrating table does. Along a line, as tables vibrate,
+# more is asked. A line of less than three periods in the trace is drift.
 CIRCLE_SHARE, LINE_SHARE = 0.5, 0.75
 LINE_LOWEST_ORDINATE = 3
 # A line is looked for at four frequencies per ordinate, and held against 16 ordinates about it,
 # from where its own leakage is below a hundredth. By chance one trace in a million shows one.
 BETWEEN_ORDINATES, LINE_NEIGHBOURS, LINE_LEAKAGE, LINE_CHANCE = 4, 16, 4, 1e-6
 CIRCLING_WINDOW = 2048
-# A ring stays below; a disc, the motion of a tether without force, has 4/3.
+# Largest ⟨r⁴⟩/⟨r²⟩² of positions on a ring, which has 1; a disc (a tether without force) has 4/3.
 RING_MOMENT = 1.25
 
 

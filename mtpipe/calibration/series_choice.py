@@ -24,7 +24,7 @@ from mtpipe.fit.trace import TraceFit
 from mtpipe.ground.errors import FitError
 from mtpipe.ground.types import FloatArray
 
-# At each step, one bead in a thousand is denied what is true.
+# p-value below which a simpler fit is rejected: at each step a true one is, in 1 of 1000 beads.
 CONTRADICTION_P = 1e-3
 LEFT_OUT_SHARE = 0.25
 AS_BAD = 0.25

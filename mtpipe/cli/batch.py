@@ -23,7 +23,7 @@ if TYPE_CHECKING:
     from mtpipe.pipeline.recordings_below import Aside
     from mtpipe.pipeline.summary import Summary
 
-# Names of files in a line, and seconds between two lines of what a bead is at.
+# Most names of files in a line, and least seconds between two lines about a bead's progress.
 MOST_NAMES, QUIET_S = 5, 30.0
 
 
@@ -119,7 +119,7 @@ class Lines:
         self._say(f"{name}: {why}")
 
     def calibrated(self, name: str, plateaus: int, *, complete: bool) -> None:
-        """So many plateaus of a recording that arrives have forces now."""
+        """The number of plateaus that have forces now, in a recording that arrives."""
         how = "complete" if complete else "still being recorded"
         self._say(f"{name}: {plateaus} plateau{'s' * (plateaus != 1)} calibrated, {how}")
 

@@ -30,13 +30,13 @@ REMEDY = "check the tracker with an immobile bead on a moving stage."
 NAME = "pixel_locking"
 # Periods that are tried where the setup states no pixel.
 SHORTEST_NM, LONGEST_NM = 40.0, 400.0
-# A trace tells about a period where it is this wide, in radians of the period.
+# Least spread of a trace that tells about a period: 2π spread/period, in radians.
 LEAST_WIDTH = 0.7
-# Steps of 1/p, over what the spread of positions resolves.
+# Step of 1/period in the search, over 1/spread of all positions, which is what they resolve.
 FINENESS = 0.08
 NEEDED_P = 1e-4
 BLOCK_FRAMES = 256
-# A steeper response would fold back on itself.
+# Largest slope of the periodic error, nm per nm: from 1 on two places would give one position.
 LARGEST_SLOPE = 0.9
 ROUNDS, UNDOING = 8, 40
 
@@ -71,7 +71,7 @@ class Score:
 
     @property
     def chi2(self) -> float:
-        """Of two degrees of freedom without a response."""
+        """χ² with two degrees of freedom if there is no response."""
         return float(self.slope @ np.linalg.solve(self.variance, self.slope))
 
 
@@ -84,12 +84,12 @@ class Response:
 
     @property
     def amplitude_nm(self) -> float:
-        """Of the sine."""
+        """Amplitude of the sine."""
         return float(np.hypot(*self.size_nm))
 
     @property
     def stderr_nm(self) -> float:
-        """Of the amplitude."""
+        """Standard error of the amplitude."""
         along = self.size_nm / max(self.amplitude_nm, 1e-12)
         return math.sqrt(float(along @ self.covariance @ along))
 

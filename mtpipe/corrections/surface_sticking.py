@@ -23,16 +23,16 @@ from mtpipe.ground.types import FloatArray
 REMEDY = "passivate the surface better, or leave out the plateaus of low force."
 
 NAME = "surface_sticking"
-# A bound bead's spring, in springs of the free one; its noise when frozen, in variances of what a
-# free bead moves from frame to frame without being pulled back.
+# Kinds of bound bead that are tried. STIFFER: stiffness over that of the free bead. STILL: variance
+# of a frozen bead over that of a free bead's random move in one frame.
 STIFFER = (4.0, 16.0)
 STILL = (0.3, 0.1, 0.01)
 SHORTEST_FRAMES, LENGTH_GROWTH, LONGEST_SHARE = 4, 1.25, 0.4
-# Nats by which a stretch must be better explained by a bound bead, on all axes together; the best
-# axis counts no more than the second, for one alone may rest between hops. Clean recordings of
-# 65 000 frames have up to 16.
+# Least gain (nats, all axes) of a bound bead over a free one in a stretch. Clean recordings of
+# 65 000 frames reach 16. The best axis counts as the second best: one alone may rest between hops.
 NEEDED_NATS = 20.0
-# Blanked beyond what was found, for edges are known only so well.
+# Margin blanked on each side of a bound stretch, in frames and as a share of the stretch: its edges
+# are known only roughly.
 MARGIN_FRAMES, MARGIN_SHARE = 2, 0.08
 
 

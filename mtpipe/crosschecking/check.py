@@ -69,7 +69,7 @@ class BeadCheck:
 
     @property
     def p_value(self) -> float:
-        """Of the whole battery, corrected for the number of statistics."""
+        """p-value of the whole battery, corrected for the number of statistics."""
         return self.overall.p_value
 
 
@@ -171,7 +171,7 @@ def _looked_at(
 
 
 def comparable_p_values(one: BeadCheck, other: BeadCheck) -> tuple[float, float]:
-    """p-values of two checks, of as many simulations where one has few; enough are as good as more.
+    """p-values of two checks, by equally many simulations if either has fewer than `ENOUGH`.
 
     Student's law of few has longer tails: the same distance is less significant by it.
     """

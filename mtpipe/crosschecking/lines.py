@@ -20,12 +20,12 @@ from mtpipe.recording.recording import AXES
 MOST_LINES = 3
 # The slowest ordinates hold drift.
 SLOWEST = 3
-# Frequencies at which lines are looked for in each step of the longest spectrum, and at which the
-# best is looked for beside it.
+# Frequencies searched per ordinate of the longest spectrum, and the points to each side of the best
+# one at which the line is then placed exactly.
 STEPS, FINER_STEPS = 2, 20
-# A wave in ordinates with Hann's taper: its power over the square of its amplitude and the length.
+# Peak power of a sine wave in Hann-tapered ordinates, over amplitude² × duration.
 TAPERED_WAVE = 1 / 3
-# Squares of an amplitude that are tried, from what is not seen to what would be all there is.
+# Number of tried amplitudes² of a line: from 0.1 of the local level to the largest ordinate itself.
 SIZES = 16
 LEAST_SEEN = 0.1
 

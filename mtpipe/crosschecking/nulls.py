@@ -19,8 +19,8 @@ from scipy import special, stats
 
 from mtpipe.ground.types import FloatArray
 
-# What is known of skewnesses beforehand: the standard deviation of a statistic's about zero, that
-# of its places' about the statistic's own, and the number of places that the latter is worth.
+# Prior of skewnesses: standard deviation of a statistic's mean skewness about 0, that of its places
+# about this mean, and the number of places that the second is worth as evidence.
 OF_STATISTICS, OF_LOOKS, LOOKS_BEFOREHAND = 0.7, 0.2, 10
 LEAST_SKEWNESS = 0.02
 LARGEST_SKEWNESS = 1.9
@@ -93,7 +93,7 @@ class Nulls:
         numbers, index = np.unique(self.statistic, return_inverse=True)
         member = np.equal.outer(np.arange(len(numbers)), index).astype(float)
         looks = member.sum(axis=1)
-        # of the skewness of so many normal variates (Fisher 1930)
+        # variance of the skewness of s normal variates (Fisher 1930)
         chance = 6 * s * (s - 1) / ((s - 2) * (s + 1) * (s + 3))
         mean = (by_itself @ member.T / (looks + chance / OF_STATISTICS**2))[..., index]
         square = (by_itself - mean) ** 2 @ member.T

@@ -44,7 +44,7 @@ FORMULAS: tuple[Formula, ...] = ("marko-siggia", "bouchiat")
 # more, the wrong one makes a misfit.
 OTHER_FORMULA_NATS = 3.0
 FEWEST_FRAMES = 256
-# The stage's motion is measured from this part of the cutoff of its subtraction to half of it.
+# The stage's motion is measured from 1/16 to 1/2 of the cutoff frequency of its subtraction.
 STAGE_BELOW = 16.0
 
 
@@ -199,7 +199,7 @@ def prepare(recording: Recording, bead: str) -> PreparedBead:
 
 
 def _origin_stderr_nm(recording: Recording, bead: str) -> float:
-    """Of z = 0: of the touch that tells it, or of where the drift that was subtracted starts."""
+    """Standard error of z = 0: of the bead's touch, or of the start of the subtracted drift."""
     touched = recording.z_zero_stderr_nm.get(bead)
     if touched is not None:
         return touched

@@ -34,7 +34,8 @@ from mtpipe.simulation.readout import (
 # Moves are cut into stretches of constant force, and longer ones need not be simulated whole.
 MOVE_PIECES = 4
 LONGEST_MOVE_S = 30.0
-# Points of equal weight with unit variance and no correlation.
+# Errors of z's friction and variance that are simulated, in standard errors: four equally likely
+# pairs of about unit variance and no correlation.
 VARIANTS = ((1.4, 0.0), (-1.4, 0.0), (0.0, 1.4), (0.0, -1.4))
 
 
@@ -66,7 +67,7 @@ class TwinMaker:
         for i, piece in enumerate(self.slices):
             force_pN, length = float(case.fit.force_pN[i]), piece.stop - piece.start
             self.within_nm[piece] = height_within_pieces(self.experiment, i, force_pN, length)
-        # what theory of z is not trusted to, every simulation has otherwise
+        # simulations draw for each plateau how far z's friction and variance are from theory
         forces, frames = [force for force, _ in stretches], [n for _, n in stretches]
         self.variants = [
             list(zip(all_states(other, forces), frames, strict=True))

@@ -39,9 +39,9 @@ if TYPE_CHECKING:
 
 METHOD = "curves together, errors in both"
 OFFSET = "offset_nm"
-# A parameter that is not known to this share of itself is not identified.
+# Relative standard error from which a parameter counts as not identified.
 LARGEST_RELATIVE_ERROR = 0.5
-# A contour length without a start begins this much above the largest extension.
+# Start of a contour length that has none, over the largest extension.
 ABOVE_LARGEST = 1.1
 
 

@@ -24,7 +24,7 @@ from mtpipe.physics.camera import Camera, frame_variance
 
 CORRECTED = Correction(True, (-1, 1))
 UNCORRECTED = Correction(False, ())
-# The integral needs the corner resolved, no more: so many ordinates below it.
+# Ordinates below the corner frequency: enough for the integral of the spectrum.
 BELOW_CORNER = 30
 FEWEST_ORDINATES = 256
 # Steps in ln f of integrals over a spectrum.

@@ -25,8 +25,8 @@ from mtpipe.ground.types import FloatArray
 from mtpipe.physics.walk import walk_variance_s
 from mtpipe.recording.recording import StageCourse
 
-# Slower than 32 half periods in a plateau: that is nearest to what happens between plateaus, and
-# below the corner frequency of a tether's axial motion.
+# Cosine coefficients used of a plateau, those of up to 32 half periods: the motion most like that
+# between plateaus, and below the corner frequency of a tether's axial motion.
 LOWEST = 32
 FRAMES_PER_COEFFICIENT = 8
 # With fewer coefficients in all plateaus together, a strength would be good to a factor of 1.6.

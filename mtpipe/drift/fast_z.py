@@ -22,15 +22,15 @@ from mtpipe.drift.lowpass import coefficients, low_pass
 from mtpipe.drift.noise import OWN_MOTION_HZ
 from mtpipe.ground.types import FloatArray
 
-# A stretch is short against moves of the focus, and has enough coefficients in a cell of frequency
-# that independent motions are as coherent as asked once in 10⁹ cells.
+# Length of a stretch (s), short against moves of the focus, and coefficients per cell of frequency:
+# with 20, independent motions reach the coherence asked for in one of 10⁹ cells.
 STRETCH_S = 10.0
 CELL = 20
 FEWEST_CELLS = 4
 COHERENT = 0.9
-# A share that is not 1 must be beyond doubt in every bead of a large recording.
+# p-value below which the share is not 1: beyond doubt for every bead of a large recording.
 DOUBT = 1e-6
-# One slope of a table gives the same share at every frequency, but for this much.
+# Allowed relative scatter of the share over frequencies: one slope of a table gives one share.
 ALIKE = 0.05
 ALIKE_P = 1e-4
 

@@ -12,7 +12,8 @@ from mtpipe.ground.errors import RecordingError
 from mtpipe.ground.types import FloatArray
 from mtpipe.recording.recording import Recording
 
-# No drift is bridged over a longer gap, so a longer one (a pause of hours) takes no memory.
+# Longest gap on the grid (s). A longer one, as a pause of hours, is shortened to this to save
+# memory: drift is not bridged over it anyway.
 LONGEST_GAP_S = 100.0
 # Within pieces that serve to estimate noise, interpolated frames must be few.
 BRIDGED_FRAMES = 8

@@ -24,8 +24,8 @@ from mtpipe.ground.types import FloatArray
 
 BINS_PER_OCTAVE = 24
 GAP_PASSES = 4
-# Up to so many cutoffs the drift is seen, and all that a walk leaves over what it leaves there:
-# the integrals of u⁶/(1 + u⁴)² to infinity and to 3.
+# Drift is seen up to 3 times the cutoff frequency. A random walk leaves 1.66 times as much in all
+# as up to there: the ratio of the integrals of u⁶/(1 + u⁴)² to infinity and to 3.
 DRIFT_SEEN, LEFT_OF_WALK = 3.0, 1.66
 
 

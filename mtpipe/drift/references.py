@@ -29,8 +29,8 @@ from mtpipe.ground.types import FloatArray
 from mtpipe.recording.recording import AXES, Recording, ReferenceUse
 
 MOSTLY_LOST = 0.3
-# A bead is loose when its own motion has more than four times the variance of its noise, beyond
-# doubt, and more than a fifth of the motion it shares (so much may be a difference of scales).
+# A bead is loose when the variance of its own motion exceeds 4 times that of its noise, 5 standard
+# errors, and a fifth of the motion it shares (less may be a difference of scales).
 LOOSE_NOISES = 4.0
 LOOSE_SIGMA = 5.0
 LOOSE_SHARE = 0.2

@@ -31,7 +31,8 @@ from mtpipe.recording.recording import AXES, Drift, Recording
 from mtpipe.setup.tables import DriftChoice
 
 LOST_CAUTION = 0.01
-# Frame by frame a single frame is no place to start from: its noise would shift the trace.
+# Seconds that are averaged for the starting point of drift subtracted frame by frame: the noise of
+# a single frame would shift the trace.
 START_S = 0.25
 
 

@@ -14,11 +14,14 @@ from mtpipe.effects.off_center_attachment import attached_beside, offset
 from mtpipe.experiment.changes import with_magnets
 from mtpipe.experiment.description import Experiment
 
-# Over the radius. Farther out a bead would hang by its side.
+# Attachment's distance from the bead's axis, over the radius: starts of the fit, and its bound. At
+# 1 the bead would hang by its side.
 STARTS, LARGEST = (-0.5, 0.5), 0.97
-# Against tilting, at 1 pN. Real beads have some 2e3; above 1e6 no bead is seen to rock.
+# Torque stiffness against tilting at 1 pN, pN nm/rad: start and bounds of the fit. Real beads have
+# some 2e3; above 1e6 no bead is seen to rock.
 START_PN_NM, BOUNDS_PN_NM = 1e3, (10.0, 1e6)
-# The torque's power of the force, from a saturated bead to one far from it.
+# Exponent of the torque stiffness as a power of the force, start and bounds: 1 for a bead far from
+# saturation, 0 where the field is much the same at all forces.
 START_POWER, BOUNDS_POWER = 0.5, (0.0, 1.0)
 
 

@@ -18,7 +18,7 @@ from mtpipe.experiment.parameter import Change, Parameter
 
 NAME = "relative change of the force"
 LARGEST, STEP = 1.0, 2e-3
-# Kinds of course of one plateau; a step is not common to all.
+# Number of kinds of course: ramp, settling and step in one plateau; no step common to all.
 KINDS, COMMON_KINDS = 3, 2
 
 

@@ -13,7 +13,7 @@ from mtpipe.experiment.changes import with_fluid
 from mtpipe.experiment.description import Experiment
 from mtpipe.physics.memory import memory_time_s
 
-# Tried where the friction at half the frame rate changes by so much.
+# Least relative change of the friction at half the frame rate for which the effect is tried.
 SEEN = 0.05
 START, LARGEST = 0.5, 2.0
 

@@ -14,17 +14,17 @@ from mtpipe.experiment.parameter import Parameter
 
 LARGEST_NM = 500.0
 START_NM = 1.0
-# A phase that is seen to diffuse lasts for so long. What keeps it for less than a second, or for
-# less than three periods (a peak wider than a tenth of its frequency), is noise and no line; what
-# keeps it for a thousand times that is steady.
+# Coherence time of a line whose phase diffuses: start of the fit (s), and its least value, 1 s or
+# three periods. What loses its phase faster is noise and no line (its peak is wider than a tenth of
+# its frequency). From a thousand times the least value on the phase is as good as steady.
 START_S, LEAST_S, FEWEST_COHERENT, LONGEST = 5.0, 1.0, 3.0, 1e3
-# Lines are taken together only where a plateau has so many periods: a few slower ones look like
-# slow motion of any kind.
+# Least periods of a line in the longest plateau for lines to be fitted together: a few slow ones
+# imitate slow motion of any kind.
 FEWEST_PERIODS = 100
 
 
 def _hypotheses(experiment: Experiment, evidence: Evidence) -> list[Hypothesis]:
-    """Of each line by itself and of the strongest together, with steady and diffusing phases."""
+    """Hypotheses of each line alone and of the strongest together, phases steady or diffusing."""
     if experiment.stage.lines:
         return []
     longest_s = experiment.camera.frame_s * max(

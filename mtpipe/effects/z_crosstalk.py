@@ -18,7 +18,7 @@ from mtpipe.experiment.step import Place, Seen
 from mtpipe.ground.types import FloatArray
 from mtpipe.physics.camera import Camera
 
-# Shares of real recordings are 0.02 to 0.35; a height that follows by more is no height.
+# Largest share of x or y in z. Real recordings have 0.02 to 0.35; with more, z is hardly a height.
 LARGEST = 0.8
 
 

@@ -23,18 +23,18 @@ from mtpipe.experiment.step import Place, Seen
 from mtpipe.ground.types import FloatArray
 from mtpipe.physics.camera import Camera
 
-# Slopes of the error, nm per nm, as real tables have them: off by up to a third.
+# Prior standard deviation of the slope of a table's error (nm per nm): real ones reach a third.
 SLOPE = 0.15
-# Heights over which the error is alike, one of these.
+# Correlation lengths of the error in height that are tried (nm).
 LENGTHS_NM = (60.0, 150.0, 400.0, 1000.0)
-# What is common to all heights of one focus: the references have errors of their own.
+# Prior standard deviation of the error common to all heights of one focus (nm): the reference beads
+# have errors of their own.
 COMMON_NM = 100.0
-# A bead sees a stretch of the curve, which is not straight: what its mean and its slope there are
-# off by, each by itself.
+# Independent errors of mean (nm) and slope in one plateau: the curve bends over the bead's range.
 BENT_NM, BENT_SLOPE = 3.0, 0.02
-# Heights and scales of a plateau are not known better; what is less uncertain is no matter.
+# Least errors of mean (nm) and slope that matter: those of a plateau are not known better.
 LEAST_NM, LEAST_SLOPE = 0.5, 0.005
-# Standard deviations of the prior.
+# Bound of each coefficient, in standard deviations of its prior.
 BOUND = 6.0
 
 
@@ -87,7 +87,7 @@ class Response:
 
     @property
     def each(self) -> list[OnePlateau]:
-        """Of all plateaus."""
+        """Steps of all plateaus."""
         return [self.in_plateau(i) for i in range(len(self.shapes) // 2)]
 
     def expected(self, seen: Seen, force_pN: float, thermal_energy_pN_nm: float) -> Seen:

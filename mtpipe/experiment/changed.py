@@ -7,7 +7,7 @@ import functools
 from typing import Any, TypeVar
 
 Described = TypeVar("Described")
-# Of each kind of description, the fields that may be copied as they are.
+# Cache: the fields of each class of descriptions that may be copied without checks.
 _COPIED: dict[type[Any], frozenset[str]] = {}
 
 

@@ -209,7 +209,7 @@ class Allowance:
 
 @dataclass(frozen=True)
 class Rest:
-    """A plateau: the magnets rest at a position, and pull with a force for so many frames."""
+    """A plateau: the magnets rest at a position and pull with a force for a number of frames."""
 
     force_pN: float
     frames: int

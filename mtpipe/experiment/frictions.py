@@ -9,7 +9,7 @@ from mtpipe.ground.types import FloatArray
 from mtpipe.physics.friction import rotation_wall_factor, rotational_stokes_pN_nm_s
 from mtpipe.physics.tethered_bead import friction_pN_s_per_nm
 
-# Lower than this no friction is asked for: at contact that away from the surface is infinite.
+# Least height (nm) at which friction is computed: at contact the friction along z is infinite.
 LEAST_HEIGHT_NM = 1.0
 
 

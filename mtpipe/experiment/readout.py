@@ -18,9 +18,9 @@ from mtpipe.experiment.step import Place, Seen, nothing_seen
 from mtpipe.ground.types import FloatArray
 from mtpipe.physics.camera import Camera, frame_variance, lag_one_covariance
 
-# Heights along a force's course follow from those at so many forces.
+# Number of forces at which heights are computed where the force changes; others are interpolated.
 COURSE_POINTS = 5
-# A random walk is a mode that relaxes within so many durations of the trace.
+# Relaxation time of the mode that stands for a random walk, in durations of the trace.
 WALK_DURATIONS = 20.0
 
 

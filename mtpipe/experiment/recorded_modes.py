@@ -56,8 +56,8 @@ class BeadState:
 
 @dataclass(frozen=True, eq=False)
 class Rocking:
-    """Of a bead whose tilt stretches its tether: the modes as if it did not, and (d,) how much each
-    coordinate stretches it.
+    """Modes of a bead as if its tilt did not stretch the tether, and (d,) how much each coordinate
+    stretches it.
     """
 
     apart: NormalModes

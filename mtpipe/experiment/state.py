@@ -59,13 +59,13 @@ _HEIGHTS, _HEIGHT_WEIGHTS = np.polynomial.hermite_e.hermegauss(7)
 _HEIGHT_WEIGHTS = _HEIGHT_WEIGHTS / _HEIGHT_WEIGHTS.sum()
 LEAST_SHARE = 0.05
 MOST_GIVING, LEAST_STRAIGHT = 0.1, 0.3
-# Share of the force by which it is changed to see what changes with it.
+# Relative step of the force for numerical derivatives.
 DIFFERENCE = 1e-3
-# Mean square tilts of the tether, kT/FL, between which the force becomes a low one: above the
-# larger, a bead that turns moves through the whole potential where that is asked for, by expansion
-# where it is not.
+# Mean square tilts of the tether, kT/FL, between which the model of a turning bead changes: the
+# closed form below the first, at low force (above the second) the whole potential, or the expansion
+# where the whole potential is not asked for; a mixture between.
 LOW_TILT = (0.02, 0.025)
-# A bead that has no whole potential keeps the closed form until the surface counts.
+# The same for a bead without a whole potential: it keeps the closed form until the surface matters.
 SLACK_TILT = (0.1, 0.2)
 
 
@@ -159,8 +159,8 @@ def _held(
     energy = experiment.fluid.thermal_energy_pN_nm
     end = np.array([tether.end_nm for tether in tethers])
     variance = np.array([tether.variance_nm2 for tether in tethers])
-    # a tilted tether is pulled by F cos only, and gives way by so much where the tilt is slow; as
-    # it is about as fast as the tether's own length, half of it is taken
+    # a tilted tether is pulled by F cos only. Slow tilts would soften it by all of this; as the
+    # tilt is about as fast as the tether's own length, half of it is taken
     gives = 1 + np.minimum(0.5 * force_pN * variance / (end * energy), MOST_GIVING)
     # each way of swinging scatters by ½ (kT/F)² in equilibrium, and that of a tilted chain's length
     # is in it: what they have beyond is not the straight chain's

@@ -10,7 +10,8 @@ import numpy as np
 from mtpipe.ground.types import FloatArray
 from mtpipe.physics.tether import Chain, log_distance_density, moments
 
-# Grid of the tether's length: how far it reaches, in standard deviations and in kT of depth.
+# Grid of the tether's length: its nodes, and its reach, at most 10 standard deviations from the
+# mean and to densities e^-30 of the largest.
 GRID_NODES, GRID_SPREADS, GRID_DEPTH = 96, 10.0, 30.0
 MOST_KNOWN = 8192
 

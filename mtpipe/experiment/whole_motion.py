@@ -29,15 +29,16 @@ from mtpipe.ground.errors import FitError
 from mtpipe.ground.types import FloatArray
 from mtpipe.physics.relaxation import modes_of_first, relaxation_matrices
 
-# ln 2 of how many points sample the equilibrium; degree of the polynomials.
+# Binary logarithm of the number of points that sample the equilibrium; degree of polynomials.
 LN2_POINTS, DEGREE = 12, 3
-# The surface cuts the density off within this many standard deviations that z has without it, so
-# that expectations follow the force smoothly. So many points have to be left above.
+# Width of the cut that the surface makes in the density, in standard deviations of z without it:
+# not sharp, so that expectations change smoothly with the force. Least effective number of points
+# left above the surface.
 EDGE, FEWEST = 0.02, 100
-# Of so many equilibria what sets the relaxation is kept.
+# Size of the cache of sampled equilibria.
 MOST_KNOWN = 512
 X, Y, Z, PHI, PSI = range(5)
-# Whether a function changes its sign with x, and whether with y.
+# For each axis, whether (1) or not (0) a function changes its sign with x, and with y.
 PARITY = {X: (1, 0), Y: (0, 1), Z: (0, 0)}
 
 

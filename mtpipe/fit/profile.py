@@ -24,13 +24,15 @@ from mtpipe.ground.types import FloatArray
 
 # Below this standard error of a logarithm its likelihood is a parabola for all purposes.
 SMALL_LN = 0.1
-# One standard error off, −2 ln L of a parabola has risen by 1; it may be so much more or less.
+# Largest factor by which the rise of −2 ln L at one standard error may differ from 1, the rise of a
+# parabola.
 PARABOLA = 1.5
-# Relaxation times that are tried on either side, and how finely is read between all of them.
+# Nearest distance in ln relaxation time that is tried, the number of distances to either side, and
+# the points to which the profile is interpolated.
 NEAREST, POINTS, READ = 0.02, 20, 2000
-# Noises that are tried where it is fitted, over so many standard errors.
+# Number of noises tried where noise is fitted, and their reach in standard errors.
 NOISES, NOISE_REACH = 13, 3.0
-# How often the stiffness is moved for each, at most; without noise the first is the answer.
+# Most Newton steps of the stiffness for each relaxation time; without noise the start is exact.
 ITERATIONS = 8
 MOVED = 1e-3
 STEP = 1e-6
@@ -99,7 +101,7 @@ def profile_reach(model: TraceModel, theta: FloatArray, along: FloatArray) -> Fl
 
 
 def _noises(model: TraceModel, theta: FloatArray) -> list[tuple[TraceModel, float]]:
-    """The model with each noise that may be, and how far that is from its prior."""
+    """Models, each with one possible noise, and the distance of that noise from its prior."""
     if model.noise_variance_nm2 is not None:
         return [(model, 0.0)]
     stderr = float(np.sqrt(inverse_information(model.information(theta))[2, 2]))

@@ -23,9 +23,10 @@ from mtpipe.ground.types import FloatArray
 NOISE_WIDENING = 1.25
 REST_WIDENING = 1.3
 TOGETHER_SHARE = 0.5
-# In ln ε², where neither data nor prior say more.
+# Largest standard error of ln ε² by the data alone.
 WIDEST_LN = 8.0
-# The likeliest values given the noise are followed from zero noise to so many standard errors.
+# Standard errors of the noise variance above its maximum up to which the likeliest values of the
+# other parameters are followed, from zero noise on.
 RIDGE_SIGMAS = 4.0
 RIDGE_ITERATIONS = 2
 SMALLEST_RATIO = 0.01

@@ -25,14 +25,15 @@ from mtpipe.ground.types import FloatArray
 
 STUDENT_DEGREES = 5.0
 REFINED_WIDENING = 1.2
-# Points of the proposal that are weighed; they have to be worth so many of the posterior.
+# Points of the proposal that are weighed, and the least effective number of posterior samples that
+# they must be worth.
 WEIGHED, LEAST_WORTH = 512, 64
 STRETCHED = 0.1
 STEPS_AT_ONCE = 10
-# Discarded: so many steps, where the points were worth too little so many, and no less than this
-# share of the chain.
+# Steps discarded at the start of the chain: usually, and where the weighed points were worth too
+# little; at least this share of the chain.
 BURN_IN, BURN_IN_FROM_AFAR, BURN_IN_SHARE = 10, 100, 0.2
-# Steps per autocorrelation time, and independent samples of all walkers together.
+# Least length of the chain in autocorrelation times, and least independent samples of all walkers.
 AUTOCORRELATION_TIMES = 10
 EFFECTIVE_SAMPLES = 800
 R_HAT_LIMIT = 1.05
@@ -183,7 +184,7 @@ class _Weighed:
 
 @dataclass(frozen=True)
 class _Refined:
-    """In equal parts the proposal so far and a Student law about a sample."""
+    """Mixture, half and half, of an earlier proposal and a Student law around a sample."""
 
     before: Proposal
     sampled: Student

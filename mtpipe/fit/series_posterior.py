@@ -34,16 +34,17 @@ from mtpipe.physics.modes import Modes
 METHOD = "series of spectra, posterior"
 LONGEST_CHAIN = 500
 DRAWS = 600
-# A force's law is tabulated from −5 to 5 of its standard errors, and finely inverted.
+# Nodes, in standard errors of a force, at which its posterior is computed; draws are on FINE.
 NODES = np.linspace(-5.0, 5.0, 13)
-# Where its standard error, of ln force, is smaller, it is near enough to a Gaussian for fewer.
+# Below this standard error of ln force the posterior is close to a Gaussian, and fewer nodes do.
 SMALL_LN, FEWER_NODES = 0.2, np.linspace(-5.0, 5.0, 7)
 FINE = np.linspace(-5.0, 5.0, 401)
 LARGEST_STEP = 3.0
 SMALLEST_CURVATURE = 0.05
 NEWTON_STEPS = 3
 FAR = 1.0
-# Where the data say nothing the Gaussian approximation is no guide: keep it within reason.
+# Largest standard error of a logarithm in the proposal: where the data say nothing, the Gaussian
+# approximation is no guide.
 LARGEST_LN_STDERR = 1.0
 # Coordinates of a trace, (n, 3), and its modes.
 Motion = tuple[FloatArray, Modes]
@@ -240,7 +241,7 @@ class _Forces:
         moved: FloatArray,
         steps: Sequence[float],
     ) -> FloatArray:
-        """(steps, rows) ln likelihood of a force's traces, it moved by so many standard errors.
+        """(steps, rows) ln likelihood of a force's traces at steps of the force in standard errors.
 
         Parameters
         ----------

@@ -40,17 +40,18 @@ from mtpipe.spectra.spectrum import Spectrum, periodogram, prewhitening
 NOT_TOLD_LN = 2.0
 # A noise below this share of the trace's variance is indistinguishable from none.
 AT_ZERO = 1e-7
-# All coordinates are of order one; a larger covariance is lmfit's way of saying undetermined.
+# Largest covariance of coordinates of order one that is believed; lmfit gives larger ones to what
+# the data do not determine.
 SENSIBLE_COVARIANCE = 1e6
-# What ln stiffness, ln friction and ln corner frequency are of the first two.
+# ln stiffness, ln friction and ln corner frequency as sums of the first two coordinates.
 SHARES = np.array([[1.0, 0.0], [0.0, 1.0], [1.0, -1.0]])
 FRICTION = 1
 METHOD = "spectrum, maximum likelihood"
-# A valley of the deviance is followed in so many steps.
+# Steps in which a valley of the deviance is followed.
 VALLEY_STEPS = 4
 VALLEY_ITERATIONS = 2
-# Off the ends of a trace leaks a share τ/T of the power, the same at all frequencies; it may be so
-# much of what N frames tell, 1/√N.
+# Largest leakage that is accepted, over 1/√N, what N frames tell. The ends of a trace leak a share
+# τ/T of the power, the same at all frequencies.
 LEAKAGE = 0.1
 # Prewhitening needs pairs of successive frames: not where most frames have lost their neighbour.
 LEAST_PAIRS = 0.4

@@ -17,7 +17,7 @@ from mtpipe.ground.version import VERSION
 
 T = TypeVar("T")
 P = ParamSpec("P")
-# Under which workers tell what they are at.
+# Topic under which workers report their progress.
 TOPIC = "mtpipe"
 
 

@@ -123,7 +123,7 @@ def undivided() -> Iterator[None]:
 
 
 def with_parts(workers: int, work: Callable[P, T], /, *args: P.args, **named: P.kwargs) -> T:
-    """Do a work whose parts may be spread over this process and others, so many in all."""
+    """Do a work whose parts may be spread over `workers` processes, this one included."""
     global _parts
     if workers <= 1 or not _divided or why_no_process_starts():
         return work(*args, **named)
@@ -194,9 +194,10 @@ class Sent(Generic[T]):
 
 
 _unpacked: dict[str, Any] = {}
-# Parts that wait to be done or taken: enough that nobody waits, and few enough to be held.
+# Parts submitted ahead of the one whose result is taken: enough to keep all processes busy, few
+# enough for the memory.
 AHEAD = 8
-# Bytes of what a work tells: what a pipe takes at once, and a line of a terminal.
+# Longest progress message in bytes: a pipe takes it at once, and it fits a line of a terminal.
 LONGEST = 500
 
 
@@ -227,7 +228,7 @@ def ended_from_outside() -> WorkerEndedError:
 
 
 class Processes(ProcessPoolExecutor):
-    """So many processes of this program."""
+    """Pool of processes of this program."""
 
     def __init__(self, workers: int, hear: Hear | None) -> None:
         # spawned, not forked: threads of the numerical libraries do not survive a fork

@@ -17,7 +17,7 @@ from mtpipe.ground.written_numbers import EMPTY, is_number, number
 if TYPE_CHECKING:
     import pandas as pd
 
-# A table in a notebook shows so many rows; all of them are in `.table`.
+# Most rows that a table in a notebook shows; all of them are in `.table`.
 MOST_ROWS = 20
 DRAWING_ROOM = "mtpipe.notebook.figures"
 

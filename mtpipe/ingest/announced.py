@@ -42,7 +42,7 @@ def check_announced(announced: int, held: int, packed: bool, where: str) -> None
 
 
 def check_fits(numbers: int, where: str) -> None:
-    """Raise RecordingError if so long a recording cannot be held in memory.
+    """Raise RecordingError if a recording of this size cannot be held in memory.
 
     Parameters
     ----------

@@ -32,7 +32,7 @@ MATLAB_INNER = {"#refs#", "#subsystem#"}
 # Marks tables, strings and times of MATLAB's own, whose numbers say nothing outside it.
 MATLAB_OBJECT = "MATLAB_object_decode"
 MOST_CELLS = 10_000
-# Text of MATLAB's is read so far.
+# Characters that are read of a text in MATLAB's files.
 MOST_SIGNS = 1000
 # Virtual datasets nested deeper than this count as views of themselves.
 MOST_VIEWS = 8

@@ -54,7 +54,7 @@ class _Column:
 
 @dataclass(frozen=True)
 class _Size:
-    """Of a field: its values in a row on average, and values and bytes of a row group; the most."""
+    """Largest sizes of a field: mean values per row, and values and bytes of a row group."""
 
     values: int
     in_group: int
@@ -76,7 +76,7 @@ class ParquetTable:
 
     @property
     def names(self) -> tuple[str, ...]:
-        """Of the columns."""
+        """Names of the columns."""
         return tuple(column.name for column in self.columns)
 
     @property
@@ -189,7 +189,7 @@ class _NothingReadError(Exception):
 
 
 class _Unread(io.RawIOBase):
-    """A file of so many bytes that are not there."""
+    """A file that has a size but no content; reading raises."""
 
     def __init__(self, size: int) -> None:
         self._at, self._size = 0, size

@@ -15,8 +15,8 @@ from numpy.typing import NDArray
 from mtpipe.ground.notice import Notice
 from mtpipe.ground.types import FloatArray
 
-# A block is so many frames in a row. Coarse positions may come back by chance: no block is believed
-# where one is to be expected in a hundred such recordings.
+# Least length of a repeated block in frames, and the largest expected number of such blocks by
+# chance: coarse positions also come back by themselves.
 FEWEST_IN_A_ROW, CHANCE = 4, 0.01
 CAUTION_SHARE = 0.01
 

@@ -1,6 +1,4 @@
-"""What was worked out last, kept for a while: `functools.lru_cache` for what is worked out many at
-a time.
-"""
+"""A cache of the latest results, as `functools.lru_cache`, for results computed many at a time."""
 
 from __future__ import annotations
 
@@ -13,7 +11,7 @@ Value = TypeVar("Value")
 
 
 class BatchCache(Generic[Key, Value]):
-    """So many values by key; the one that has not been asked for longest goes first."""
+    """Values by key, a limited number: the least recently used one is dropped first."""
 
     def __init__(self, most: int) -> None:
         self.most = most

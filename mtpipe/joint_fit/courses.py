@@ -26,7 +26,7 @@ from mtpipe.joint_fit.layers import steady_of
 from mtpipe.joint_fit.model import ConfiguredModel
 
 WINDOWS = 48
-# Windows are long enough for their means to be independent: so many relaxation times of z.
+# Least length of a window, in relaxation times of z: means of windows are then independent.
 APART = 4.0
 FEWEST_WINDOWS = 8
 # Points of a course within a window.
@@ -40,7 +40,8 @@ SHAPES = (
     # within every window but the outermost: a step is not found by climbing towards it
     *(ForceCourse(1.0, "step", (k + 0.5) / WINDOWS) for k in range(1, WINDOWS - 1)),
 )
-# What all plateaus have in common is seen so much better that its time matters more.
+# Courses tried for all plateaus together, on a finer grid of times than for one: more data tell the
+# time of a common course better.
 COMMON = (RAMP, *(ForceCourse(1.0, "settling", at) for at in np.geomspace(0.02, 0.6, 24).tolist()))
 
 

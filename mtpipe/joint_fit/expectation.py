@@ -71,7 +71,7 @@ class Expectation:
 
     @property
     def course_transform(self) -> Transform | None:
-        """Of the height's course; None where the force is steady."""
+        """Transform of the height's course; None where the force is steady."""
         return None if self.course is None else self.course.transform
 
     @functools.cached_property

@@ -30,16 +30,16 @@ from mtpipe.joint_fit.random_walk import line_of
 from mtpipe.joint_fit.slopes import Slopes, height_slopes, slopes
 
 MOST_ROUNDS = 15
-# Where the predicted rise of ln likelihood is below this, the fit has arrived; a step that should
-# change it by less than the second, and does not raise it, is not tried any shorter.
+# ln likelihood (nats). The fit has converged when a step gains less than the first and predicted
+# hardly more; a failed step that predicts less than the second is not shortened any more.
 ARRIVED, NOTHING_NATS = 1e-3, 1e-6
 # One step changes ln of a power by no more than this, and leaves axes no more correlated than that.
 MOST_MOVED, MOST_CORRELATED = 2.0, 0.999
 # Where a step has failed the next one tried promises at most this share of its rise: one that is
 # hardly shorter fails as well.
 SHORTER = 0.8
-# Where no step succeeds, or so many one after the other raise nothing, the fit ends; as arrived if
-# they promised no more than this.
+# The fit ends after 3 steps in a row that gain next to nothing, or where no step succeeds. It has
+# converged if the last one predicted less than 0.1 nats.
 STUCK, NEARLY_NATS = 3, 0.1
 # A step that raises ln likelihood by less than this share of what its slope promises (a half where
 # the curvature is as expected) has gone too far.
@@ -65,12 +65,12 @@ class ConfiguredFit:
 
     @functools.cached_property
     def slopes(self) -> list[Slopes]:
-        """Of each plateau's expectation, at θ."""
+        """Slopes of each plateau's expectation, at θ."""
         return slopes(self.model, self.theta, self.expected)
 
     @functools.cached_property
     def information(self) -> FloatArray:
-        """Expected, about θ, priors included."""
+        """Expected Fisher information about θ, priors included."""
         return information_of(self.model, self.theta, self.expected, self.slopes)
 
     @property
@@ -80,13 +80,13 @@ class ConfiguredFit:
 
     @property
     def height_pull_slopes(self) -> FloatArray:
-        """(plateaus, coordinates) how these follow θ, the wandering as it is."""
+        """(plateaus, coordinates) derivatives of `height_pulls` by θ at a fixed random walk."""
         heights = self.model.heights(self.model.data, self.expected, self.theta)
         return np.asarray(-heights.whitening @ height_slopes(self.slopes, len(self.theta)))
 
     @property
     def covariance(self) -> FloatArray:
-        """Of θ."""
+        """Covariance of θ."""
         return _inverse(self.information)
 
     @property
@@ -113,7 +113,7 @@ def fit_configured(
     Parameters
     ----------
     start : θ to begin from; None: the forces that suit each plateau best by themselves.
-    rounds : at most so many steps.
+    rounds : largest number of steps.
     arrived : the fit ends where a step raises ln likelihood by less.
 
     Raises

@@ -20,19 +20,19 @@ from mtpipe.ground.types import FloatArray
 from mtpipe.joint_fit.data import PlateauData
 from mtpipe.joint_fit.spectra import MatrixSpectrum, Transform
 
-# Fewer forces stand for a plateau, and of spectra their mean alone, where it changes by less than
-# so much.
+# If the force changes by less than 10 % in a plateau, heights are computed at 3 forces only and
+# spectra at the mean force alone.
 FEWER_POINTS, SMALL_CHANGE = 3, 0.1
-# That many follow a change by half of the force to parts in a million.
+# Degree of the polynomials in the height: for a change by half of the force good to 1e-6.
 DEGREE = 12
-# From values at so many places a polynomial's coefficients follow.
+# Chebyshev nodes, and the matrix from values there to a polynomial's coefficients.
 _PLACES = chebyshev.chebpts1(DEGREE + 1)
 _COEFFICIENTS = np.linalg.inv(chebyshev.chebvander(_PLACES, DEGREE)).T
 
 
 @dataclass(frozen=True, eq=False)
 class Shape:
-    """Of a force's course through a plateau.
+    """Shape of a force's course through a plateau.
 
     Attributes
     ----------
@@ -57,7 +57,7 @@ class Shape:
         return self.transforms.view(np.float64).reshape(len(self.transforms), -1)
 
     def transform(self, weights: FloatArray) -> Transform:
-        """Of polynomials with these weights (DEGREE + 1,)."""
+        """Transform of a sum of the polynomials with these weights (DEGREE + 1,)."""
         return (weights @ self._rows).view(np.complex128).reshape(self.transforms.shape[1:])
 
     def in_common(self, other: Transform) -> FloatArray:
@@ -150,7 +150,7 @@ class Played:
     share: FloatArray
 
     def course(self, heights_nm: FloatArray) -> Course:
-        """Of the height, from those at the nodes."""
+        """Course of the height, from the heights (nodes,) at the nodes."""
         return Course(self.shape, heights_nm @ self.weights)
 
 
@@ -174,7 +174,7 @@ def played(data: PlateauData, course: ForceCourse, frame_s: float) -> Played:
 
 @functools.lru_cache(maxsize=64)
 def _shape(data: PlateauData, whole: ForceCourse, frame_s: float) -> Shape:
-    """Of a course that changes the force by as much as its mean."""
+    """Shape of a course of relative change 1."""
     along = force_course(whole, round(data.duration_s / frame_s))
     low, high = float(along.min()), float(along.max())
     place = 2 * (along - low) / (high - low) - 1

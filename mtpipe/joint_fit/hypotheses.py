@@ -16,12 +16,12 @@ from mtpipe.joint_fit.distance import excess
 from mtpipe.joint_fit.fit import MOST_ROUNDS, ConfiguredFit, exchanged, first_guess, fit_configured
 from mtpipe.joint_fit.model import ConfiguredModel
 
-# Fits are tried so far at first, and to so many nats in the end.
+# Rounds of the first fit of each hypothesis, and nats to which fits of hypotheses converge.
 FIRST_ROUNDS, TRIED_NATS = 3, 0.05
-# A hypothesis that has gained less than the best by this many nats, and by this share, is left.
+# A hypothesis is given up if its gain is 30 nats and 60 % below the best.
 WORTHWHILE_NATS, WORTHWHILE_SHARE = 30.0, 0.6
-# Recorded heights this many standard errors from the fitted ones are out of the tether's reach. A
-# fit begun afresh that is this share of the whole misfit worse than before has not found its way.
+# Misfit of heights, in standard errors, from which they are out of the tether's reach. A fresh fit
+# has gone astray if it is worse than before by more than a tenth of the whole misfit.
 FAR_FROM_IT, LOST_SHARE = 8.0, 0.1
 
 

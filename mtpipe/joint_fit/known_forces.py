@@ -12,10 +12,10 @@ from mtpipe.experiment.known_force import KnownForce
 from mtpipe.ground.types import FloatArray
 from mtpipe.joint_fit.fit import ConfiguredFit
 
-# Forces that are less likely than the best ones by so many nats say nothing more of the fit: what
-# is wrong then is another thing than what they are asked about.
+# Most nats that known forces may speak against a fit: beyond, something else is wrong than what
+# they are asked about.
 MOST_NATS = 10.0
-# Numbers of the fit's coordinates have no more digits.
+# Relative error added to known forces: the fit's coordinates have no more digits.
 LEAST_RELATIVE_STDERR = 1e-4
 
 
@@ -56,7 +56,7 @@ def known_force_nats(fit: ConfiguredFit) -> float:
 
 
 def prior_scatter(fit: ConfiguredFit, random: np.random.Generator) -> FloatArray:
-    """(plateaus,) what ln of a simulation's forces lacks of the scatter that stated values cause.
+    """(plateaus,) scatter of ln force by errors of stated values, which a simulation lacks.
 
     A recording's stated values err: with priors of information P and all information I that moves
     the fit by I⁻¹ √P g, with g normal of variance 1. A simulation of the fit is instead always

@@ -16,7 +16,7 @@ from mtpipe.experiment.recorded_modes import BeadState
 from mtpipe.experiment.state import bead_states
 from mtpipe.ground.errors import FitError
 
-# So many descriptions are kept, with the states of the bead.
+# Size of the cache of descriptions, each with its bead states.
 MOST_KNOWN = 512
 
 

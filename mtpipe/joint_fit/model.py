@@ -91,7 +91,7 @@ class ConfiguredModel:
         return self._changed(self._at_forces(theta), theta, 0)
 
     def beside(self, theta: FloatArray) -> list[tuple[float, Experiment]]:
-        """Of each parameter a step away from θ, and the experiment there."""
+        """Pairs, one per parameter: its step away from θ, and the experiment there."""
         found = []
         before = self._at_forces(theta)
         for k, parameter in enumerate(self.parameters):

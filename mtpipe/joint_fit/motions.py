@@ -43,8 +43,8 @@ class Motion:
 
 
 Key = tuple[PlateauData, Moving, float]
-# Noise is no matter of the motion, which is asked for again with another. So many are those that a
-# fit's slopes ask for in a recording of usual size.
+# Size of the cache of motions: as many as the slopes of a fit need in a usual recording. Noise is
+# not part of a motion, so the same one is asked for again with other noise.
 MOST_KNOWN = 512
 _KNOWN: BatchCache[Key, Motion] = BatchCache(MOST_KNOWN)
 

@@ -25,7 +25,8 @@ from mtpipe.setup.setup import Setup
 UNKNOWN_LN = 1.5
 STATED_SIGMAS = 6.0
 
-# How far theory of z's own motion is trusted, relative; and from plateau to plateau.
+# Relative standard errors of theory for z's own motion: its friction and its variance. Simulations
+# draw them for each plateau.
 UPWARD_FRICTION_STDERR, UPWARD_VARIANCE_STDERR = 0.03, 0.02
 
 

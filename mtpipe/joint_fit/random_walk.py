@@ -34,7 +34,7 @@ class Line:
     power: FloatArray
 
 
-# All data of the same frames, as simulated ones are, have the same line.
+# Cache of lines: data of the same frames, as those of simulations, share one.
 _LINES: BatchCache[tuple[Hashable, ...], Line] = BatchCache(64)
 
 

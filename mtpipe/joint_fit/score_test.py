@@ -18,17 +18,17 @@ from mtpipe.joint_fit.information import gradient_of, information_of
 from mtpipe.joint_fit.model import ConfiguredModel
 from mtpipe.joint_fit.slopes import Slopes, slopes
 
-# Of a size, that other parameters can do as well, this share of its information is none.
+# Share of its information below which a size counts as unseen: other parameters do the same.
 LEAST_LEFT = 1e-6
-# Hypotheses of one effect that promise this share of its best are fitted too: large gains are not
-# what they promise.
+# Hypotheses of one effect are fitted if they promise this share of its best gain: large gains
+# differ from what they promise.
 NEARLY_AS_MUCH = 0.3
-# So many of them, and so many others, are begun with: a recording of 38 plateaus has 37 in which
-# something may begin, and neighbours end in one place.
+# Number of these that are fitted: the best ones, and others spread over the rest. A recording of 38
+# plateaus has 37 in which something may begin, and fits of neighbours end in one place.
 BEST_BEGINNINGS, OTHER_BEGINNINGS = 3, 3
-# Terms are fitted for so many of what they promise, whatever place they are for.
+# Number of terms that are fitted, those that promise most, whatever place they are for.
 MOST_FORMS = 3
-# Expectations that differ by no more than this are the same: what changed is nothing but rounding.
+# Relative difference below which two expectations are the same but for rounding.
 SAME = 1e-9
 
 

@@ -110,8 +110,8 @@ def ends_with_slopes(data: PlateauData, here: Expectation, slope: Slopes) -> Wal
 def left_of_z(
     data: PlateauData, here: Expectation, slope: Slopes, ends: Walked | None
 ) -> Transform:
-    """What is left of z beside the height's course and a walk's line, given x and y: by so much, at
-    each ordinate, a course that has more there raises ln likelihood.
+    """Slope of ln likelihood by the course of z at each ordinate: what is left of z beside that
+    course and a walk's line, given x and y, weighted.
     """
     spectrum = data.spectrum
     rest = list(spectrum.transforms)

@@ -22,9 +22,9 @@ from mtpipe.spectra.spectrum import LONGEST_SEGMENT, frames_present
 from mtpipe.spectra.window import Window, bin_edges, prewhitened, window_of
 
 Transform = NDArray[np.complex128]
-# A line's bin reaches so many ordinates to either side, over which a wave between two is spread.
+# Ordinates to each side in a line's bin: a wave between two ordinates spreads over these.
 LINE_ORDINATES = 2
-# Numbers of frames without a prime factor above this are transformed quickly.
+# Largest prime factor of a number of frames whose Fourier transform is fast.
 LARGEST_FACTOR = 100
 
 
@@ -56,7 +56,7 @@ class MatrixSpectrum:
         return self.windows[axis].gain(self.frequency_hz)
 
     def transform_of(self, series_nm: FloatArray, axis: int) -> Transform:
-        """Of a known motion along an axis, one value a frame from the first."""
+        """Transform of a known motion along an axis, one value a frame from the first."""
         return _transforms(series_nm[:, None], self.used, (self.windows[axis].phi,))[0]
 
     def common_power(self, first: Transform, second: Transform) -> FloatArray:
@@ -150,7 +150,7 @@ def matrix_periodogram(
 
 @functools.lru_cache(maxsize=256)
 def quick_length(frames: int) -> int:
-    """The most frames, of so many, that are transformed quickly; a hundredth fewer at most.
+    """Largest number up to `frames` whose Fourier transform is fast; at most 1 % fewer.
 
     A transform of 8191 frames, a prime number, takes several times that of 8190.
     """
@@ -209,8 +209,8 @@ def _common_power(
 def _transforms(
     x_nm: FloatArray, used: NDArray[np.bool_], phi: tuple[float, ...]
 ) -> tuple[Transform, ...]:
-    """Of the used frames of each axis, prewhitened, less their mean; the phase of prewhitening is
-    taken back.
+    """Transforms of the used frames of each axis, prewhitened, less their mean; the phase of
+    prewhitening is taken back.
 
     Parameters
     ----------

@@ -25,7 +25,7 @@ from mtpipe.magnet_curve.outliers import (
 
 # With fewer beads their spread is not known, with fewer positions no shape.
 FEWEST_BEADS, FEWEST_POSITIONS = 3, 3
-# Curve and outliers in turn.
+# Most rounds in which the curve is fitted and outliers are left out in turn.
 ROUNDS = 10
 ONE_SIGMA = float(stats.norm.cdf(1.0))
 
@@ -62,11 +62,11 @@ class MagnetCurve:
     beads: Beads
 
     def curve(self, position_mm: FloatArray) -> Interval:
-        """Of the curve itself, the force on the middle bead."""
+        """Interval of the curve itself, the force on the middle bead."""
         return self._interval(self.fit.log_force(position_mm), self.fit.variance(position_mm))
 
     def new_bead(self, position_mm: FloatArray) -> Interval:
-        """Of a bead of which nothing is known: the curve's variance and the beads' spread."""
+        """Interval of an unknown bead: by the curve's variance and the beads' spread."""
         variance = self.fit.variance(position_mm) + self.fit.spread**2
         return self._interval(self.fit.log_force(position_mm), variance)
 
@@ -80,7 +80,7 @@ class MagnetCurve:
         return pull * self.beads.factor, np.sqrt(rest)
 
     def of_bead(self, number: int, position_mm: FloatArray) -> Interval:
-        """Of one bead: the curve times its factor, where it was measured and where it was not."""
+        """Interval of one bead: the curve times its factor, at measured and at other positions."""
         pull, mine = self._pull()[number], self.forces.bead == number
         weight = 1 / self.forces.variance[mine]
         jacobian = self.fit.jacobian(self.forces.position_mm[mine])
@@ -112,7 +112,7 @@ class MagnetCurve:
 
     def _interval(self, log_force: FloatArray, variance: FloatArray) -> Interval:
         force, stderr = np.exp(log_force), np.sqrt(variance)
-        # the spread is known from so many beads
+        # Student's law: the spread is estimated from the kept beads
         wide = stderr * float(stats.t.ppf(ONE_SIGMA, int(self.kept.sum()) - 1))
         return Interval(force, force * stderr, force * np.exp(-wide), force * np.exp(wide))
 

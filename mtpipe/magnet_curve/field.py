@@ -18,7 +18,7 @@ from mtpipe.ground.types import FloatArray
 from mtpipe.setup.measured import Measured
 from mtpipe.setup.tables import Magnets
 
-# Of the derivative of the field along the axis.
+# Step (mm) of the field's numerical derivative along the axis.
 STEP_MM = 1e-3
 # T m/m is pN per 1e-12 A m²: from A/m times nm³ and T/mm.
 PN = 1e-9 * 1e-9 * 1e-9 * 1e3 * 1e12

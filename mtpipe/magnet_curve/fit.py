@@ -13,7 +13,8 @@ from mtpipe.magnet_curve.forms import Form, forms
 from mtpipe.magnet_curve.measured import Forces
 from mtpipe.magnet_curve.spread import deviance, most_likely_spread, whitened
 
-# Curve and spread in turn, until the spread moves by less than this share of it.
+# Most rounds in which curve and spread are fitted in turn, and the relative change of the spread
+# that ends them.
 ROUNDS, SETTLED = 6, 1e-2
 # A parameter nearer to its bound is at it: it is known to be there, and has no error.
 AT_BOUND = 1e-6
@@ -42,7 +43,7 @@ class FormFit:
     bic: float
 
     def log_force(self, position_mm: FloatArray) -> FloatArray:
-        """Of the curve, ln pN, (n,)."""
+        """(n,) ln of the curve's force in pN."""
         return self.form.value(self.theta, self._distance(position_mm))
 
     def jacobian(self, position_mm: FloatArray) -> FloatArray:
@@ -50,7 +51,7 @@ class FormFit:
         return self.form.jacobian(self.theta, self._distance(position_mm))
 
     def variance(self, position_mm: FloatArray) -> FloatArray:
-        """Of the curve's ln F, (n,)."""
+        """(n,) variance of the curve's ln F."""
         jacobian = self.jacobian(position_mm)
         return np.asarray(np.einsum("ij,jk,ik->i", jacobian, self.covariance, jacobian))
 

@@ -42,7 +42,7 @@ class Form:
 
 
 def forms(distance_mm: FloatArray, log_force: FloatArray) -> list[Form]:
-    """All forms that so many positions can determine.
+    """All forms that the positions at hand can determine.
 
     Parameters
     ----------

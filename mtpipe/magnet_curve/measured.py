@@ -13,7 +13,8 @@ from mtpipe.ground.types import FloatArray
 
 # Positions are stored to a micrometre: motors of magnets repeat to no less.
 DECIMALS_MM = 3
-# Of a force; beyond it the logarithm of the force is far from normal, and tells next to nothing.
+# Largest relative error of a force in the fit: beyond, its logarithm is far from normal and tells
+# next to nothing.
 MOST_RELATIVE_ERROR = 0.5
 
 
@@ -41,7 +42,7 @@ class Forces:
 
     @property
     def variance(self) -> FloatArray:
-        """Of the logarithms, by the forces' own errors, (n,)."""
+        """(n,) variance of the logarithms, by the forces' own errors."""
         return np.asarray((self.stderr_pN / self.force_pN) ** 2)
 
     @property

@@ -15,10 +15,10 @@ from mtpipe.magnet_curve.measured import Forces
 # Chance that any sound bead of a day is left out; beads and their three tests share it.
 FALSE_ALARM = 0.01
 TESTS = ("factor", "slope", "scatter")
-# Of a median absolute deviation, that it is a normal distribution's standard deviation; and how
-# many of these a bead is off that does not enter the first curve.
+# Standard deviation of a normal distribution over its median absolute deviation; and the number of
+# standard deviations from the middle at which a bead is left out of the first curve.
 MAD_TO_SD, FAR = 1.4826, 3.5
-# Half of the beads or more scatter beyond their errors only with this chance if errors are right.
+# Median p-value of the beads' scatter below which stated errors are taken as too small.
 UNLIKELY = 0.05
 FEWEST_TO_JUDGE_ERRORS = 5
 

@@ -14,7 +14,7 @@ from mtpipe.magnet_curve.field import predicted_pN
 from mtpipe.setup.measured import Measured
 from mtpipe.setup.tables import Magnets
 
-# Beyond this share of the differences that bead, curve and setup leave, the two are said to differ.
+# Confidence level for a difference of prediction and curve, given the errors of both.
 TOLD = 0.95
 # A difference is the same all along if its extremes are within this share of one another.
 SAME = 0.1

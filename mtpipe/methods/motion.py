@@ -32,7 +32,7 @@ class SeenMotion:
     noise_variance_nm2: float = 0.0
 
     def lag_covariance(self, lag_frames: ArrayLike) -> FloatArray:
-        """Covariance c of positions so many frames apart, nm²; noise at lag 0."""
+        """Covariance c in nm² of positions `lag_frames` frames apart; noise at lag 0."""
         lag = np.abs(np.asarray(lag_frames, dtype=float))
         zero = cam.frame_variance(self.variance_nm2, self.tau_s, self.camera)
         one = cam.lag_one_covariance(self.variance_nm2, self.tau_s, self.camera)

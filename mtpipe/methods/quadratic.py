@@ -26,7 +26,7 @@ from mtpipe.methods.motion import SeenMotion
 
 # Beyond this many relaxation times a covariance (squared) is below 1e-8.
 NEGLIGIBLE = 10.0
-# Lags are summed in steps of the shorter stencil's spacing over this; the error is below 1 %.
+# Steps of the sum over lags per spacing of the shorter stencil; the error is below 1 %.
 STEPS_PER_SPACING = 8
 PROBES = 8
 
@@ -90,7 +90,7 @@ class QuadraticStatistics:
         size = min(series, longest + reach) + longest
         lag = np.arange(size + 1)
         if self.on_sums:
-            # −½ of the variance of a sum of so many frames: what remains of the covariance of the
+            # −½ of the variance of a sum of `lag` frames: what remains of the covariance of the
             # running sum once stencils that sum to zero have acted
             half = -0.5 * lag.astype(float) ** 2
             half[1:] *= motion.mean_variance(lag[1:])

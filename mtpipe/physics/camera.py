@@ -16,7 +16,8 @@ from numpy.typing import ArrayLike, NDArray
 
 from mtpipe.ground.types import FloatArray
 
-# Exposure over relaxation time beyond which there is no telling.
+# Largest exposure over relaxation time in the formula: beyond, its powers overflow and nothing is
+# left of the variance.
 LONGEST = 1e30
 # Coefficients of `white_deficit`, of α, α³, α⁵, …
 _DEFICIT = tuple(2 / math.factorial(2 * j + 3) for j in range(10))
@@ -87,7 +88,7 @@ def lag_one_covariance(variance: ArrayLike, tau_s: ArrayLike, camera: Camera) ->
 def mean_variance(
     variance: ArrayLike, tau_s: ArrayLike, camera: Camera, frames: int | NDArray[np.int64]
 ) -> FloatArray:
-    """Variance of the mean of so many recorded positions in a row, in units of `variance`.
+    """Variance of the mean of `frames` recorded positions in a row, in units of `variance`.
 
     [c₀ + 2 Σ_{m<N} (1 − m/N) c_m]/N: for long recordings the spectrum at zero frequency over twice
     their duration, aliases and all.

@@ -19,8 +19,8 @@ from mtpipe.physics.camera import Camera
 from mtpipe.physics.modes import SINGLE_MODE, Modes
 from mtpipe.physics.normal_numbers import standard_normal
 
-# Of so many modes is kept what does not change from simulation to simulation. A plateau whose force
-# changes has a hundred, in a few variants.
+# Size of the cache of modes, for what is the same in all simulations. A plateau whose force changes
+# has a hundred modes, in a few variants.
 MOST_KNOWN = 8192
 
 
@@ -51,7 +51,7 @@ def mode_path(
     ----------
     tau_s : relaxation time γ/k. camera : frame interval and exposure. frames : how many.
     start : position at the start of the first exposure; None: drawn from equilibrium.
-    parts : each exposure is averaged in so many parts.
+    parts : number of parts of each exposure, which are averaged one by one.
     """
     # numba is loaded where something is simulated only
     from mtpipe.physics.langevin_steps import follow

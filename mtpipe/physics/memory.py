@@ -20,11 +20,12 @@ from scipy import linalg
 from mtpipe.ground.types import FloatArray
 
 WATER_KG_PER_M3 = 1000.0
-# Rates of the decays, besides those of the modes, about that of each with so much of the variance.
+# Rates of the added decays, over the rate of each mode with at least LEAST_SHARE of the variance.
 RATES = np.concatenate([[0.03, 0.1, 0.25, 0.5, 0.7, 0.85, 1.2, 1.5], np.geomspace(2.2, 1e5, 10)])
 LEAST_SHARE = 0.02
-# They are fitted at so many frequencies, from far below the slowest such mode to far above the
-# fastest. That variance and power at frequency 0 are those without memory counts like EXACT ones.
+# Number and range of the frequencies of their fit: from 1e-3 of the slowest such mode to 1e4 times
+# the fastest. Variance and power at frequency 0 are kept as without memory: their residuals get the
+# weight EXACT.
 POINTS, BELOW, ABOVE, EXACT = 120, 1e-3, 1e4, 1e4
 
 

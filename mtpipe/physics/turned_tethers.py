@@ -22,12 +22,12 @@ from mtpipe.ground.types import FloatArray
 # of the stretched molecule and of the plectoneme as lengths (Marko 2007).
 TWIST_PER_NM = 2 * np.pi / (10.5 * 0.34)
 TWIST_LENGTH_NM, PLECTONEME_LENGTH_NM = 100.0, 24.0
-# Two molecules come no nearer to one another: half the distance of their axes.
+# Half the distance of two molecules' axes (nm) at their closest.
 CLOSEST_NM = 2.0
-# Least share of the twist stiffness that bending leaves: that of DNA at the least force. Chains
-# that bend more easily are outside the theory, and no twist is known of them.
+# Least share of the twist stiffness that is left in a chain that bends: that of DNA at the least
+# force. Chains that bend more easily are outside the theory, and their twist is not known.
 LEAST_STIFFNESS = 0.5
-# Below it the expansion for a stretched molecule, to kT/(F Lp), has no meaning.
+# Least force in kT/Lp: below, the expansion of a stretched molecule in kT/(F Lp) has no meaning.
 LEAST_REDUCED_FORCE = 1.0
 
 

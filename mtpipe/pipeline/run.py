@@ -51,10 +51,10 @@ from mtpipe.states import with_states
 from mtpipe.verdicts.diagnosed import with_diagnosis
 from mtpipe.verdicts.verdict import BeadVerdict, bead_verdicts
 
-# Steps that whoever counts beads has to know.
+# Names of steps from whose progress beads are counted.
 KEPT_BEADS, CHECKED_BEADS = "beads kept from before", "cross-checking beads"
 LEFT_OUT_CODES = ("no_positions", "constant_bead")
-# Of a reference bead: it moves by itself, as reading or subtraction saw it.
+# Codes of notices that a reference bead moves by itself, seen on reading or on subtraction.
 REFERENCE_CODES = ("moving_reference", "reference_moves")
 
 

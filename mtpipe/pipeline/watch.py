@@ -39,7 +39,7 @@ class Follower(Watch, Protocol):
     """Whoever is told of recordings as they arrive."""
 
     def calibrated(self, name: str, plateaus: int, *, complete: bool) -> None:
-        """So many plateaus of a recording have forces now."""
+        """The number of plateaus of a recording that have forces now."""
 
 
 @dataclass
@@ -75,8 +75,8 @@ def watch(
     Parameters
     ----------
     folder, out, seed, workers : as of `pipeline.batch.batch`.
-    settled_s : a recording is complete once its files have not changed for so long.
-    idle_s : end once all is calibrated, and nothing has changed for so long; None: never.
+    settled_s : a recording is complete once its files have not changed for this time.
+    idle_s : end once all is calibrated and nothing has changed for this time; None: never.
     tell : is told how it goes on.
 
     Raises

@@ -25,7 +25,7 @@ HERTZ = re.compile(r"\b[kM]?Hz\b")
 # In a table with a row for each bead in each frame, frames repeat and beads are few.
 REPEATING_SHARE, MOST_BEADS_SHARE = 0.4, 0.1
 OF_BEAD = re.compile(r"bead|particle|kugel|track|^id$|label", re.IGNORECASE)
-# Another number of columns per bead than three has to be so much better.
+# Misfit over that of three columns per bead that another number of columns must fall below.
 CLEARLY, TINY = 0.5, 1e-30
 
 

@@ -26,9 +26,11 @@ from mtpipe.tracking.stack import SUFFIXES, is_pattern, named_like
 from mtpipe.tracking.tiff import TIFF_MAGICS
 
 Together = Literal["one", "series", "beads"]
-# Of files whose names differ in their numbers alone, more than this many are not all looked at.
+# Files whose names differ in numbers alone: up to 30 all are looked at, of more the first two and
+# some 8 spread over the rest.
 MOST_LOOKED_AT, SPREAD_OVER = 30, 8
-# From the end of one file to the beginning of the next a bead moves by no more steps than this.
+# Largest move of a bead from the end of one file to the start of the next, in median steps from row
+# to row; rows at each edge that are compared.
 FARTHEST_STEPS, EDGE_ROWS = 15.0, 20
 BEAD_WORDS = re.compile(r"bead|kugel|ref|tether|particle|perle|^[br]\d", re.IGNORECASE)
 

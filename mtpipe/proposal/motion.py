@@ -17,13 +17,15 @@ from mtpipe.ground.types import FloatArray
 WINDOW_S = 1.0
 FEWEST_ROWS = 16
 MOST_WINDOWS = 2000
-# Of a second's fluctuations: at low force, where tethered beads move most, references do not.
+# Quantile of the standard deviations of one-second stretches that stands for a bead. A high one is
+# at low force, where tethered beads move most and references do not.
 HIGH = 0.8
 # References move by less than this part of what the typical tethered bead does.
 FIXED_SHARE = 0.35
 # Among fixed beads tracking noise differs by less than this.
 FIXED_ALIKE = 3.0
-# Across the field the lever is longer by the radius, and the variance larger in proportion.
+# Least ratio of lateral variances that tells the field: across it the lever is longer by the
+# radius, and the variance larger in proportion.
 ACROSS_SHARE = 1.05
 
 
@@ -62,7 +64,7 @@ def motion_of(positions_nm: Mapping[str, FloatArray], rate_hz: float) -> Motion:
 
 
 def fixed_beads(motion: Motion) -> tuple[str, ...]:
-    """Beads that move so much less than the others that they are fixed to the surface."""
+    """Beads fixed to the surface: those that move far less than the others."""
     names = sorted(motion.beads, key=lambda bead: motion.beads[bead])
     sizes = [motion.beads[bead] for bead in names]
     if len(names) < 2:

@@ -12,7 +12,8 @@ import numpy as np
 from mtpipe.ground.types import FloatArray
 
 Nature = Literal["dead", "constant", "count", "clock", "motor", "motion"]
-# A whole number in several rows, farther from all others than these are apart, means lost.
+# A whole number means lost if it stands in at least 3 rows, and is 3 times as far from all other
+# values as these are from one another.
 LOST_ROWS = 3
 LOST_SPANS = 3.0
 # A count goes on by one from nearly every row to the next; cameras lose frames.

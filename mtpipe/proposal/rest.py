@@ -20,8 +20,8 @@ SHORTEST_S = 0.5
 # Of the dwells that hold most of the recording, a plateau takes those that are no shorter than
 # this part of the usual one.
 USUAL_SHARE = 0.5
-# A log is written some times per second, and positions between two entries are interpolated.
-# and a clock that was found by the beads is known to half a second.
+# Settling time (s) with a log: it is written some times per second, positions between two entries
+# are interpolated, and a clock that was found by the beads is known to half a second.
 LOG_SETTLE_S = 1.0
 HALF_THE_TIME = 0.5
 

@@ -20,19 +20,20 @@ from mtpipe.physics.tether import Chain, extension_nm
 from mtpipe.recording.recording import Plateau, Recording
 
 ROOM_K = 296.0
-# Of 1 nm, so that its extension is that of any chain over its length.
+# Chain of contour length 1 nm: its extension is that of any chain over its length.
 CHAIN = Chain(1.0, 50.0, ROOM_K, "marko-siggia")
 FEWEST_PLATEAUS = 3
 FEWEST_ROWS = 200
 # The lowest plateau touches if it is within this part of the chain's length from the surface.
 TOUCHING_SHARE = 0.3
-# Refraction (0.88), another persistence length and fragments make a chain seem this much shorter.
+# Least length of a chain over the stated one: refraction (0.88), another persistence length and
+# fragments make it seem shorter.
 SHORTEST_SHARE = 0.6
 # Levels this close to the lowest, in parts of the range of heights, are as low.
 ALIKE_SHARE, GAP_ROWS = 0.1, 400
-# With the magnets at one place, to this part of their range, heights agree better than this.
+# With the magnets at one place, to 2 % of their range, heights must agree to 30 % of theirs.
 SAME_PLACE, CONTRADICTED = 0.02, 0.3
-# Where a bead comes down from a force, it is far lower there and moves far more.
+# A bead that comes down falls by at least 100 nm, and its lateral variance rises 5 times.
 SMALLEST_REACH_NM = 100.0
 STIFFER = 5.0
 # Heights of references that are about 0 are heights above the surface.

@@ -11,7 +11,7 @@ from mtpipe.ground.types import FloatArray
 from mtpipe.recording.recording import Plateau
 from mtpipe.setup.tables import Plateaus
 
-# Stamps are kept to some digits, so a frame at the very end of a time counts as within it.
+# Tolerance in frames for times: stamps are rounded, and a frame at the very end of a time is in it.
 SLACK_FRAMES = 0.01
 
 

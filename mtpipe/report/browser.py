@@ -21,7 +21,7 @@ NAMES = (
 QUIET = (
     *("--headless", "--disable-gpu", "--disable-quic", "--no-first-run", "--disable-sync"),
     *("--disable-background-networking", "--disable-component-update", "--hide-scrollbars"),
-    # waits until what the page began is done, at most so many of its own milliseconds
+    # waits until the page's work is done, at most this number of the page's own milliseconds
     *("--run-all-compositor-stages-before-draw", "--virtual-time-budget=600000"),
 )
 # A page with some hundred figures takes about a minute.

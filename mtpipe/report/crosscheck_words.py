@@ -9,7 +9,8 @@ from mtpipe.battery.catalogue import KINDS
 from mtpipe.battery.statistic import Kind
 from mtpipe.report import words
 
-# Below the second the diagnosis has an alarm; above it the verdict is "consistent".
+# p-values: from the first on the sentence says "agree"; below the second the diagnosis has an
+# alarm, and above it the verdict is "consistent".
 CONSISTENT, MISMATCH = 0.05, 0.004
 LINES = ("line", "second_line")
 

@@ -26,7 +26,7 @@ from mtpipe.report.words import number
 STAGES = {"before": "as configured", "after": "with the causes found"}
 # Domains of the upper and the lower row of spectra.
 UPPER, LOWER = (0.44, 1.0), (0.0, 0.36)
-# Colours end so many standard errors from none; blue is too little, orange too much.
+# Standard errors at which the colours end; blue is too little, orange too much.
 DEEPEST = 6.0
 SHADES = [
     [0.0, "#003f66"], [0.25, "#4a9ac4"], [0.5, CALM], [0.75, "#e68a4a"], [1.0, "#5c1a00"],

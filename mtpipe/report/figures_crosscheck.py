@@ -25,7 +25,7 @@ from mtpipe.report.plotly_json import (
 )
 from mtpipe.report.rows_crosscheck import CrossCheckRows
 
-# Colours end at this −log10 p.
+# −log10 p at which the colours end.
 DEEPEST = 6.0
 SHADES = [[0.0, CALM], [1 / 3, "#fde3b8"], [2 / 3, "#d55e00"], [1.0, "#5c1a00"]]
 LINE_PX, HOVER_WIDTH = 17, 70

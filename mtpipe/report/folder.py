@@ -35,7 +35,7 @@ from mtpipe.report.contents import (
 from mtpipe.report.run_folder import finish
 from mtpipe.setup.setup import Setup, parse_setup
 
-# Of an int64.
+# Decimal digits that always fit into an int64.
 MOST_DIGITS = 18
 
 

@@ -19,20 +19,20 @@ from mtpipe.rotation.turned import Turned, turned_stretches
 from mtpipe.rotation.verdict import CANNOT_TELL, Verdict, verdict_of
 from mtpipe.setup.conditions import Conditions
 
-# Of a force and a contour length, however well they are stated: the magnets are turned at a force
-# that is measured before or after, and a bead's own tether is not quite that of the setup.
+# Least relative errors of force and contour length, however well stated: the magnets are turned at
+# a force measured before or after, and a bead's own tether is not quite that of the setup.
 LEAST_FORCE_ERROR, LEAST_CONTOUR_ERROR = 0.1, 0.1
-# Forces at which beads are turned, where this one's is not known: pN, and the spread of ln F.
+# Force (pN) taken where a bead's own is not known, the usual one for turning; its spread in ln F.
 USUAL_FORCE_PN, USUAL_FORCE_SPREAD = 0.7, 1.2
-# Of a contour length that only the extension tells; and in nm what a radius and a persistence
-# length are taken for that are not known.
+# Relative error of a contour length known only by the extension; radius and persistence length (nm)
+# taken where they are not known.
 CONTOUR_ERROR_FROM_HEIGHT, USUAL_RADIUS_NM, USUAL_PERSISTENCE_NM = 0.2, 500.0, 50.0
 SHOWN = {
     "nicked": "held by one nicked molecule",
     "supercoilable": "held by one supercoilable molecule",
     "several tethers": "held by several tethers, so that its forces are not those of one",
 }
-# A tether shorter than this is none that could be told from its height.
+# Least contour length (nm) taken from a height: shorter tethers cannot be told by it.
 LEAST_CONTOUR_NM = 50.0
 
 
@@ -103,7 +103,7 @@ def turning(
 def _force(
     recording: Recording, forces: BeadForces | None, magnet_mm: float | None
 ) -> tuple[float, float]:
-    """Of the bead's plateaus at this position of the magnets, or between its neighbours."""
+    """Force and error of the bead's plateaus at this magnet position, or between neighbours."""
     if forces is None:
         return np.nan, np.nan
     estimates = {n: one.force for n, one in forces.recommended.items()}

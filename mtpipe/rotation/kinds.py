@@ -23,16 +23,16 @@ from mtpipe.physics.turned_tethers import (
 
 Kind = Literal["nicked", "supercoilable", "several tethers"]
 KINDS: tuple[Kind, ...] = ("nicked", "supercoilable", "several tethers")
-# How far buckling and slope of a molecule are from theory, as shares (salt, sequence, theory).
+# Prior spread, in ln, of a molecule's buckling and slope about theory (salt, sequence, theory).
 BUCKLING_SPREAD, SLOPE_SPREAD = 0.25, 0.3
-# The same of how much two molecules lose as they wind: they need not be alike.
+# The same of the length that two molecules lose as they wind: they need not be alike.
 BRAID_SPREAD = 0.7
-# A braid buckles too, after about a turn for each 44 nm of it, at which its helix is so steep, and
-# loses about 50 nm a turn from there (Charvin et al. 2005, fig. 6); each within this share.
+# A braid buckles too, as its helix becomes steep: from about one turn per 44 nm of its length on it
+# loses about 50 nm a turn (Charvin et al. 2005, fig. 6). The third is the spread of both, in ln.
 BRAID_NM_PER_TURN, BRAID_SLOPE_NM, BRAID_BUCKLING_SPREAD = 44.0, 50.0, 0.5
-# How far from the log's zero a tether is relaxed: turns, and a share of those that were made.
+# Prior spread of the relaxed place about the log's zero: 2 turns and a tenth of those made.
 RELAXED_TURNS, RELAXED_SHARE = 2.0, 0.1
-# Of its length a tether can lose so much before its bead may meet the surface.
+# Share of its length that a tether loses before its bead may meet the surface.
 FREE_SHARE = 0.5
 # Ends of two tethers under one bead are apart by less than this share of their length.
 WIDEST_SPACING = 0.8
@@ -65,7 +65,7 @@ class Known:
         return float(ndtr(np.log(FORM_CHANGES_PN / self.force_pN) / spread))
 
     def coiling(self, force: float, contour: float) -> Supercoiling:
-        """Of a molecule, with force and contour length so many errors from what is known."""
+        """Coiling of a molecule whose force and length are off by these numbers of errors."""
         return supercoiling(
             self.force_pN * np.exp(self.force_error * force),
             self.contour_nm * np.exp(self.contour_error * contour),

@@ -22,11 +22,11 @@ CANNOT_TELL = "cannot tell"
 SURE = 0.95
 # Scatter about the best fit, as a share of the tether's length, beyond which none of them fits.
 MOST_SCATTER = 0.1
-# As a share of it, a fall that drift of a height may also make.
+# Fall of the extension, as a share of the tether's length, that drift may also make.
 LEAST_FALL = 0.05
-# As a share of it, what heights are not known better than, however smooth: they drift.
+# Least error of heights, as a share of the tether's length, however smooth they are: they drift.
 LEAST_SCATTER = 0.01
-# Fits begin with the relaxed tether here, in units of what its place is known to.
+# Starts of the fit for the relaxed place, in prior standard deviations.
 STARTS = (-1.5, -0.5, 0.0, 0.5, 1.5)
 ROUNDS = 4
 STEP = 1e-4

@@ -24,8 +24,8 @@ MOST_STEPS = 60
 TABLE = 512
 # A parabola of a Gaussian variable, monotonic where it matters, is no more skewed than this.
 MOST_SKEWED = 1.5
-# Of so many states is kept what does not change from simulation to simulation. A plateau whose
-# force changes has some two dozen, each in a few variants.
+# Size of the cache of states, for what is the same in all simulations. A plateau whose force
+# changes has some two dozen, each in a few variants.
 MOST_KNOWN = 2048
 
 
@@ -45,7 +45,7 @@ def simulate_heights(
     tau_s, variance = motion.modes
     steps = math.ceil(camera.frame_s / (STEP_RELAXATIONS * float(tau_s[0])))
     if steps > MOST_STEPS and camera.exposure_s == 0:
-        # so long after one another, instantaneous heights know nothing of each other
+        # with a frame of many relaxation times, instantaneous heights are independent
         return _drawn(motion, frames, random), motion.mean_nm
     if steps > MOST_STEPS:
         heights = np.zeros(frames)

@@ -18,7 +18,7 @@ from mtpipe.ground.types import FloatArray
 from mtpipe.tracking.library import optics
 
 PLANE_NM, FINE_NM, FINE_PX = 100.0, 5.0, 0.05
-# The model is drawn with pixels so much smaller, on as many angles averaged.
+# Pixels of the drawn model per pixel of the camera, and angles over which its rings are averaged.
 FINER, ANGLES = 3, 48
 # The model cuts off what is brighter than 1, so the background stands low.
 BACKGROUND = 0.02

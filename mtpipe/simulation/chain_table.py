@@ -49,7 +49,7 @@ def tabulate(chain: tether.Chain, largest_force_pN: float) -> ChainTable:
 
 
 def reach_nm(chain: tether.Chain, force_pN: float, energy_kT: float) -> float:
-    """The length beyond the rest length where A(r) - F r has risen by so many kT."""
+    """The length beyond the rest length where A(r) - F r has risen by an energy in kT."""
     unit = chain.thermal_force_pN
     tension = force_pN + unit * np.geomspace(1e-4, 1e6, 4000)
     length = tether.extension_nm(chain, np.concatenate([[force_pN], tension]))

@@ -36,9 +36,9 @@ from mtpipe.physics.normal_numbers import standard_normal
 from mtpipe.simulation.axial import MOST_KNOWN, simulate_heights
 from mtpipe.simulation.rocking import simulate_rocking
 
-# Products of modes are averaged over parts of the exposure, each at most this many relaxation times
-# long, as far as so many parts reach. What a product fluctuates within a part is nearly independent
-# from frame to frame; it is added by its exact variance and lag-one covariance.
+# Products of modes are averaged over parts of the exposure of at most one relaxation time, but over
+# no more than three parts. Fluctuations of a product within a part are nearly independent from
+# frame to frame; they are added by their exact variance and lag-one covariance.
 PART_RELAXATIONS = 1.0
 MOST_PARTS = 3
 # Below this share of the largest, an amplitude or an element of the bending is rounding error.
@@ -46,7 +46,7 @@ ROUNDING = 1e-10
 # Points of a gain over frequency, between which it is a straight line.
 GAIN_POINTS = 400
 LEAST_GAIN = 1e-6
-# A motion is forgotten after so many relaxation times.
+# Relaxation times after which a motion is forgotten.
 FORGOTTEN = 20.0
 
 
@@ -253,7 +253,7 @@ def _end_of_stretch(
     if start is not None:
         past = frames * camera.frame_s / modes.tau_s
         end = np.exp(-past) * start + np.sqrt(-np.expm1(-2 * past)) * end
-    # heights have forgotten where they were so long before
+    # earlier heights are forgotten
     enough = math.ceil(FORGOTTEN * float(state.axial.modes[0].max()) / camera.frame_s)
     _, end[up] = _heights(state, camera, min(frames, enough), random, start)
     return end

@@ -25,8 +25,8 @@ from mtpipe.ground.types import FloatArray
 from mtpipe.physics.langevin import simulate_mode
 from mtpipe.physics.normal_numbers import standard_normal
 
-# Stretches of constant force that stand for a plateau during which it changes, fewer where it would
-# change by less than this share within one. The course of the height is followed within them.
+# Most and least stretches of constant force for a plateau whose force changes, and the change in ln
+# F per stretch that decides between. The course of the height is followed within stretches.
 MOST_PIECES, FEWEST_PIECES, PIECE_CHANGE = 24, 4, 0.05
 # Forces at which the heights that steps of the tether add are calculated; linear between them.
 ADDED_POINTS = 201

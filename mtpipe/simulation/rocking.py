@@ -18,10 +18,10 @@ from mtpipe.ground.types import FloatArray
 from mtpipe.physics.camera import Camera, edge_factor
 from mtpipe.physics.langevin import mean_variance_given_start
 
-# A step is at most this share of the relaxation time of a length by itself, as far as so many
-# steps in an exposure reach; more average its skewness away.
+# Longest step, over the relaxation time of the tether's length alone, and most steps per exposure:
+# more average the skewness of the length away.
 STEP_RELAXATIONS, MOST_STEPS = 0.2, 24
-# Density over its largest below which nothing is found, and no pull is asked for.
+# Density over its largest below which the length is never found, and no pull is computed.
 LEAST_DENSITY = 1e-6
 MOST_KNOWN = 512
 

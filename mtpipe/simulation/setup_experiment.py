@@ -13,7 +13,8 @@ from mtpipe.ground.notice import Notice
 from mtpipe.setup.setup import Setup
 from mtpipe.setup.tables import DESCRIBED
 
-# That there are hypotheses to ask for the names of their sizes, where the setup states none.
+# Arbitrary line and course: they make hypotheses from which names of sizes are read where the setup
+# states none.
 SOME_LINE_HZ, SOME_COURSE = (1.0,), ForceCourse(0.01)
 
 

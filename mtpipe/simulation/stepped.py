@@ -23,8 +23,8 @@ from mtpipe.simulation.chain_table import ChainTable, tabulate
 
 # The lowest height at which a bead starts.
 LEAST_START_NM = 0.1
-# Steps over the longest that the simulator takes by itself, as recordings are simulated a hundred
-# times; tests hold expected spectra to it.
+# Time step over the longest that the simulator takes by itself, as recordings are simulated a
+# hundred times. Tests compare expected spectra with this.
 STRIDE = 2.0
 
 

@@ -16,7 +16,7 @@ from mtpipe.ground.compiled import compiled
 from mtpipe.ground.types import FloatArray
 
 LOG2_E = 1 / math.log(2)
-# ln 2 in two parts; the first has so few digits that its multiples are exact.
+# ln 2 in two parts; the first is short enough in bits for its multiples to be exact.
 LN2_HIGH, LN2_LOW = 0.693147180369123816490, 1.90821492927058770002e-10
 # Beyond, a power of two is no normal number.
 LARGEST = 700.0

@@ -32,7 +32,7 @@ MINIMUM_FRAMES = 64
 # φ below this changes the spectrum by less than a factor of two.
 LEAST_PHI = 0.1
 PHI_LN_STEP = 0.5
-# A trace whose spectrum is empty below Nyquist, but for rounding.
+# Largest power over variance × frame of a spectrum that is empty below Nyquist, but for rounding.
 LEAST_POWER = 1e-12
 # Longer traces are cut into equal segments: their mean periodogram has nearly all the information,
 # and neither memory nor time grows faster than the trace.

@@ -23,7 +23,7 @@ BIN_GROWTH = 1.04
 # τ < D: powers of e^{−D/τ} ≤ 1/e; 36 terms leave 2e-16. τ ≥ D: spline in ln τ.
 SHORT_LAGS = 36
 LN_TAU_STEP = 0.2
-# So many covariances are transformed at once.
+# Covariances transformed at once: of long segments more take too much memory.
 AT_A_TIME = 8
 
 
@@ -236,7 +236,7 @@ def _of_frames(
 
 
 def _few_at_a_time(values: FloatArray) -> list[FloatArray]:
-    """Of long segments more take too much memory."""
+    """Parts of the values, small enough for the memory with long segments."""
     return np.array_split(values, -(-len(values) // AT_A_TIME))
 
 

@@ -134,8 +134,8 @@ def log_likelihoods(
     knots: FloatArray,
     cubics: FloatArray,
 ) -> FloatArray:
-    """(n,) ln of the likelihood of a measured power (n_bins,), each bin of a Gamma law of so many
-    ordinates (n_bins,), for n motions, up to a constant. The others: as of `expected_powers`.
+    """(n,) ln of the likelihood of a measured power (n_bins,), each bin with a Gamma law of shape
+    `ordinates` (n_bins,), for n motions, up to a constant. The others: as of `expected_powers`.
     """
     out = np.empty(len(noise))
     power, unit = np.empty(len(of_white)), np.empty(len(of_white))

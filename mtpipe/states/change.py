@@ -23,7 +23,7 @@ from mtpipe.states.motion import Motion, slowest_relaxation
 
 # Probability that a step of one bead is taken for one that the others show too.
 SUPPORT_P = 1e-3
-# What is less likely than the best by a factor of e^7, a thousand, is not what happened.
+# Nats below the best place of a change, a factor of 1000, from which others are ruled out.
 LIKELY_NATS = 7.0
 # Longest move of the magnets that passes for a step, and how many durations are tried.
 LONGEST_MOVE_S = 3.0

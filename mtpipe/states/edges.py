@@ -25,9 +25,8 @@ State = tuple[float, float]
 # levels and variances more for each of three axes chance reaches it once in ten thousand edges.
 SEEN_NATS = 16.0
 LEAST_FRAMES = 16
-# How a force goes during a move is taken from the log's positions; where motors and magnets do it
-# otherwise, its middle is off by this share of its length, and by as much as the chain's formula
-# moves it.
+# Error of a move's middle, as a share of its length: the force's course is taken from the log's
+# positions, and motors and magnets differ from that. What the chain's formula shifts comes on top.
 SHAPE_SHARE = 0.02
 
 

@@ -21,7 +21,7 @@ from mtpipe.states.motion import Motion, focus_moves_nm, slowest_relaxation
 MOVED = "focus_moved"
 # Errors of a look-up table are alike over some 50 nm of height; a shorter move changes little.
 LEAST_MOVE_NM = 50.0
-# Standard errors of a step of height that is seen where the focus moves. Chance makes one in a
+# Standard errors from which a step of height at a move of the focus is seen: chance makes one in a
 # million.
 SEEN_SIGMAS = 5.0
 
@@ -55,7 +55,7 @@ def cut_at_focus_moves(
 
 
 def focus_numbers(recording: Recording, plateaus: Sequence[Plateau]) -> tuple[int, ...]:
-    """Of each plateau, how many times the focus has moved before its middle."""
+    """Number of moves of the focus before the middle of each plateau."""
     frame_s = float(np.median(np.diff(recording.time_s)))
     begins = _begins(focus_moves_nm(recording, frame_s) > LEAST_MOVE_NM)
     middles = [(plateau.start + plateau.stop) // 2 for plateau in plateaus]

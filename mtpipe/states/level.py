@@ -17,9 +17,9 @@ from scipy import fft, stats
 
 from mtpipe.ground.types import FloatArray
 
-# Variance of the random walk per block over that of the white noise, and none.
+# Ratios tried: variance of the random walk per block over that of the white noise; 0: no walk.
 WALKS = np.concatenate([[0.0], np.geomspace(1e-4, 1e2, 19)])
-# Noises of so little of the best one's likelihood add nothing.
+# Likelihood over the best one's below which a noise is left out.
 UNLIKELY = 1e-3
 # Shorter series leave too little to tell noise from steps.
 FEWEST_BLOCKS = 8

@@ -32,7 +32,7 @@ from mtpipe.states.notices import (
 from mtpipe.states.single_bead import Alone, changes_alone
 from mtpipe.states.trend import MOST_BIAS, force_trend
 
-# A change is believed that chance makes in one of a thousand recordings, all places tried.
+# Chance per recording, all places tried, of a false change.
 CHANCE_PER_RECORDING = 1e-3
 # Of one bead without another, up to two changes in a plateau may be changes of the force; more are
 # its own: it hops or sticks.

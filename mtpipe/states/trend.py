@@ -12,7 +12,7 @@ from mtpipe.recording.recording import Plateau
 from mtpipe.states.motion import Motion
 from mtpipe.states.size import force_change
 
-# By chance one plateau in 16 000 shows a trend.
+# Standard errors from which a trend is seen: by chance in one of 16 000 plateaus.
 SIGMAS = 4.0
 # Smaller drifts change the force that a plateau gives by less than a thousandth.
 LEAST_LOG_CHANGE = 0.1

@@ -29,7 +29,7 @@ from mtpipe.terms.term import (
     typical_force_pN,
 )
 
-# ln of a gain, and a share, beyond which an axis is not what it is called.
+# Largest ln of a gain, and largest share of one axis in another: beyond, an axis is misnamed.
 LARGEST = 0.8
 
 

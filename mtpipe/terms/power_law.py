@@ -33,7 +33,7 @@ START_NM, LARGEST_NM = 2.0, 300.0
 SLOPES, START_SLOPE = (0.3, 1.7), 1.0
 # Ratio of the times of neighbouring modes: their sum is a power law to 3 %.
 RATIO = 4.0
-# The slowest mode relaxes within so many times the longest plateau.
+# Least relaxation time of the slowest mode, over the longest plateau.
 SLOWEST = 3.0
 
 

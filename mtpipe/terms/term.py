@@ -21,7 +21,7 @@ from mtpipe.physics.camera import Camera
 
 AXES = "xyz"
 Axis = int | tuple[int, int]
-# Of laws in the force: what the physics of a tether has lies between, squares of lengths as F^-3.
+# Largest exponent of the force in a law: those of a tether lie within, squares of lengths as F^-3.
 STEEPEST = 4.0
 
 

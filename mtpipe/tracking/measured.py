@@ -100,7 +100,7 @@ def _measure_block(
     pixels = np.pi * rings**2
     circular = np.nan_to_num(circular)
     unexplained = np.maximum(1 - circular, 1e-12)
-    # share that a profile of so many rings explains of noise, but for one image in a million
+    # ratio that a profile of these rings exceeds in one of a million images of noise alone
     ratio = fdtri(rings - 1, pixels - rings, 1 - FALSE_BEAD) * (rings - 1) / (pixels - rings)
     middle = (size - 1) / 2
     lost = np.zeros(n, dtype=np.int64)

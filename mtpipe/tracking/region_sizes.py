@@ -21,10 +21,10 @@ from mtpipe.tracking.positions import locate
 from mtpipe.tracking.precision import pixel_noise
 from mtpipe.tracking.ring_information import RingInformation
 
-# Rings are looked for out to so many radii of the beads, and from so many beads and images.
+# Reach of the search for rings, in radii of a bead; most beads and images that are used.
 REACH_RADII = 8
 BEADS, IMAGES = 4, 16
-# A bead moves by so many standard deviations to each side.
+# Room for motion to each side of a bead, in standard deviations.
 MOTION = 3.0
 
 

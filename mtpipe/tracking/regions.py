@@ -29,7 +29,8 @@ if TYPE_CHECKING:
 FIRST_FRAMES = 50
 FIRST_BYTES = 1 << 25
 PIXEL_TOLERANCE = 1e-3
-# A bead so far from the middle of its region, in parts of the side, is halfway to being lost.
+# Offset of a bead from its region's middle, as a share of the side, that is allowed: half of that
+# at which a bead is lost.
 BESIDE = 1 / 8
 
 
