@@ -227,7 +227,10 @@ def test_a_distribution_is_told_in_words_and_not_as_a_spectrum():
     ("name", "reason"),
     [
         ("dropped_frames", r"gains .+, too little for its parameter \(\d+\.\d are needed\)"),
-        ("lateral_scale", r"explains \d+% of the misfit; where something else remains unexplained"),
+        (
+            "lateral_scale",
+            r"gains \d+ in ln likelihood, less than forms without a name \(\w+\)",
+        ),
     ],
 )
 def test_the_nearest_effect_says_why_it_was_rejected(name, reason, monkeypatch):

@@ -140,7 +140,7 @@ def preferred_bend(
     """A bend of z's scale that likelihood and battery together speak for, and not for the effects
     in whose place it is; None where there is none.
 
-    They are compared as rivals of the catalogue are (`better_judged`).
+    Likelihood and battery together decide, as among sets (`sets._better_judged`).
 
     Parameters
     ----------

@@ -43,6 +43,7 @@ from mtpipe.effects.effect import Effect
 from mtpipe.ground.errors import FitError
 from mtpipe.joint_fit.fit import ConfiguredFit
 from mtpipe.joint_fit.hypotheses import (
+    FittedEffect,
     model_with,
     together,
 )
@@ -99,11 +100,13 @@ def several_causes(
     best, beam, check = nothing, [nothing], begun
     rivals: list[Causes] = []
     nearest: Rejected | None = None
+    first_tried: FittedEffect | None = None
     for _ in range(MOST_STEPS):
         say("weighing causes beside " + (", ".join(sorted(best.names)) or "none"))
         # the better the fit, the more of what differs is seen as what it is
         evidence = evidence_of(replace(begun, case=replace(begun.case, fit=best.fit)))
         beam, strongest = grown(beam, without, members, evidence, weighed)
+        first_tried = first_tried or strongest
         next_best = max(beam, key=by_score, default=best)
         gained = next_best.score - best.score
         if best.members and gained < UNDISPUTED_NATS:
@@ -131,15 +134,13 @@ def several_causes(
             if gained < hopeful(check):
                 break
         if gained <= 0:
-            if not best.members and strongest is not None:
-                nearest = Rejected(strongest, too_little(strongest, price(strongest)))
             break
         beam = [
             settled(one) if next_best.score - one.score < UNDISPUTED_NATS else one for one in beam
         ]
         best = max(beam, key=by_score)
         rivals = [one for one in beam if one is not best and best.score - one.score < ALIKE_NATS]
-    return Weighed([], check, nearest)
+    return Weighed([], check, nearest or _nearest(first_tried, best, without))
 
 
 def _checked(
@@ -162,6 +163,23 @@ def _rejected(best: Causes, why: str) -> Rejected | None:
     others = [other.effect.name for other in best.members if other is not one]
     beside = f" beside {', '.join(others)}" if others else ""
     return Rejected(one, f"{gains_in_words(one)}, but{beside} {why}")
+
+
+def _nearest(
+    strongest: FittedEffect | None, best: Causes, without: ConfiguredFit
+) -> Rejected | None:
+    """The strongest cause by itself, where no set with a cause was compared with simulations."""
+    if strongest is None:
+        return None
+    fit = settled(causes_of((strongest,), strongest.fit, without)).fit
+    gain = fit.log_likelihood - without.log_likelihood
+    strongest = replace(strongest, fit=fit, gain=gain)
+    if strongest.gain <= price(strongest):
+        return Rejected(strongest, too_little(strongest, price(strongest)))
+    instead = ", ".join(sorted(best.names))
+    return Rejected(
+        strongest, f"{gains_in_words(strongest)}, less than forms without a name ({instead})"
+    )
 
 
 def _named(
@@ -223,7 +241,7 @@ def _better_judged(
     random: np.random.Generator,
 ) -> tuple[Causes, BeadCheck]:
     """Of sets that are nearly as likely, the one that likelihood and battery together speak for
-    (as of bends of z's scale), with its check.
+    (as where z may have a bend), with its check.
     """
     for rival in rivals:
         if rival.score + ln_of(1.0) <= best.score + ln_of(check.p_value):
