@@ -29,7 +29,8 @@ from mtpipe.recording.recording import StageCourse
 # between plateaus, and below the corner frequency of a tether's axial motion.
 LOWEST = 32
 FRAMES_PER_COEFFICIENT = 8
-# With fewer coefficients in all plateaus together, a strength would be good to a factor of 1.6.
+# With fewer coefficients in all plateaus together the squared strength has an error of a factor of
+# 1.6 or more.
 FEWEST_COEFFICIENTS = 10
 # Strengths that are tried: first over five decades, then where the likelihood is within exp(-12) of
 # its largest.

@@ -32,7 +32,8 @@ BLOCK = "<!-- speed -->\n"
 END = "<!-- end -->\n"
 ONE_CORE = dict.fromkeys(("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS"), "1")
 FRAMES, PLATEAUS = 8192, 8
-WORKS = ("series", "field", "crosscheck")
+CONCEALED = ROOT / "sample_data" / "concealed" / "recordings"
+WORKS = ("series", "field", "crosscheck", "diagnosis")
 
 
 def main() -> None:
@@ -91,6 +92,10 @@ def table_row(what: str, both: tuple[Any, Any], options: argparse.Namespace) -> 
     elif what == "field":
         name = f"{options.beads} beads × {PLATEAUS} plateaus × {FRAMES} frames"
         measured = [compared(both, work | {"beads": options.beads, "plateaus": PLATEAUS})]
+    elif what == "diagnosis":
+        paths = sorted(CONCEALED.glob("*/recording.csv.gz"))
+        name = f"a bead, diagnosed, mean of {len(paths)} recordings"
+        measured = [compared(both, work | {"path": str(path)}) for path in paths]
     else:
         name = f"a consistent bead, cross-checked, {len(CONSISTENT_FORCES_PN)} × {FRAMES} frames"
         measured = [compared(both, work)]

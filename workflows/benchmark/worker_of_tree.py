@@ -38,7 +38,7 @@ def main() -> None:
 
 def measured(work: dict[str, Any], setup: mtpipe.Setup) -> dict[str, Any]:
     """CPU seconds of one work, and the memory it took beyond the recording's arrays."""
-    if work["what"] == "series":
+    if "path" in work:
         raw = mtpipe.load(work["path"])
     elif work["what"] == "field":
         forces = np.geomspace(*FORCES_PN, work["plateaus"])
@@ -52,6 +52,8 @@ def measured(work: dict[str, Any], setup: mtpipe.Setup) -> dict[str, Any]:
         began = time.process_time()
     if work["what"] == "crosscheck":
         mtpipe.crosscheck(recording)
+    if work["what"] == "diagnosis":
+        mtpipe.diagnose(recording)
     mtpipe.calibrate(recording)
     cpu_s = time.process_time() - began
     peak = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss * 1024 / MIB
