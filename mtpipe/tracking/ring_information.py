@@ -30,7 +30,7 @@ from mtpipe.tracking.precision import PixelNoise
 SECTORS = 8
 # Rings are this far apart: with whole pixels the finest rings that a camera sees are smoothed away.
 RING_PX = 0.5
-# magtrack's own numbers, over the side of a region: lines, and the standard deviation of its Gaussian
+# magtrack's own numbers, over the side of a region: lines, and the deviation of its Gaussian
 # window, which enters the information squared.
 LINES, WINDOW = 0.1, 1 / 6
 # What a still larger region would gain in precision is no longer worth its time.
