@@ -13,6 +13,7 @@ from typing import Any
 
 from crosscheck_map import SERIES, cut_out, untold
 
+from mtpipe.diagnosis.explanation import Explanation
 from mtpipe.diagnosis.mismatch import Mismatch, diagnose
 from mtpipe.diagnosis.unexplained_content import content_of
 from mtpipe.recording.recording import Recording
@@ -28,19 +29,20 @@ def series(subtracted: Recording) -> list[str]:
     found = diagnose(untold(cut_out(subtracted, here)), workers=WORKERS)
     lines = [
         "| bead | verdict | named | p before → after | held out (nats) "
-        f"| forces in {', '.join(map(str, SERIES))} before (pN) | after (pN) |",
+        "| forces before (pN) | after (pN) |",
         "| --- | --- | --- | --- | --- | --- | --- |",
     ]
     for bead, content in found.as_dict()["beads"].items():
-        lines.append(f"| {bead} | {content['verdict']} | {' | '.join(_of_bead(content))} |")
+        parts = [content["verdict"], *_of_bead(content, found.beads[bead])]
+        lines.append(f"| {bead} | {' | '.join(parts)} |")
     lines += [f"| {bead} | refused: {reason} | | | | | |" for bead, reason in found.refused.items()]
     return [*lines, "", *_left(found)]
 
 
-def _of_bead(content: dict[str, Any]) -> list[str]:
+def _of_bead(content: dict[str, Any], bead: Explanation) -> list[str]:
     effects = [*content["effects"], *content["terms"]]
     named = "; ".join(f"{_name(one)} ({_sizes(one)})" for one in effects)
-    p_values = f"{effects[0]['p_before']:.0e} → {effects[-1]['p_after']:.1g}" if effects else "–"
+    p_values = f"{bead.before.p_value:.0e} → {bead.after.p_value:.1g}" if effects else "–"
     gains = [one["heldout_gain_nats"] for one in effects]
     return [
         named or "nothing",
