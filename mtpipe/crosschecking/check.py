@@ -91,7 +91,7 @@ def check_bead(
     rounds : numbers of simulations after which it may be clear what comes out.
     far_off : p-value below which few simulations are enough.
     begun : a check of the same case, whose simulations count.
-    with_curves : keep the curves of the simulations, of `ENOUGH` at most.
+    with_curves : keep the curves of `ENOUGH` simulations.
     progress : called with (simulations done, of how many in this round).
     """
     recorded = recorded_of(case)
@@ -100,6 +100,8 @@ def check_bead(
     maker = TwinMaker(case)
     simulated: list[FloatArray] = [] if begun is None else list(begun.simulated)
     curves = CurveSet(recorded) if with_curves else None
+    # for curves alone, so that what is found does not depend on whether they are drawn
+    (beside,) = random.spawn(1)
     open_as_yet: Together | None = None
     shared = Sent((battery, curves))
     for goal in rounds:
@@ -128,6 +130,9 @@ def check_bead(
         if overall.p_value > CLEARLY_CONSISTENT or overall.p_value < CLEARLY_NOT:
             break
         open_as_yet = overall
+    if curves is not None:
+        for _ in range(ENOUGH - len(simulated)):
+            curves.add(curves.values(battery.simulated(maker.draw(beside))))
     return BeadCheck(
         case,
         looks,
