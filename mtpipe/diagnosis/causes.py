@@ -64,7 +64,9 @@ def causes_of(
 
 
 def price(one: FittedEffect) -> float:
-    """What a member of a set costs: its numbers, and how unlikely it is beforehand (nats)."""
+    """Nats that a member must gain: ½ ln of the number of ordinates for each parameter, and its
+    prior odds, ln 27 of a cause and 10 more of a term.
+    """
     return one.penalty + (TERM_NATS if one.effect.form else CAUSE_NATS)
 
 
