@@ -212,10 +212,10 @@ def traces(experiment, random):
     for i, force in enumerate(forces_of(experiment)):
         changes, lengths = zip(*force_pieces(experiment, i, frames), strict=True)
         forces = force * (1 + np.array(changes))
-        stretches = [(_state(experiment, f), n) for f, n in zip(forces, lengths, strict=True)]
+        here = experiment.in_plateau(i)
+        stretches = [(_state(here, f), n) for f, n in zip(forces, lengths, strict=True)]
         motion = simulate_motion(stretches, experiment.camera, random)
         motion[:, 2] += height_within_pieces(experiment, i, force, frames)
-        here = experiment.in_plateau(i)
         seen = recorded(motion, np.repeat(forces, lengths), here, random)
         own = reference_motion(experiment, frames, random)
         for axis, cutoff_hz in enumerate(subtraction.cutoff_hz):

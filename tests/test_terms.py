@@ -35,6 +35,8 @@ KNOWN = [
     KnownTerm("gain_y", (0.15, 0.3), (0.0, 0.0)),
     KnownTerm("mixing_x_in_z", (0.15, 0.2), (0.0, 0.0)),
     KnownTerm("mixing_z_in_y", (0.3, -0.2), (0.0, 0.0)),
+    KnownTerm("course_of_friction", (0.3,), (0.0,), which=2),
+    KnownTerm("course_of_length", (-0.08,), (0.0,), which=0),
 ]
 each_term = pytest.mark.parametrize("known", KNOWN, ids=[known.name for known in KNOWN])
 

@@ -309,7 +309,7 @@ def _projections(case: PreparedBead) -> list[list[FloatArray]]:
     experiment = described(case)
     for i, data in enumerate(case.fit.model.data):
         here, force_pN = case.fit.expected[i].power, float(case.fit.force_pN[i])
-        changes = changed_spectra(data, here, experiment, force_pN)
+        changes = changed_spectra(data, here, experiment.in_plateau(i), force_pN)
         found.append(
             [agreement.projections(changes[axis], data.spectrum.ordinates) for axis in range(3)]
         )

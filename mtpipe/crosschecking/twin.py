@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from mtpipe.crosschecking.prepared_bead import PreparedBead, described
 from mtpipe.drift.lowpass import low_pass
 from mtpipe.experiment.description import Allowance, Experiment
-from mtpipe.experiment.state import all_states
+from mtpipe.experiment.state import states_in
 from mtpipe.ground.types import FloatArray
 from mtpipe.joint_fit.expectation import LEAST_HEIGHT_STDERR_NM
 from mtpipe.joint_fit.known_forces import prior_scatter, relative_stderr
@@ -60,7 +60,7 @@ class TwinMaker:
         self.experiment = described(case)
         # where frames are dropped, more have to be simulated than the file has
         self.stretch = 1 / (1 - self.experiment.clock.dropped_share)
-        stretches, self.slices, self.first_of, self.moves = _timetable(
+        stretches, plateaus, self.slices, self.first_of, self.moves = _timetable(
             case, self.experiment, self.stretch
         )
         self.within_nm = np.zeros(sum(n for _, n in stretches))
@@ -70,7 +70,7 @@ class TwinMaker:
         # simulations draw for each plateau how far z's friction and variance are from theory
         forces, frames = [force for force, _ in stretches], [n for _, n in stretches]
         self.variants = [
-            list(zip(all_states(other, forces), frames, strict=True))
+            list(zip(states_in(other, forces, plateaus), frames, strict=True))
             for other in _varied(self.experiment)
         ]
         self.force_pN = np.repeat(forces, frames)
@@ -148,9 +148,10 @@ def _varied(experiment: Experiment) -> list[Experiment]:
 
 def _timetable(
     case: PreparedBead, experiment: Experiment, stretch: float
-) -> tuple[list[tuple[float, int]], list[slice], NDArray[np.int64], set[int]]:
-    """Stretches (force, frames) of the recording, where its plateaus lie in them, of each stretch
-    the first one of its plateau (of a move it is itself), and which are moves.
+) -> tuple[list[tuple[float, int]], list[int], list[slice], NDArray[np.int64], set[int]]:
+    """Stretches (force, frames) of the recording, the plateau that each is of or leads to, where
+    plateaus lie in them, of each stretch the first one of its plateau (of a move it is itself), and
+    which are moves.
 
     Parameters
     ----------
@@ -158,6 +159,7 @@ def _timetable(
     """
     forces = [float(f) for f in case.fit.force_pN]
     stretches: list[tuple[float, int]] = []
+    plateaus: list[int] = []
     slices: list[slice] = []
     first_of: list[int] = []
     moves: set[int] = set()
@@ -178,6 +180,7 @@ def _timetable(
         parts = force_pieces(experiment, i, frames)
         first_of += [len(stretches)] * len(parts)
         stretches += [(forces[i] * (1 + part), rows) for part, rows in parts]
+        plateaus += [i] * (len(stretches) - len(plateaus))
         slices.append(slice(at, at + frames))
         at += frames
-    return stretches, slices, np.array(first_of), moves
+    return stretches, plateaus, slices, np.array(first_of), moves

@@ -79,7 +79,12 @@ def place_of(
 
 
 def with_alternatives(
-    one: Named, names: Collection[str], place: Place | None, last: BeadCheck
+    one: Named,
+    names: Collection[str],
+    place: Place | None,
+    last: BeadCheck,
+    sets: float,
+    left_smooth: float,
 ) -> Named:
     """A named effect with what the recording cannot tell from it, given the others that are named;
     and how sure its name is.
@@ -87,6 +92,8 @@ def with_alternatives(
     Parameters
     ----------
     names : of all that are named. last : the check with all of them.
+    sets : weight of all sets without it, over that of the set that is named.
+    left_smooth : what a smooth factor gains beside all of them, nats.
     """
     if one.form:
         return one  # a term has no name that others could have instead
@@ -94,8 +101,8 @@ def with_alternatives(
         return replace(one, alternatives=())
     alternatives = alike(place.own, place.tried, names, partial(_foretold, last.case))
     beside = {*names, *(other.found.effect.name for other in alternatives)}
-    against = odds_against(place.own, place.tried, beside, place.without, last.case.fit)
-    return replace(one, alternatives=alternatives, odds_against=against)
+    against = odds_against(place.own, place.tried, beside, place.without, left_smooth)
+    return replace(one, alternatives=alternatives, odds_against=against + sets)
 
 
 def _foretold(case: PreparedBead, one: FittedEffect, other: FittedEffect) -> float:

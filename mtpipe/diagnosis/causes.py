@@ -76,20 +76,25 @@ def by_score(one: Causes) -> float:
 
 
 def leads(best: Causes, others: Sequence[Causes]) -> bool:
-    """Whether each cause of a set has most of the weight of all sets that were weighed.
+    """Whether each cause of a set has most of the weight of all sets that were weighed."""
+    return all(
+        weight_without(one.effect.name, best, others) < 1
+        for one in best.members
+        if not one.effect.form
+    )
+
+
+def weight_without(name: str, best: Causes, others: Sequence[Causes]) -> float:
+    """Weight of the sets without a cause, over the best set's.
 
     Members that take each other's place are for `Named.alternatives` to say: a set that differs by
     one of them counts for both.
     """
-    for name in (one.effect.name for one in best.members if not one.effect.form):
-        without = sum(
-            math.exp(min(one.score - best.score, 0.0))
-            for one in others
-            if name not in one.names and len(best.names - one.names) > 1
-        )
-        if without >= 1:
-            return False
-    return True
+    return sum(
+        math.exp(min(one.score - best.score, 0.0))
+        for one in others
+        if name not in one.names and len(best.names - one.names) > 1
+    )
 
 
 def grown(

@@ -1,7 +1,8 @@
 """How sure a name is: its weight beside everything else that was weighed.
 
-In an effect's place may be another effect, nothing at all, or something that has no name: a smooth
-factor on the spectra, with the marginal likelihood that it has (`smooth_correction`).
+In an effect's place, and in that of a whole set of causes, may be others, nothing at all, or
+something that has no name: a smooth factor on the spectra, with the marginal likelihood that it has
+(`smooth_correction`).
 """
 
 from __future__ import annotations
@@ -30,24 +31,35 @@ def odds_against(
     tried: Sequence[FittedEffect],
     named: Collection[str],
     without: ConfiguredFit,
-    with_it: ConfiguredFit,
+    left_smooth: float,
 ) -> float:
-    """Weight of all that is not this effect and not named, over the effect's.
+    """Weight of all that is in this effect's place and not named, over the effect's.
 
     Parameters
     ----------
     one : the effect, beside the others that are named. tried : all in its place.
-    named : names of those that are. without, with_it : fits without the effect and with it, the
-        others in both.
+    named : names of those that are. without : fit without the effect, with the others.
+    left_smooth : what a smooth factor gains beside all of them (`smooth_gain`), nats.
     """
     others = [
         other.net - one.net - (TERM_NATS - CAUSE_NATS if other.effect.form else 0.0)
         for other in tried
         if other.effect.name not in named
     ]
-    unnamed = smooth_gain(without) - smooth_gain(with_it) - one.net + math.log(UNKNOWN)
+    unnamed = unknown_nats(without, left_smooth, one.net)
     nothing = CAUSE_NATS - one.net
     return IMITATED + sum(weight(nats) for nats in (*others, unnamed, nothing))
+
+
+def unknown_nats(without: ConfiguredFit, left_smooth: float, worth: float) -> float:
+    """By how many nats something smooth that has no name is likelier than causes.
+
+    Parameters
+    ----------
+    without : fit without the causes. left_smooth : what a smooth factor gains beside them.
+    worth : what they gain, less their price.
+    """
+    return smooth_gain(without) - left_smooth - worth + math.log(UNKNOWN)
 
 
 def odds_against_correction(before: BeadCheck) -> float:

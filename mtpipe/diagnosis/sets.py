@@ -33,10 +33,12 @@ from mtpipe.diagnosis.causes import (
     leads,
     price,
     settled,
+    weight_without,
 )
 from mtpipe.diagnosis.evidence import evidence_of
 from mtpipe.diagnosis.explanation import AGREES_P, ALIKE_NATS, Named, agrees, ln_of
 from mtpipe.diagnosis.heldout import heldout_gain
+from mtpipe.diagnosis.probability import smooth_gain, unknown_nats, weight
 from mtpipe.diagnosis.unexplained import SPECTRAL, Rejected
 from mtpipe.diagnosis.why_not import gains_in_words, too_little
 from mtpipe.effects.effect import Effect
@@ -121,7 +123,7 @@ def several_causes(
                 best, check = _better_judged(best, check, rivals, begun, random)
                 others = [one for names, one in weighed.items() if names != best.names]
                 able = [one for one in members if not one.form]
-                return _named(best, others, begun, check, random, able)
+                return _named(best, others, begun, check, first, random, able)
             nearest = _rejected(best, f"recording and simulation differ (p {check.p_value:.1g})")
             wrong = _contradicted(begun, best, check, random)
             if wrong:
@@ -187,6 +189,7 @@ def _named(
     others: Sequence[Causes],
     begun: BeadCheck,
     check: BeadCheck,
+    first: BeadCheck,
     random: np.random.Generator,
     effects: Sequence[Effect],
 ) -> Weighed:
@@ -194,14 +197,54 @@ def _named(
     if not leads(best, others):
         return Weighed([], check, _rejected(best, "causes without it are as likely"))
     best, check, places = _exchanged(best, begun, check, random, effects)
+    while (fewer := _without_weakest(best, check, places, begun, first, random)) is not None:
+        best, check = fewer
+        best, check, places = _exchanged(best, begun, check, random, effects)
+    left_smooth = smooth_gain(best.fit)
+    unknown = unknown_nats(begun.case.fit, left_smooth, best.score)
+    if unknown > 0:
+        why = "something smooth that has no name explains as much"
+        return Weighed([], check, _rejected(best, why))
     named = _in_order(begun, best, check, random)
     if not named:
         return Weighed([], check, _rejected(best, "nothing in data kept out of the fit"))
-    told = [
-        with_alternatives(one, best.names, place, check)
-        for one, place in zip(named, places, strict=True)
-    ]
+    told = []
+    for one, place in zip(named, places, strict=True):
+        sets = weight(unknown) + weight_without(one.name, best, others)
+        told.append(with_alternatives(one, best.names, place, check, sets, left_smooth))
     return Weighed(told, check)
+
+
+def _without_weakest(
+    best: Causes,
+    check: BeadCheck,
+    places: Sequence[Place | None],
+    begun: BeadCheck,
+    first: BeadCheck,
+    random: np.random.Generator,
+) -> tuple[Causes, BeadCheck] | None:
+    """The set without its weakest member, and its check; None where that is worth its place.
+
+    What the last member has to gain each has, whatever the order in which they were found.
+    """
+    if len(best.members) < 2:
+        return None
+    margins = [
+        math.inf if place is None or place.own is None else place.own.gain - price(place.own)
+        for place in places
+    ]
+    k = int(np.argmin(margins))
+    place = places[k]
+    if place is None or margins[k] >= FORM_NATS:
+        return None
+    rest = causes_of((*best.members[:k], *best.members[k + 1 :]), place.without, begun.case.fit)
+    try:
+        fewer = _checked(rest, begun, first, random)
+    except (FitError, ValueError):
+        return None
+    if agrees(fewer, first) and margins[k] < FORM_NATS + ln_of(fewer.p_value) - ln_of(1.0):
+        return rest, fewer
+    return None
 
 
 def _exchanged(

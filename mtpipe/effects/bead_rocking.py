@@ -16,7 +16,7 @@ from mtpipe.experiment.description import Experiment
 
 # Attachment's distance from the bead's axis, over the radius: starts of the fit, and its bound. At
 # 1 the bead would hang by its side.
-STARTS, LARGEST = (-0.5, 0.5), 0.97
+STARTS, LARGEST = (-0.5, -0.05, 0.05, 0.5), 0.97
 # Torque stiffness against tilting at 1 pN, pN nm/rad: start and bounds of the fit. Real beads have
 # some 2e3; above 1e6 no bead is seen to rock.
 START_PN_NM, BOUNDS_PN_NM = 1e3, (10.0, 1e6)

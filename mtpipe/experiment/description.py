@@ -12,7 +12,7 @@ from __future__ import annotations
 import functools
 import math
 from dataclasses import dataclass
-from typing import Literal, TypeVar
+from typing import Literal, Protocol, TypeGuard, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -207,6 +207,18 @@ class Allowance:
     upward_variance: float = 1.0
 
 
+class ChangeByPlateau(Protocol):
+    """A step that is none of the readout: bead or tether are others in each plateau."""
+
+    def changed_in(self, experiment: Experiment, plateau: int) -> Experiment:
+        """The experiment as it is in one plateau."""
+
+
+def changes_bead(step: Step | ChangeByPlateau) -> TypeGuard[ChangeByPlateau]:
+    """Whether a step changes bead or tether from plateau to plateau."""
+    return hasattr(step, "changed_in")
+
+
 @dataclass(frozen=True)
 class Rest:
     """A plateau: the magnets rest at a position and pull with a force for a number of frames."""
@@ -250,11 +262,19 @@ class Experiment:
     anharmonic: bool = False
 
     def in_plateau(self, plateau: int) -> Experiment:
-        """The experiment with the steps that it has in one plateau."""
-        if not any(by_plateau(step) for step in self.steps):
+        """The experiment as it is in one plateau, with the steps that it has there."""
+        if not any(by_plateau(step) or changes_bead(step) for step in self.steps):
             return self
-        steps = tuple(step.in_plateau(plateau) if by_plateau(step) else step for step in self.steps)
-        return changed(self, steps=steps)
+        steps = tuple(
+            step.in_plateau(plateau) if by_plateau(step) else step
+            for step in self.steps
+            if not changes_bead(step)
+        )
+        here = changed(self, steps=steps)
+        for step in self.steps:
+            if changes_bead(step):
+                here = step.changed_in(here, plateau)
+        return here
 
     @property
     def rocks(self) -> bool:

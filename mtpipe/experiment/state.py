@@ -26,6 +26,7 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import ArrayLike
 
+from mtpipe.experiment.changed import changed
 from mtpipe.experiment.description import Experiment
 from mtpipe.experiment.frictions import LEAST_HEIGHT_NM, frictions_at
 from mtpipe.experiment.lateral import Lateral, lateral
@@ -92,6 +93,22 @@ def all_states(experiment: Experiment, forces_pN: Sequence[float]) -> list[BeadS
             raise state
         found.append(state)
     return found
+
+
+def states_in(
+    experiment: Experiment, forces_pN: Sequence[float], plateaus: Sequence[int]
+) -> list[BeadState]:
+    """As `all_states`, each as the bead is in a plateau (its index)."""
+    alike: dict[Experiment, list[int]] = {}
+    for i, plateau in enumerate(plateaus):
+        # of what only the readout has, states know nothing
+        here = changed(experiment.in_plateau(plateau), steps=())
+        alike.setdefault(here, []).append(i)
+    found: dict[int, BeadState] = {}
+    for here, places in alike.items():
+        states = all_states(here, [forces_pN[i] for i in places])
+        found.update(zip(places, states, strict=True))
+    return [found[i] for i in range(len(forces_pN))]
 
 
 def bead_states(experiment: Experiment, forces_pN: Sequence[float]) -> list[BeadState | FitError]:

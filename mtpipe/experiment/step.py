@@ -99,10 +99,12 @@ class Step(Protocol):
 
 
 class StepOfAxis(Step, Protocol):
-    """A step of one axis (0 to 2), or of a pair, of which an experiment may have one for each."""
+    """A step of one axis (0 to 2), of a pair, of which an experiment may have one for each, or of
+    all axes.
+    """
 
     form: ClassVar[str]
 
     @property
-    def axis(self) -> int | tuple[int, int]:
-        """The axis, or the pair: the one that changes first."""
+    def axis(self) -> int | tuple[int, int] | None:
+        """The axis, or the pair: the one that changes first; None: all."""

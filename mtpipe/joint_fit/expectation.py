@@ -15,14 +15,14 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from mtpipe.drift.lowpass import response
-from mtpipe.experiment.description import Experiment, ForceCourse, Line, Triple
+from mtpipe.experiment.description import Experiment, ForceCourse, Line, Triple, changes_bead
 from mtpipe.experiment.readout import recorded_height_nm
 from mtpipe.experiment.recorded_modes import recorded_modes
 from mtpipe.ground.errors import FitError
 from mtpipe.ground.types import FloatArray
 from mtpipe.joint_fit.data import PlateauData
 from mtpipe.joint_fit.height_course import Course, played
-from mtpipe.joint_fit.layers import Steady, steady_of
+from mtpipe.joint_fit.layers import Core, Steady, steady_of
 from mtpipe.joint_fit.motions import DIAGONAL, Motion, motions
 from mtpipe.joint_fit.random_walk import line_of
 from mtpipe.joint_fit.spectra import Transform
@@ -383,11 +383,16 @@ def know_states(
     ----------
     data : of each plateau. forces_pN : at which each will be asked for.
     """
-    states: list[float] = []
+    states: dict[Core, list[float]] = {}
+    alike = not any(changes_bead(step) for step in experiment.steps)
+    common = steady_of(experiment).moving.core
     for plateau, (one, forces) in enumerate(zip(data, forces_pN, strict=True)):
-        states += forces
+        core = common if alike else steady_of(experiment.in_plateau(plateau)).moving.core
+        mine = states.setdefault(core, [])
+        mine += forces
         course = experiment.magnets.course(plateau)
         if course.relative_change != 0:
             nodes = played(one, course, experiment.camera.frame_s).nodes
-            states += [force * (1 + node) for force in forces for node in nodes]
-    steady_of(experiment).moving.core.know(list(dict.fromkeys(states)))
+            mine += [force * (1 + node) for force in forces for node in nodes]
+    for core, mine in states.items():
+        core.know(list(dict.fromkeys(mine)))

@@ -63,6 +63,7 @@ def height_within_pieces(
     relative = force_course(experiment.magnets.course(plateau), frames)
     constant = np.repeat([change for change, _ in pieces], [n for _, n in pieces])
     nodes = np.linspace(relative.min(), relative.max(), COURSE_POINTS)
+    experiment = experiment.in_plateau(plateau)
     states = all_states(experiment, (force_pN * (1 + nodes)).tolist())
     heights = np.array([state.extension_nm for state in states])
     within = heights @ (height_weights(nodes, relative) - height_weights(nodes, constant))

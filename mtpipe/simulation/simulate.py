@@ -7,7 +7,6 @@ draws from a stream of its own, so that more beads leave those that are there as
 
 from __future__ import annotations
 
-import functools
 import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
@@ -17,8 +16,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mtpipe.experiment.changes import with_bead
-from mtpipe.experiment.description import Experiment
-from mtpipe.experiment.state import bead_state, has_whole_motion
+from mtpipe.experiment.description import Experiment, changes_bead
+from mtpipe.experiment.state import has_whole_motion, states_in
 from mtpipe.ground.notice import Notice
 from mtpipe.ground.progress import of_step
 from mtpipe.ground.types import FloatArray, Progress
@@ -172,9 +171,10 @@ def _linear(
     experiment: Experiment, table: Timetable
 ) -> Callable[[np.random.Generator], FloatArray]:
     """Motion of one bead, (frames, 3), from a generator: mode by mode."""
-    state = functools.cache(functools.partial(bead_state, experiment))
     frames = np.diff(table.edges).tolist()
-    stretches = [(state(force), n) for force, n in zip(table.force_pN, frames, strict=True)]
+    # in a move the bead is as in the plateau that it leads to
+    plateaus = [next(i for i in table.rest[k:] if i >= 0) for k in range(len(table.rest))]
+    stretches = list(zip(states_in(experiment, table.force_pN, plateaus), frames, strict=True))
     within = np.zeros((table.edges[-1], 3))
     for i, rest in enumerate(experiment.rests):
         heights = height_within_pieces(experiment, i, rest.force_pN, rest.frames)
@@ -215,6 +215,9 @@ def _departures(experiment: Experiment, engine: Engine) -> tuple[Notice, ...]:
             "bead that turns (rotation_coupling) and does not lean."
         )
         found.append(Notice("effects_not_simulated", "caution", said))
+    if engine == "brownian" and any(changes_bead(step) for step in experiment.steps):
+        said = "The step-by-step engine has a bead and a tether that stay as they are."
+        found.append(Notice("no_course", "caution", said))
     if engine == "brownian" and not experiment.bead.turns:
         said = (
             "The step-by-step engine lets the bead turn about the field's axis, although the setup "

@@ -5,7 +5,7 @@ from __future__ import annotations
 import itertools
 
 from mtpipe.effects.effect import Effect
-from mtpipe.terms import lorentzian, power_law, step, white
+from mtpipe.terms import course, lorentzian, power_law, step, white
 from mtpipe.terms.mixing import gain_along, share_in
 
 TERMS: tuple[Effect, ...] = (
@@ -16,4 +16,6 @@ TERMS: tuple[Effect, ...] = (
     *(step.gain_along(axis) for axis in range(3)),
     *(step.scatter_along(axis) for axis in range(3)),
     *(share_in(*pair) for pair in itertools.permutations(range(3), 2)),
+    course.of_friction(),
+    course.of_length(),
 )

@@ -20,7 +20,9 @@ from mtpipe.ground.types import FloatArray
 from mtpipe.physics.camera import Camera
 
 AXES = "xyz"
-Axis = int | tuple[int, int]
+# One axis; a pair; none for a term that is about all three.
+OneOrPair = int | tuple[int, int]
+Axis = OneOrPair | None
 # Largest exponent of the force in a law: those of a tether lie within, squares of lengths as F^-3.
 STEEPEST = 4.0
 
@@ -46,7 +48,7 @@ def of_axis(
     axis: Axis,
     begun: Callable[[Experiment, Evidence], list[Hypothesis]],
 ) -> Effect:
-    """The term of one axis, or of a pair.
+    """The term of one axis, of a pair, or of all axes (None).
 
     Parameters
     ----------
@@ -58,8 +60,21 @@ def of_axis(
         partial(_words, kind, axis),
         partial(_sizes, kind, axis),
         form=kind.form,
-        axes=(AXES[axis],) if isinstance(axis, int) else tuple(AXES[one] for one in axis),
+        axes=tuple(AXES[one] for one in _axes(axis)),
     )
+
+
+def of_all_axes(
+    name: str, kind: type[Kind], begun: Callable[[Experiment, Evidence], list[Hypothesis]]
+) -> Effect:
+    """The term of something that shows along all axes. Parameters : as `of_axis`."""
+    return of_axis(name, kind, None, begun)
+
+
+def _axes(axis: Axis) -> tuple[int, ...]:
+    if axis is None:
+        return (0, 1, 2)
+    return (axis,) if isinstance(axis, int) else axis
 
 
 def _hypotheses(
@@ -130,13 +145,13 @@ class ByStretches:
         return moved
 
 
-def law(kind: type[Kind], axis: Axis, field: str = "exponent", what: str = "law") -> Parameter:
+def law(kind: type[Kind], axis: OneOrPair, field: str = "exponent", what: str = "law") -> Parameter:
     """The power of the force that a term goes with."""
     name = f"{what} of {kind.form} along {axis_name(axis)}"
     return plain(name, "", 0.0, (-STEEPEST, STEEPEST), 1e-3, set_to(kind, axis, field))
 
 
-def axis_name(axis: Axis) -> str:
+def axis_name(axis: OneOrPair) -> str:
     """x, y or z; of a pair, the one whose motion is in which other."""
     return AXES[axis] if isinstance(axis, int) else f"{AXES[axis[1]]} in {AXES[axis[0]]}"
 
