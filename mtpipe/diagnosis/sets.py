@@ -103,6 +103,7 @@ def several_causes(
     rivals: list[Causes] = []
     nearest: Rejected | None = None
     first_tried: FittedEffect | None = None
+    agreed: tuple[Causes, BeadCheck] | None = None
     for _ in range(MOST_STEPS):
         say("weighing causes beside " + (", ".join(sorted(best.names)) or "none"))
         # the better the fit, the more of what differs is seen as what it is
@@ -119,11 +120,11 @@ def several_causes(
             except (FitError, ValueError) as error:
                 nearest = _rejected(best, f"the bead cannot be simulated with it ({error})")
                 break
-            if agrees(check, first) and gained < FORM_NATS + ln_of(check.p_value) - ln_of(1.0):
-                best, check = _better_judged(best, check, rivals, begun, random)
-                others = [one for names, one in weighed.items() if names != best.names]
-                able = [one for one in members if not one.form]
-                return _named(best, others, begun, check, first, random, able)
+            if agrees(check, first):
+                agreed = best, check
+                if gained < FORM_NATS + ln_of(check.p_value) - ln_of(1.0):
+                    agreed = _better_judged(best, check, rivals, begun, random)
+                    break
             nearest = _rejected(best, f"recording and simulation differ (p {check.p_value:.1g})")
             wrong = _contradicted(begun, best, check, random)
             if wrong:
@@ -142,7 +143,13 @@ def several_causes(
         ]
         best = max(beam, key=by_score)
         rivals = [one for one in beam if one is not best and best.score - one.score < ALIKE_NATS]
-    return Weighed([], check, nearest or _nearest(first_tried, best, without))
+    if agreed is None:
+        return Weighed([], check, nearest or _nearest(first_tried, best, without))
+    # a larger set may have more likelihood, and not agree
+    best, check = agreed
+    others = [one for names, one in weighed.items() if names != best.names]
+    able = [one for one in members if not one.form]
+    return _named(best, others, begun, check, first, random, able)
 
 
 def _checked(

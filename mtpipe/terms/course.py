@@ -1,7 +1,7 @@
 """A bead or a tether that changes while the recording lasts: another friction, another length.
 
-Something grows on the bead, a protein folds up the tether, the buffer warms. From one plateau to a
-later one it changes evenly; between neighbours that is a step.
+Something grows on the bead, a protein folds up the tether, the buffer warms. It changes with one of
+the plateaus, or evenly all through the recording.
 """
 
 from __future__ import annotations
@@ -28,16 +28,18 @@ LARGEST_LN_FRICTION, LARGEST_LN_LENGTH = 2.0, 0.5
 
 @dataclass(frozen=True)
 class _Course:
-    """A factor on something of the experiment: 1 up to the plateau `first`, e^ln_change from the
-    plateau `last` on (indices), even between.
+    """A factor on something of the experiment, from 1 to e^ln_change.
+
+    Plateaus are counted from 0, and last a half before and after their number. `first`, `last` :
+    where the change begins and ends; even between.
     """
 
     place: ClassVar[Place] = "tether"
     form: ClassVar[str] = "course"
     what: ClassVar[str] = ""
     axis: ClassVar[None] = None
-    first: int
-    last: int
+    first: float
+    last: float
     ln_change: float = 0.0
 
     def expected(self, seen: Seen, force_pN: float, thermal_energy_pN_nm: float) -> Seen:
@@ -58,24 +60,26 @@ class _Course:
     def ln_factor(self, plateau: int) -> float:
         """In one plateau."""
         passed = (plateau - self.first) / (self.last - self.first)
-        return self.ln_change * min(max(passed, 0.0), 1.0)
+        return math.log1p(math.expm1(self.ln_change) * min(max(passed, 0.0), 1.0))
 
     @property
     def words(self) -> str:
         """The factor, and when."""
         factor = f"{self.what} becomes {math.exp(self.ln_change):.3f} times what it was"
-        if self.last == self.first + 1:
-            return f"{factor} with plateau {self.last + 1} of those fitted"
-        return f"{factor}, evenly from plateau {self.first + 1} to {self.last + 1} of those fitted"
+        if self.is_step:
+            return f"{factor} with plateau {self.last + 1:.0f} of those fitted"
+        return f"{factor}, evenly from the beginning to the end"
+
+    @property
+    def is_step(self) -> bool:
+        """Whether it changes at once, between two plateaus."""
+        return self.last == self.first + 1
 
     @property
     def sizes(self) -> list[tuple[str, float, str]]:
-        """Factor, and the indices of the plateaus between which it changes."""
-        return [
-            ("factor", math.exp(self.ln_change), ""),
-            ("from_plateau", self.first, ""),
-            ("to_plateau", self.last, ""),
-        ]
+        """Factor, and of a step the index of the plateau with which it comes."""
+        factor = ("factor", math.exp(self.ln_change), "")
+        return [factor, ("first_plateau", self.last, "")] if self.is_step else [factor]
 
 
 @dataclass(frozen=True)
@@ -101,18 +105,17 @@ class LengthCourse(_Course):
 
 
 def _begun(
-    kind: Callable[[int, int], FrictionCourse | LengthCourse],
+    kind: Callable[[float, float], FrictionCourse | LengthCourse],
     name: str,
     largest: float,
     experiment: Experiment,
     evidence: Evidence,
 ) -> list[Hypothesis]:
     """A step to each plateau, and a change all along."""
-    last = len(evidence.force_pN) - 1
-    stretches = [(k, k + 1) for k in range(last)]
-    if last > 1:
-        stretches.append((0, last))
-    begun = [kind(*one) for one in stretches]
+    plateaus = len(evidence.force_pN)
+    begun = [kind(k - 1, k) for k in range(1, plateaus)]
+    if plateaus > 2:
+        begun.append(kind(-0.5, plateaus - 0.5))
     found = []
     for one in begun:
         change = set_to(type(one), None, "ln_change")
