@@ -17,7 +17,11 @@ from mtpipe.diagnosis.mismatch import bead_content
 from mtpipe.diagnosis.sets import several_causes
 from mtpipe.drift import subtract_drift
 from mtpipe.effects.catalogue import OWN
-from tests.small_case import generator, raw
+from mtpipe.experiment.changes import with_step
+from mtpipe.simulation.setup_experiment import stated_experiment
+from mtpipe.simulation.simulate import simulate_experiment
+from mtpipe.terms.course import FrictionCourse
+from tests.small_case import FORCES_PN, FRAMES, NOISE_NM, generator, raw, setup
 
 pytestmark = pytest.mark.slow
 
@@ -96,6 +100,24 @@ def test_a_cause_without_a_name_is_described_by_its_form(seen):
         assert set(term["parameters"]) == {"share", "exponent"}
     # of y as recorded, which is 1.25 times as large
     assert shares["mixing_y_in_z"]["share"] * 1.25 == pytest.approx(0.2, abs=0.03)
+
+
+def test_a_member_that_another_made_needless_is_not_named():
+    """What x reads of z is first seen as what z reads of x."""
+    _, named = found(changed([[1.0, 0.0, 0.8], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]]), NAMES)
+    assert [one.name for one in named] == ["mixing_z_in_x"]
+
+
+def test_friction_that_rises_is_described_and_not_named():
+    """Forces rise with time, so that it might be friction that rises with the force."""
+    course = FrictionCourse(-0.5, 2.5, np.log(1.8))
+    experiment, _ = stated_experiment(setup(), FORCES_PN, FRAMES, noise_nm=NOISE_NM)
+    recording = subtract_drift(simulate_experiment(with_step(experiment, course), setup(), 3))
+    _, named = found(recording, (*NAMES, "bead_radius", "exposure", "contour_length"))
+    assert [one.name for one in named] == ["course_of_friction"]
+    fit = named[-1].after.case.fit
+    (_, factor, _), *_ = named[0].found.effect.strengths(fit.model.described(fit.theta))
+    assert factor == pytest.approx(1.8, rel=0.15)
 
 
 def test_nothing_is_found_where_nothing_is_concealed():
