@@ -10,7 +10,9 @@ import pytest
 from mtpipe.crosschecking.check import check_bead
 from mtpipe.crosschecking.prepared_bead import prepare
 from mtpipe.diagnosis import sets
-from mtpipe.diagnosis.causes import Causes
+from mtpipe.diagnosis.alternatives import place_of
+from mtpipe.diagnosis.causes import Causes, causes_of
+from mtpipe.diagnosis.evidence import evidence_of
 from mtpipe.diagnosis.explanation import Explanation
 from mtpipe.diagnosis.forces_to_quote import diagnosed_forces
 from mtpipe.diagnosis.mismatch import bead_content
@@ -18,8 +20,10 @@ from mtpipe.diagnosis.sets import several_causes
 from mtpipe.drift import subtract_drift
 from mtpipe.effects.catalogue import OWN
 from mtpipe.experiment.changes import with_step
+from mtpipe.joint_fit.hypotheses import try_effects
 from mtpipe.simulation.setup_experiment import stated_experiment
 from mtpipe.simulation.simulate import simulate_experiment
+from mtpipe.terms.catalogue import TERMS
 from mtpipe.terms.course import FrictionCourse
 from tests.small_case import FORCES_PN, FRAMES, NOISE_NM, generator, raw, setup
 
@@ -30,6 +34,7 @@ TERM = {
     "form", "axes", "plateaus", "sentence", "parameters", "delta_bic", "heldout_gain_nats",
     "p_before", "p_after",
 }  # fmt: skip
+BY_NAME = {one.name: one for one in (*OWN, *TERMS)}
 NAMES = ("z_crosstalk", "lateral_scale", "viscosity", "axial_scale")
 
 
@@ -102,10 +107,22 @@ def test_a_cause_without_a_name_is_described_by_its_form(seen):
     assert shares["mixing_y_in_z"]["share"] * 1.25 == pytest.approx(0.2, abs=0.03)
 
 
-def test_a_member_that_another_made_needless_is_not_named():
-    """What x reads of z is first seen as what z reads of x."""
-    _, named = found(changed([[1.0, 0.0, 0.8], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]]), NAMES)
-    assert [one.name for one in named] == ["mixing_z_in_x"]
+def test_a_member_that_gains_no_more_than_its_price_goes_whenever_it_was_found():
+    """x reads a share of z; the viscosity is as stated."""
+    recording = changed([[1.0, 0.0, 0.8], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]])
+    first = check_bead(prepare(recording, "b1"), generator(5), rounds=(24,))
+    evidence, without = evidence_of(first), first.case.fit
+    (needless,) = try_effects(without, [BY_NAME["viscosity"]], evidence)
+    (needed,) = try_effects(needless.fit, [BY_NAME["mixing_z_in_x"]], evidence, beside=True)
+    both = causes_of((needless, needed), needed.fit, without)
+    check = check_bead(replace(first.case, fit=both.fit), generator(6))
+    places = [place_of(one, both.members, without, both.fit, ()) for one in both.members]
+    fewer = sets._without_weakest(both, check, places, first, first, generator(7))
+    assert fewer is not None
+    assert fewer[0].names == {"mixing_z_in_x"}
+    assert fewer[1].p_value > 0.01
+    (place,) = [place_of(one, fewer[0].members, without, fewer[0].fit, ()) for one in [needed]]
+    assert sets._without_weakest(*fewer, [place], first, first, generator(8)) is None
 
 
 def test_friction_that_rises_is_described_and_not_named():
