@@ -19,7 +19,7 @@ from mtpipe.effects.effect import Effect, Evidence, Hypothesis
 from mtpipe.experiment.changes import step_of, with_step
 from mtpipe.experiment.description import Experiment
 from mtpipe.experiment.parameter import Parameter
-from mtpipe.experiment.step import Place, Seen
+from mtpipe.experiment.step import NothingByItself, Place, Seen
 from mtpipe.ground.types import FloatArray
 from mtpipe.physics.camera import Camera
 
@@ -67,7 +67,7 @@ class OnePlateau:
 
 
 @dataclass(frozen=True)
-class Response:
+class Response(NothingByItself):
     """Errors of heights and of their slopes in all plateaus.
 
     Attributes
@@ -89,21 +89,6 @@ class Response:
     def each(self) -> list[OnePlateau]:
         """Steps of all plateaus."""
         return [self.in_plateau(i) for i in range(len(self.shapes) // 2)]
-
-    def expected(self, seen: Seen, force_pN: float, thermal_energy_pN_nm: float) -> Seen:
-        """Outside plateaus nothing is known of it."""
-        return seen
-
-    def played(
-        self,
-        position_nm: FloatArray,
-        force_pN: FloatArray,
-        camera: Camera,
-        thermal_energy_pN_nm: float,
-        random: np.random.Generator,
-    ) -> FloatArray:
-        """Outside plateaus nothing is known of it."""
-        return position_nm
 
 
 def _sized(experiment: Experiment, value: float, *, form: int) -> Experiment:

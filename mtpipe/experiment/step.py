@@ -98,6 +98,27 @@ class Step(Protocol):
         """
 
 
+class NothingByItself:
+    """A step that acts in plateaus only, in each as its own `in_plateau` or `changed_in` says: by
+    itself it does nothing.
+    """
+
+    def expected(self, seen: Seen, force_pN: float, thermal_energy_pN_nm: float) -> Seen:
+        """As it was."""
+        return seen
+
+    def played(
+        self,
+        position_nm: FloatArray,
+        force_pN: FloatArray,
+        camera: Camera,
+        thermal_energy_pN_nm: float,
+        random: np.random.Generator,
+    ) -> FloatArray:
+        """As it was."""
+        return position_nm
+
+
 class StepOfAxis(Step, Protocol):
     """A step of one axis (0 to 2), of a pair, of which an experiment may have one for each, or of
     all axes.

@@ -12,22 +12,18 @@ from dataclasses import dataclass
 from functools import partial
 from typing import ClassVar
 
-import numpy as np
-
 from mtpipe.effects.effect import Effect, Evidence, Hypothesis, plain
 from mtpipe.experiment.changes import scaled_contour_length, scaled_viscosity, with_step
 from mtpipe.experiment.description import Experiment
-from mtpipe.experiment.step import Place, Seen
-from mtpipe.ground.types import FloatArray
-from mtpipe.physics.camera import Camera
-from mtpipe.terms.term import of_all_axes, set_to
+from mtpipe.experiment.step import NothingByItself, Place
+from mtpipe.terms.term import of_axis, set_to
 
 # Largest ln of the change over a recording: 7.4 times the friction, 1.6 times the length.
 LARGEST_LN_FRICTION, LARGEST_LN_LENGTH = 2.0, 0.5
 
 
 @dataclass(frozen=True)
-class _Course:
+class _Course(NothingByItself):
     """A factor on something of the experiment, from 1 to e^ln_change.
 
     Plateaus are counted from 0, and last a half before and after their number. `first`, `last` :
@@ -41,21 +37,6 @@ class _Course:
     first: float
     last: float
     ln_change: float = 0.0
-
-    def expected(self, seen: Seen, force_pN: float, thermal_energy_pN_nm: float) -> Seen:
-        """It acts on the bead, before anything is seen."""
-        return seen
-
-    def played(
-        self,
-        position_nm: FloatArray,
-        force_pN: FloatArray,
-        camera: Camera,
-        thermal_energy_pN_nm: float,
-        random: np.random.Generator,
-    ) -> FloatArray:
-        """It acts on the bead, before anything is seen."""
-        return position_nm
 
     def ln_factor(self, plateau: int) -> float:
         """In one plateau."""
@@ -127,10 +108,10 @@ def _begun(
 def of_friction() -> Effect:
     """Friction that changes."""
     begun = partial(_begun, FrictionCourse, "ln of friction's change", LARGEST_LN_FRICTION)
-    return of_all_axes("course_of_friction", FrictionCourse, begun)
+    return of_axis("course_of_friction", FrictionCourse, None, begun)
 
 
 def of_length() -> Effect:
     """A length that changes."""
     begun = partial(_begun, LengthCourse, "ln of length's change", LARGEST_LN_LENGTH)
-    return of_all_axes("course_of_length", LengthCourse, begun)
+    return of_axis("course_of_length", LengthCourse, None, begun)

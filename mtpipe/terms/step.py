@@ -11,15 +11,11 @@ from dataclasses import dataclass
 from functools import partial
 from typing import ClassVar
 
-import numpy as np
-
 from mtpipe.effects.effect import Effect, Evidence, Hypothesis, plain, variance
 from mtpipe.experiment.changes import with_step
 from mtpipe.experiment.description import Experiment
 from mtpipe.experiment.parameter import Parameter
-from mtpipe.experiment.step import Place, Seen
-from mtpipe.ground.types import FloatArray
-from mtpipe.physics.camera import Camera
+from mtpipe.experiment.step import NothingByItself, Place
 from mtpipe.terms.mixing import LARGEST, Gain
 from mtpipe.terms.term import (
     AXES,
@@ -31,27 +27,12 @@ from mtpipe.terms.white import LARGEST_NM, START_NM, WhitePower
 
 
 @dataclass(frozen=True)
-class _FromPlateau:
+class _FromPlateau(NothingByItself):
     """Something that is so from a plateau on (an index), and not before."""
 
     form: ClassVar[str] = "step"
     axis: int
     first: int
-
-    def expected(self, seen: Seen, force_pN: float, thermal_energy_pN_nm: float) -> Seen:
-        """Outside plateaus nothing is known of it."""
-        return seen
-
-    def played(
-        self,
-        position_nm: FloatArray,
-        force_pN: FloatArray,
-        camera: Camera,
-        thermal_energy_pN_nm: float,
-        random: np.random.Generator,
-    ) -> FloatArray:
-        """Outside plateaus nothing is known of it."""
-        return position_nm
 
 
 @dataclass(frozen=True)

@@ -20,8 +20,8 @@ from mtpipe.ground.types import FloatArray
 from mtpipe.physics.camera import Camera
 
 AXES = "xyz"
-# One axis; a pair; none for a term that is about all three.
 OneOrPair = int | tuple[int, int]
+# None: a term that is about all three axes.
 Axis = OneOrPair | None
 # Largest exponent of the force in a law: those of a tether lie within, squares of lengths as F^-3.
 STEEPEST = 4.0
@@ -62,13 +62,6 @@ def of_axis(
         form=kind.form,
         axes=tuple(AXES[one] for one in _axes(axis)),
     )
-
-
-def of_all_axes(
-    name: str, kind: type[Kind], begun: Callable[[Experiment, Evidence], list[Hypothesis]]
-) -> Effect:
-    """The term of something that shows along all axes. Parameters : as `of_axis`."""
-    return of_axis(name, kind, None, begun)
 
 
 def _axes(axis: Axis) -> tuple[int, ...]:
