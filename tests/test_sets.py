@@ -125,6 +125,20 @@ def test_a_member_that_gains_no_more_than_its_price_goes_whenever_it_was_found()
     assert sets._without_weakest(*fewer, [place], first, first, generator(8)) is None
 
 
+def test_a_cause_on_which_another_rests_is_not_refused_for_want_of_a_held_out_gain():
+    """A bead that does not turn is not seen to: what is left without its turning is not known."""
+    silent = setup(model={"effects": ["wall_drag", "tracking_noise"]})
+    recording = subtract_drift(replace(raw(3), setup=silent))
+    check = check_bead(prepare(recording, "b1"), generator(5), rounds=(24,))
+    evidence, without = evidence_of(check), check.case.fit
+    (turns,) = try_effects(without, [BY_NAME["rotation_coupling"]], evidence)
+    (seen,) = try_effects(turns.fit, [BY_NAME["bead_turning"]], evidence, beside=True)
+    both = causes_of((turns, seen), seen.fit, without)
+    last = replace(check, case=replace(check.case, fit=both.fit))
+    assert np.isnan(sets._heldout(without, both, turns, last))
+    assert np.isfinite(sets._heldout(without, both, seen, last))
+
+
 def test_friction_that_rises_is_described_and_not_named():
     """Forces rise with time, so that it might be friction that rises with the force."""
     course = FrictionCourse(-0.5, 2.5, np.log(1.8))

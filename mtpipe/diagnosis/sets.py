@@ -212,7 +212,11 @@ def _named(
     if unknown > 0:
         why = "something smooth that has no name explains as much"
         return Weighed([], check, _rejected(best, why))
-    named = _in_order(begun, best, check, random)
+    try:
+        named = _in_order(begun, best, check, random)
+    except (FitError, ValueError) as error:
+        why = f"the bead cannot be simulated with the first of them alone ({error})"
+        return Weighed([], check, _rejected(best, why))
     if not named:
         return Weighed([], check, _rejected(best, "nothing in data kept out of the fit"))
     told = []
@@ -348,21 +352,32 @@ def _in_order(
 ) -> list[Named]:
     """The members with the checks before and after each, and what each gains on time that was not
     fitted; none where one gains nothing there.
+
+    Raises
+    ------
+    FitError, ValueError : the bead cannot be simulated with the first few of them alone.
     """
     case, before, named = begun.case, begun, list[Named]()
     for count, one in enumerate(causes.members, start=1):
-        rest = [other for other in causes.members if other is not one]
-        try:
-            fewer = together(case.fit, rest, last.case.fit)
-            heldout = heldout_gain(case, fewer, last.case.fit)
-            if heldout <= 0:
-                return []
-            after = last
-            if count < len(causes.members):
-                there = together(case.fit, causes.members[:count], last.case.fit)
-                after = check_bead(replace(case, fit=there), random, rounds=SEARCHING)
-        except (FitError, ValueError):
+        heldout = _heldout(case.fit, causes, one, last)
+        if heldout <= 0:
             return []
+        after = last
+        if count < len(causes.members):
+            there = together(case.fit, causes.members[:count], last.case.fit)
+            after = check_bead(replace(case, fit=there), random, rounds=SEARCHING)
         named.append(Named(replace(one, fit=after.case.fit), (), before, after, heldout))
         before = after
     return named
+
+
+def _heldout(without: ConfiguredFit, causes: Causes, one: FittedEffect, last: BeadCheck) -> float:
+    """What a member gains on time that was not fitted, beside the others; nan where these cannot be
+    without it, as a bead that is seen to turn cannot be one that does not turn.
+    """
+    rest = [other for other in causes.members if other is not one]
+    try:
+        fewer = together(without, rest, last.case.fit)
+    except (FitError, ValueError):
+        return math.nan
+    return heldout_gain(last.case, fewer, last.case.fit)
