@@ -2,6 +2,8 @@
 
 import ast
 import re
+import subprocess
+import sys
 from collections.abc import Iterator
 from graphlib import TopologicalSorter
 from pathlib import Path
@@ -71,3 +73,12 @@ def test_files_can_be_read_in_one_sitting():
         name: len(path.read_text(encoding="utf-8").splitlines()) for name, path in MODULES.items()
     }
     assert {name: lines for name, lines in lengths.items() if lines > MOST_LINES} == {}
+
+
+def test_an_effects_own_is_known_to_few_other_files():
+    """The house's rule: a median of at most two (`workflows/house/fields.py`)."""
+    script = PACKAGE.parent / "workflows" / "house" / "fields.py"
+    said = subprocess.run(
+        [sys.executable, str(script)], capture_output=True, text=True, check=True
+    ).stdout
+    assert float(said.rsplit("median", 1)[1]) <= 2

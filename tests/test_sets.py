@@ -117,6 +117,8 @@ def test_a_member_that_gains_no_more_than_its_price_goes_whenever_it_was_found()
     both = causes_of((needless, needed), needed.fit, without)
     check = check_bead(replace(first.case, fit=both.fit), generator(6))
     places = [place_of(one, both.members, without, both.fit, ()) for one in both.members]
+    # a member is compared with others as the set has it, and never from a lower optimum
+    assert all(one.own.fit.log_likelihood >= both.fit.log_likelihood for one in places)
     fewer = sets._without_weakest(both, check, places, first, first, generator(7))
     assert fewer is not None
     assert fewer[0].names == {"mixing_z_in_x"}

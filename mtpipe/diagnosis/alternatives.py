@@ -74,8 +74,18 @@ def place_of(
     weighed = [other for other in (*able, *TERMS) if other.name in promising]
     weighed.append(one.effect)
     tried = try_effects(rest, weighed, one.evidence, beside=bool(others), only=promising)
-    own = next((other for other in tried if other.effect.name == one.effect.name), None)
-    return Place(own, tried, rest)
+    tried = [_as_in_set(each, fit, rest) if _is(each, one) else each for each in tried]
+    return Place(next((each for each in tried if _is(each, one)), None), tried, rest)
+
+
+def _is(one: FittedEffect, other: FittedEffect) -> bool:
+    return one.effect.name == other.effect.name
+
+
+def _as_in_set(own: FittedEffect, whole: ConfiguredFit, without: ConfiguredFit) -> FittedEffect:
+    """A member as its set has it, where a fit that begins without it ends in a lower optimum."""
+    gain = whole.log_likelihood - without.log_likelihood
+    return replace(own, fit=whole, gain=gain) if gain > own.gain else own
 
 
 def with_alternatives(

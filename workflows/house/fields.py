@@ -65,7 +65,7 @@ def given(effect: Any) -> list[tuple[Experiment, Experiment]]:
     content = SETUP | {"model": {"effects": sorted(listed - {effect.name})}}
     experiment, _ = experiment_of(parse_setup(content), list(FORCES_PN), 4096)
     courses = tuple(ForceCourse(0.1 * (i + 1)) for i in range(len(FORCES_PN)))
-    evidence = Evidence((50.0,), FORCES_PN, None, courses, ForceCourse(0.2))
+    evidence = Evidence((50.0,), FORCES_PN, courses=courses, common_course=ForceCourse(0.2))
     pairs = []
     for hypothesis in effect.hypotheses(experiment, evidence):
         changed = hypothesis.experiment
