@@ -261,9 +261,14 @@ class Experiment:
     allowance: Allowance = Allowance()
     anharmonic: bool = False
 
+    @property
+    def varies(self) -> bool:
+        """Whether plateaus differ in more than what the magnets do."""
+        return any(by_plateau(step) or changes_bead(step) for step in self.steps)
+
     def in_plateau(self, plateau: int) -> Experiment:
         """The experiment as it is in one plateau, with the steps that it has there."""
-        if not any(by_plateau(step) or changes_bead(step) for step in self.steps):
+        if not self.varies:
             return self
         steps = tuple(
             step.in_plateau(plateau) if by_plateau(step) else step

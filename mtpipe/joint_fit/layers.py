@@ -74,6 +74,13 @@ def steady_of(experiment: Experiment) -> Steady:
     return Steady(experiment, _moving(experiment))
 
 
+def steady_in_each(experiment: Experiment, plateaus: int) -> list[Steady]:
+    """A description as it is in each plateau."""
+    if not experiment.varies:
+        return [steady_of(experiment)] * plateaus
+    return [steady_of(experiment.in_plateau(i)) for i in range(plateaus)]
+
+
 def _moving(experiment: Experiment) -> Moving:
     left = Stage(unsubtracted_nm_per_root_s=experiment.stage.unsubtracted_nm_per_root_s)
     optics = changed(experiment.optics, z_zero_nm=0.0)

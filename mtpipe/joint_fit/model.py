@@ -28,6 +28,7 @@ from mtpipe.experiment.known_force import KnownForce
 from mtpipe.experiment.parameter import Parameter
 from mtpipe.ground.errors import FitError
 from mtpipe.ground.types import FloatArray
+from mtpipe.joint_fit.batch_cache import BatchCache
 from mtpipe.joint_fit.data import PlateauData
 from mtpipe.joint_fit.expectation import (
     Asked,
@@ -39,8 +40,11 @@ from mtpipe.joint_fit.expectation import (
     larger_pN,
 )
 from mtpipe.joint_fit.height_course import Course
-from mtpipe.joint_fit.layers import steady_of
+from mtpipe.joint_fit.layers import steady_in_each, steady_of
 from mtpipe.joint_fit.random_walk import Walked, power_without, sees_walks, walked
+
+# Size of the cache of descriptions of one model: θ of a fit, and of the step that it tries.
+LATEST = 2
 
 
 @dataclass(frozen=True, eq=False)
@@ -88,7 +92,17 @@ class ConfiguredModel:
 
     def described(self, theta: FloatArray) -> Experiment:
         """The experiment at θ."""
-        return self._changed(self._at_forces(theta), theta, 0)
+        key = theta.tobytes()
+        found = self._described.get(key)
+        if found is None:
+            found = self._changed(self._at_forces(theta), theta, 0)
+            self._described.put(key, found)
+        return found
+
+    @functools.cached_property
+    def _described(self) -> BatchCache[bytes, Experiment]:
+        """The latest, as expectation, heights and slopes at θ ask for the same."""
+        return BatchCache(LATEST)
 
     def beside(self, theta: FloatArray) -> list[tuple[float, Experiment]]:
         """Pairs, one per parameter: its step away from θ, and the experiment there."""
@@ -125,6 +139,16 @@ class ConfiguredModel:
         steady = steady_of(experiment.in_plateau(plateau))
         return Asked(self.data[plateau], steady, course, force_pN)
 
+    def asked_in_each(self, experiment: Experiment, forces_pN: Sequence[float]) -> list[Asked]:
+        """The same of all plateaus, each at its force."""
+        steady = steady_in_each(experiment, self.plateaus)
+        return [
+            Asked(data, there, experiment.magnets.course(i), force_pN)
+            for i, (data, there, force_pN) in enumerate(
+                zip(self.data, steady, forces_pN, strict=True)
+            )
+        ]
+
     def expectations(self, those: Sequence[Asked]) -> list[Expectation | FitError]:
         """What is asked, or why there is no answer."""
         return expectations(self.subtraction, those)
@@ -149,9 +173,7 @@ class ConfiguredModel:
         # slopes will ask for the second
         forces = [[rest.force_pN, larger_pN(rest.force_pN)] for rest in experiment.rests]
         know_states(self.data, experiment, forces)
-        those = [
-            self.asked(experiment, i, rest.force_pN) for i, rest in enumerate(experiment.rests)
-        ]
+        those = self.asked_in_each(experiment, [rest.force_pN for rest in experiment.rests])
         return [answered(one) for one in self.expectations(those)]
 
     def log_likelihood(self, expected: list[Expectation], theta: FloatArray) -> float:
@@ -194,13 +216,8 @@ class ConfiguredModel:
         """Coordinates that the random walk of z follows."""
         start = np.concatenate([np.zeros(self.plateaus), [p.start for p in self.parameters]])
         here = _walk_nm2_per_s(self.described(start))
-        found = []
-        for k, parameter in enumerate(self.parameters, start=self.plateaus):
-            moved = start.copy()
-            moved[k] += parameter.step_from(start[k])
-            if _walk_nm2_per_s(self.described(moved)) != here:
-                found.append(k)
-        return tuple(found)
+        shifted = enumerate(self.beside(start), start=self.plateaus)
+        return tuple(k for k, (_, there) in shifted if _walk_nm2_per_s(there) != here)
 
     def heights(
         self, data: Sequence[PlateauData], expected: Sequence[Expectation], theta: FloatArray

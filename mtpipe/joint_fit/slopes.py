@@ -58,11 +58,10 @@ def slopes(model: ConfiguredModel, theta: FloatArray, expected: list[Expectation
     forces = [rest.force_pN for rest in experiment.rests]
     for _, other in shifted:
         know_states(model.data, other, [[force] for force in forces])
-    those = []
-    for i, force in enumerate(forces):
-        those.append(model.asked(experiment, i, larger_pN(force)))
-        those += [model.asked(other, i, force) for _, other in shifted]
-    answers = iter(model.expectations(those))
+    asked = [model.asked_in_each(experiment, [larger_pN(force) for force in forces])]
+    asked += [model.asked_in_each(other, forces) for _, other in shifted]
+    # what is asked of one plateau together
+    answers = iter(model.expectations([one for each in zip(*asked, strict=True) for one in each]))
     found = []
     for i, here in enumerate(expected):
         others = [(DIFFERENCE, answered(next(answers)))]
