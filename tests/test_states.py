@@ -92,6 +92,13 @@ def test_a_lag_is_found_and_plateaus_are_cut_where_the_beads_change(lag_s):
         assert plateau.stop - plateau.start > 0.8 * DWELL_S / FRAME_S
 
 
+@pytest.mark.parametrize("seed", range(4))
+def test_moves_longer_than_the_dwells_make_no_lag(seed):
+    """A move of that length is far from one state, which the shift of a whole log takes it for."""
+    truth = simulated((15.0, 9.7, 5.2, 3.3), beads=1, move_s=8.0, dwells_s=(6.0,) * 4, seed=seed)
+    assert examined(truth).plateaus == truth.plateaus
+
+
 def test_a_move_before_the_first_plateau_has_the_lag_too():
     """By an early log the first dwell is too short for a plateau, and the next begins in it."""
     truth = simulated((0.4, 0.9, 2.0, 4.5, 10.0, 1.5), dwells_s=(7.0, 12.0, 12.0, 12.0, 12.0, 12.0))

@@ -67,7 +67,8 @@ def find_lag(motion: Motion, edges: Sequence[Edge]) -> Lag | None:
     if shift and nats > SHIFT_NATS:
         moved = _edge_lags(motion, edges, np.full(len(edges), float(shift)))
         # edges that a shift puts beyond the recording cannot be seen
-        if 2 * len(moved) >= len(edges) and _share_seen(moved) >= _share_seen(found):
+        enough = 2 * len(moved) >= len(edges) and _share_seen(moved) >= _share_seen(found)
+        if enough and _likelier(moved, found):
             found = moved
     seen = [one for one in found if one.seen]
     if not seen:
@@ -105,6 +106,17 @@ def find_lag(motion: Motion, edges: Sequence[Edge]) -> Lag | None:
 
 def _share_seen(lags: Sequence[EdgeLag]) -> float:
     return sum(one.seen for one in lags) / len(lags) if lags else 0.0
+
+
+def _likelier(moved: Sequence[EdgeLag], found: Sequence[EdgeLag]) -> bool:
+    """Whether the edges that both searches could look at are the plainer where the log is moved to.
+
+    The shift of the whole log takes each move for one state, and long moves are none: it only says
+    where to look.
+    """
+    there, here = ({one.edge.number: one.nats for one in lags} for lags in (moved, found))
+    both = there.keys() & here.keys()
+    return sum(there[number] for number in both) > sum(here[number] for number in both)
 
 
 def _edge_lags(motion: Motion, edges: Sequence[Edge], shift: FloatArray) -> list[EdgeLag]:
