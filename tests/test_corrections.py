@@ -138,6 +138,27 @@ def test_the_stated_pixel_is_the_only_period_asked_for():
     assert pixel_locking.find(unchecked(elsewhere)) is None
 
 
+def test_positions_stored_in_coarse_steps_are_no_pixels_response():
+    """Steps trouble the test at any period, the pixel's too."""
+    raw = small_case.raw(5, camera={"pixel_size_nm": PERIOD_NM})
+    stepped = {
+        bead: np.column_stack([90.0 * np.round(xyz[:, :2] / 90.0), xyz[:, 2]])
+        for bead, xyz in raw.positions_nm.items()
+    }
+    check = unchecked(replace(raw, positions_nm=stepped))
+    axes = [
+        [
+            pixel_locking.Trace(position[:, axis] + stage[:, axis], stage[:, axis])
+            for position, stage in zip(
+                check.case.positions_nm, check.case.camera_offset_nm, strict=True
+            )
+        ]
+        for axis in (0, 1)
+    ]
+    assert pixel_locking.period(axes, PERIOD_NM).p_value(1.0) < pixel_locking.NEEDED_P
+    assert pixel_locking.find(check) is None
+
+
 def test_a_response_is_undone_exactly():
     place, size = np.linspace(-300, 300, 1001), np.array([4.0, -3.0])
     q = 2 * np.pi / PERIOD_NM

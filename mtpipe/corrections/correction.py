@@ -30,9 +30,12 @@ class Correction:
     ----------
     name : as FORMATS section 5 has it. case : with the effect taken off, fitted again.
     strengths : its parameters. cause : what it is, as in `Effect`.
+    chance_p : p-value of a test that tells it from everything else that a recording may contain;
+        None where its own test does not.
     """
 
     name: str
     case: PreparedBead
     strengths: tuple[Strength, ...]
     cause: str
+    chance_p: float | None = None

@@ -7,6 +7,10 @@ autoregression seen through such a response the derivative of the likelihood by 
 average without a response, whatever the spectrum (Stein 1981, lemma 1), so it serves as a test; its
 variance is that of its sums over blocks of frames, and what mean, variance and correlation of every
 plateau could explain is taken out of it. The response is undone and the rest is fitted again.
+
+Traces are no autoregressions: lines, knocks or rounded positions raise the test's χ². They raise it
+at every period, so the same test at periods that no pixel has, on the traces with the response
+undone, says what χ² means.
 """
 
 from __future__ import annotations
@@ -14,7 +18,7 @@ from __future__ import annotations
 import functools
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from scipy import optimize, stats
@@ -35,6 +39,9 @@ LEAST_WIDTH = 0.7
 # Step of 1/period in the search, over 1/spread of all positions, which is what they resolve.
 FINENESS = 0.08
 NEEDED_P = 1e-4
+# Periods over that of the response at which nothing is expected: neither its own, as far as it is
+# resolved, nor its harmonics.
+ELSEWHERE = (*np.linspace(0.55, 0.8, 9), *np.linspace(1.25, 2.4, 12))
 BLOCK_FRAMES = 256
 # Largest slope of the periodic error, nm per nm: from 1 on two places would give one position.
 LARGEST_SLOPE = 0.9
@@ -94,6 +101,21 @@ class Response:
         return math.sqrt(float(along @ self.covariance @ along))
 
 
+@dataclass(frozen=True)
+class Period:
+    """A period in nm, and χ² of a response with it; `looks` : how many periods were tried."""
+
+    nm: float
+    stderr_nm: float
+    chi2: float
+    freedom: int
+    looks: int
+
+    def p_value(self, usual: float) -> float:
+        """Of the response, where χ² without one is `usual` times that of an autoregression."""
+        return min(1.0, self.looks * float(stats.chi2.sf(self.chi2 / usual, self.freedom)))
+
+
 def find(check: BeadCheck) -> Correction | None:
     """The response, undone; None where there is none."""
     case = check.case
@@ -104,17 +126,24 @@ def find(check: BeadCheck) -> Correction | None:
         ]
         for axis in (0, 1)
     ]
-    period_nm, period_stderr_nm, p_value = period(axes, case.pixel_nm)
+    seen = period(axes, case.pixel_nm)
+    if seen.p_value(1.0) > NEEDED_P:
+        return None
+    period_nm = seen.nm
+    responses = [fitted(traces, period_nm) for traces in axes]
+    cleaned = [
+        [replace(trace, raw_nm=undone(trace.raw_nm, response.size_nm, period_nm)) for trace in axis]
+        for axis, response in zip(axes, responses, strict=True)
+    ]
+    p_value = seen.p_value(usual_chi2(cleaned, period_nm))
     if p_value > NEEDED_P:
         return None
-    responses = [fitted(traces, period_nm) for traces in axes]
     positions = []
     for i, position in enumerate(case.positions_nm):
-        cleaned = position.copy()
-        for axis, response in enumerate(responses):
-            trace = axes[axis][i]
-            cleaned[:, axis] = undone(trace.raw_nm, response.size_nm, period_nm) - trace.stage_nm
-        positions.append(cleaned)
+        place = position.copy()
+        for axis, traces in enumerate(cleaned):
+            place[:, axis] = traces[i].raw_nm - traces[i].stage_nm
+        positions.append(place)
     try:
         corrected = with_positions(case, tuple(positions))
     except FitError:
@@ -123,18 +152,18 @@ def find(check: BeadCheck) -> Correction | None:
     strengths = (
         Strength("amplitude in x", along_x.amplitude_nm, along_x.stderr_nm, "nm"),
         Strength("amplitude in y", along_y.amplitude_nm, along_y.stderr_nm, "nm"),
-        Strength("period", period_nm, period_stderr_nm, "nm"),
+        Strength("period", period_nm, seen.stderr_nm, "nm"),
     )
     origin = "the pixel" if case.pixel_nm else "found here; the setup states no pixel"
     cause = (
         f"the tracker's response oscillates by {along_x.amplitude_nm:.2g} nm in x and "
         f"{along_y.amplitude_nm:.2g} nm in y with a period of {period_nm:.4g} nm ({origin})"
     )
-    return Correction(NAME, corrected, strengths, cause)
+    return Correction(NAME, corrected, strengths, cause, p_value)
 
 
-def period(axes: Sequence[Sequence[Trace]], stated_nm: float | None) -> tuple[float, float, float]:
-    """Period of a response common to several axes, its standard error, and the p-value.
+def period(axes: Sequence[Sequence[Trace]], stated_nm: float | None) -> Period:
+    """Period of a response common to several axes.
 
     Parameters
     ----------
@@ -148,11 +177,8 @@ def period(axes: Sequence[Sequence[Trace]], stated_nm: float | None) -> tuple[fl
     def gain(inverse: float) -> float:
         return sum(one.gain for one in scores(inverse))
 
-    def p_value(inverse: float) -> float:
-        return float(stats.chi2.sf(sum(one.chi2 for one in scores(inverse)), 2 * len(axes)))
-
     if stated_nm is not None:
-        return stated_nm, 0.0, p_value(1 / stated_nm)
+        return Period(stated_nm, 0.0, _chi2(axes, stated_nm), 2 * len(axes), 1)
     spread = max(
         float(np.nanstd(np.concatenate([trace.raw_nm for trace in traces]))) for traces in axes
     )
@@ -170,7 +196,19 @@ def period(axes: Sequence[Sequence[Trace]], stated_nm: float | None) -> tuple[fl
     at, aside = float(found.x), 0.1 * step
     curvature = (2 * gain(at) - gain(at - aside) - gain(at + aside)) / aside**2
     stderr = 1 / math.sqrt(curvature) if curvature > 0 else step
-    return 1 / at, stderr / at**2, min(1.0, len(grid) * p_value(at))
+    return Period(1 / at, stderr / at**2, _chi2(axes, 1 / at), 2 * len(axes), len(grid))
+
+
+def usual_chi2(axes: Sequence[Sequence[Trace]], period_nm: float) -> float:
+    """χ² of traces without a response over what it would be for an autoregression, no less than 1:
+    the median over periods that are not this one.
+    """
+    elsewhere = [_chi2(axes, period_nm * ratio) for ratio in ELSEWHERE]
+    return max(1.0, float(np.median(elsewhere) / stats.chi2.median(2 * len(axes))))
+
+
+def _chi2(axes: Sequence[Sequence[Trace]], period_nm: float) -> float:
+    return sum(score(traces, period_nm, np.zeros(2)).chi2 for traces in axes)
 
 
 def fitted(traces: Sequence[Trace], period_nm: float) -> Response:

@@ -13,6 +13,7 @@ from dataclasses import replace
 
 import numpy as np
 
+from mtpipe.corrections.correction import Correction
 from mtpipe.crosschecking.check import (
     CLEARLY_CONSISTENT,
     BeadCheck,
@@ -82,7 +83,9 @@ def concluded(
         causes, nearest, off = _held_by_heights(begun.case.fit, causes, random)
     # what else could have been seen in time is not known; how likely it is by chance is
     by_chance = [
-        replace(one, odds_against=odds_against_correction(one.before)) for one in corrections
+        replace(one, odds_against=odds_against_correction(one.found, one.before))
+        for one in corrections
+        if isinstance(one.found, Correction)
     ]
     named = [*by_chance, *causes]
     after = named[-1].after if named else before

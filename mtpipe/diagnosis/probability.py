@@ -10,6 +10,7 @@ from __future__ import annotations
 import math
 from collections.abc import Collection, Sequence
 
+from mtpipe.corrections.correction import Correction
 from mtpipe.crosschecking.check import BeadCheck
 from mtpipe.diagnosis.explanation import IMITATED, TEMPERATURE
 from mtpipe.diagnosis.smooth_correction import smooth_correction, spectra_of
@@ -62,12 +63,14 @@ def unknown_nats(without: ConfiguredFit, left_smooth: float, worth: float) -> fl
     return smooth_gain(without) - left_smooth - worth + math.log(UNKNOWN)
 
 
-def odds_against_correction(before: BeadCheck) -> float:
-    """Of an effect that is seen in time: the bound on the odds that its p-value leaves to chance.
+def odds_against_correction(found: Correction, before: BeadCheck) -> float:
+    """Of an effect that is seen in time: the bound on the odds that its p-value, or else that of
+    the bead's check, leaves to chance.
 
     −e p ln p (Sellke, Bayarri & Berger 2001, Am. Stat. 55, 62).
     """
-    p = min(max(before.p_value, 1e-300), 1 / math.e)
+    p_value = before.p_value if found.chance_p is None else found.chance_p
+    p = min(max(p_value, 1e-300), 1 / math.e)
     return IMITATED - math.e * p * math.log(p)
 
 

@@ -15,7 +15,8 @@ from mtpipe.crosschecking.check import BeadCheck, check_bead, comparable_p_value
 from mtpipe.crosschecking.prepared_bead import PreparedBead
 from mtpipe.diagnosis.explanation import ALARM_P, Named
 
-# A correction is kept where it halves ln p. It is simulated only if, beside the simulations of the
+# A correction is kept where it halves ln p; one that a test of its own tells from all else, where
+# it does not double ln p. One of the first kind is simulated only if, beside the simulations of the
 # uncorrected traces, ln p falls to 0.8 of what it was.
 MOST_OF_THE_ODDITY, HARDLY_LESS_ODD = 0.5, 0.8
 
@@ -28,11 +29,12 @@ def corrected(check: BeadCheck, random: np.random.Generator) -> tuple[list[Named
     named = []
     for find in CORRECTIONS:
         found = find(check)
-        if found is None or _hardly_helps(check, found):
+        if found is None or (found.chance_p is None and _hardly_helps(check, found)):
             continue
         after = check_bead(found.case, random)
         p_before, p_after = comparable_p_values(check, after)
-        if after.p_value >= ALARM_P or p_after > p_before**MOST_OF_THE_ODDITY:
+        most = MOST_OF_THE_ODDITY if found.chance_p is None else 1 / MOST_OF_THE_ODDITY
+        if after.p_value >= ALARM_P or p_after > p_before**most:
             named.append(Named(found, (), check, after, float("nan")))
             check = after
     return named, check
