@@ -135,6 +135,29 @@ def grown(
     return beam, max(strongest, key=lambda other: other.gain - price(other), default=None)
 
 
+def exchanged(
+    best: Causes,
+    without: ConfiguredFit,
+    members: Sequence[Effect],
+    evidence: Evidence,
+    weighed: dict[frozenset[str], Causes],
+) -> Causes | None:
+    """The likeliest set with another member in the place of one of the two weakest; None where none
+    is likelier than the set as it is. As in `grown`.
+    """
+    by_worth = sorted(best.members, key=lambda one: lost_without(best.fit, one.hypothesis))
+    fewer = []
+    for one in by_worth[:BEAM]:
+        rest = tuple(other for other in best.members if other is not one)
+        try:
+            fewer.append(causes_of(rest, together(without, rest, best.fit), without))
+        except (FitError, ValueError):
+            continue
+    beam, _ = grown(fewer, without, members, evidence, weighed)
+    better = [settled(one) for one in beam]
+    return max((one for one in better if one.score > best.score), key=by_score, default=None)
+
+
 def _needed(
     without: ConfiguredFit, members: tuple[FittedEffect, ...], fit: ConfiguredFit
 ) -> Causes:

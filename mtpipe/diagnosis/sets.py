@@ -29,6 +29,7 @@ from mtpipe.diagnosis.causes import (
     Causes,
     by_score,
     causes_of,
+    exchanged,
     grown,
     leads,
     price,
@@ -135,7 +136,13 @@ def several_causes(
                 best = beam[0]
                 continue
             if gained < hopeful(check):
-                break
+                # one cause may stand where two others belong
+                say("weighing others in the place of the weakest")
+                aside = exchanged(best, without, members, evidence, weighed)
+                if aside is None:
+                    break
+                best, beam = aside, [aside, best]
+                continue
         if gained <= 0:
             break
         beam = [

@@ -18,7 +18,6 @@ import os
 import sys
 from collections import Counter
 from collections.abc import Iterator
-from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -29,11 +28,9 @@ CHECKOUT = Path(__file__).resolve().parents[2]
 sys.path.insert(0, str(CHECKOUT / "workflows" / "real_recordings"))
 os.environ |= dict.fromkeys(("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS"), "1")
 
-from crosscheck_map import SERIES, cut_out, untold  # noqa: E402
+from staircase import alone, series_of  # noqa: E402
 
 from mtpipe.diagnosis.mismatch import diagnose  # noqa: E402
-from mtpipe.drift import subtract_drift  # noqa: E402
-from mtpipe.ingest import load  # noqa: E402
 from mtpipe.recording.recording import Recording  # noqa: E402
 
 # Sound tethers of a recording that has a setup in the repository.
@@ -58,14 +55,9 @@ def main() -> None:
         path = _path(choice.results, bead, kind, strength)
         if path.exists():
             continue
-        recording = recording or _series(choice.recordings)
+        recording = recording or series_of(RECORDING, choice.recordings)
         changed = injected(recording, bead, kind, strength, choice.seed) if kind else recording
-        kept = {
-            name: xyz
-            for name, xyz in changed.positions_nm.items()
-            if name == bead or name in changed.setup.beads.reference
-        }
-        found = diagnose(replace(changed, positions_nm=kept), workers=1)
+        found = diagnose(alone(changed, bead))
         path.write_text(json.dumps(found.as_dict()["beads"].get(bead, {"effects": []})))
     print("\n".join(_table(choice.results, drawn)))
 
@@ -83,13 +75,6 @@ def _drawn(seed: int, count: int) -> Iterator[tuple[str, str, float]]:
 
 def _path(results: Path, bead: str, kind: str, strength: float) -> Path:
     return results / f"{bead}_{kind or 'as_recorded'}_{strength:g}.json"
-
-
-def _series(recordings: Path) -> Recording:
-    setup = CHECKOUT / "tests" / "data" / "real_setups" / f"{RECORDING}.toml"
-    subtracted = subtract_drift(load(recordings / RECORDING, setup))
-    here = [p for p in subtracted.plateaus if p.number in SERIES]
-    return untold(cut_out(subtracted, here))
 
 
 def _table(results: Path, drawn: list[tuple[str, str, float]]) -> list[str]:

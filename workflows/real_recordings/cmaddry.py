@@ -25,13 +25,13 @@ from mtpipe.setup.conditions import Conditions
 from mtpipe.setup.measured import Measured
 
 GOOD_BEADS = ("b1", "b2", "b4")
-# Plateaus at 21.7 mm whose z lies on the look-up tables' focus of the staircase, and the long one
-# after 100 turns; the staircase itself.
-STRONG = (4, 36, 37)
-STAIRS = range(4, 36)
-AFTER_TURNS = 37
+# Rows, as plateaus are numbered anew where the beads change. Rests at 21.7 mm: before and after the
+# staircase, on whose focus they are, and the long one after 100 turns.
+REST, LAST_REST, AFTER_TURNS = 181_000, 264_800, 340_000
+STRONG = (REST, LAST_REST, AFTER_TURNS)
+STAIRS = range(172_000, 254_000)
 # From 21.45 to 14.95 mm, where the force is well above its error.
-COMPARED = range(5, 23)
+COMPARED = range(191_700, 228_000)
 FEWEST_STAIRS_PN = 0.3
 
 
@@ -112,7 +112,7 @@ def force_ratios(calibration: Calibration) -> list[str]:
         logs, errors = [], []
         for plateau in bead.plateaus:
             x, y = (_axis(plateau, name).force_alone for name in "xy")
-            if x is None or y is None or plateau.plateau.number >= AFTER_TURNS:
+            if x is None or y is None or plateau.plateau.stop > ROTATION[0]:
                 continue
             logs.append(math.log(y.value / x.value))
             errors.append(math.hypot(x.stderr / x.value, y.stderr / y.value))
@@ -138,7 +138,7 @@ def friction_table(calibration: Calibration) -> list[str]:
     ]
     for bead in calibration.beads:
         for plateau in bead.plateaus:
-            if plateau.plateau.number not in STRONG:
+            if not _holds_any(plateau.plateau, STRONG):
                 continue
             x, y = (_axis(plateau, name) for name in "xy")
             ratio = [friction_ratio(one, plateau, conditions) for one in (x, y)]
@@ -191,7 +191,7 @@ def field_axis(calibration: Calibration) -> list[str]:
         for plateau in bead.plateaus:
             x, y = (_axis(plateau, name) for name in "xy")
             strong = x.force_alone is not None and x.force_alone.value > FEWEST_STAIRS_PN
-            if plateau.plateau.number not in STAIRS or not strong:
+            if plateau.plateau.start not in STAIRS or not strong:
                 continue
             if x.force_alone is None or y.force_alone is None:
                 continue
@@ -212,13 +212,14 @@ def attachment(recording: Recording, radius_nm: float) -> list[str]:
         "bead | circle nm | attachment below centre nm | z misses nm | rest | stiff axis, variance "
         "ratio (before the turns) | after"
     ]
-    by_number = {plateau.number: plateau for plateau in recording.plateaus}
+    before = next(p for p in recording.plateaus if _holds_any(p, (REST,)))
+    turned = next(p for p in recording.plateaus if _holds_any(p, (AFTER_TURNS,)))
     for bead in recording.tethered:
         position = recording.positions_nm[bead]
         ring = circle(position[slice(*ROTATION)])
         height = attachment_height_nm(ring, radius_nm)
-        rest = recording.trace_nm(bead, by_number[4])
-        after = recording.trace_nm(bead, by_number[37])
+        rest = recording.trace_nm(bead, before)
+        after = recording.trace_nm(bead, turned)
         stiff, ratio = stiff_direction_degree(rest)
         stiff_after, ratio_after = stiff_direction_degree(after)
         lines.append(
@@ -244,7 +245,7 @@ def tethers(run: Run) -> list[str]:
         position = run.recording.positions_nm[bead.bead]
         ring = circle(position[slice(*ROTATION)])
         missed = radius[0] - attachment_height_nm(ring, radius[0])
-        stairs = [p for p in bead.plateaus if p.plateau.number in STAIRS]
+        stairs = [p for p in bead.plateaus if p.plateau.start in STAIRS]
         for name, axis, scale, shift in (
             ("x alone", "x", 1.0, 0.0),
             ("y alone", "y", 1.0, 0.0),
@@ -281,11 +282,11 @@ def curve_table(run: Run) -> list[str]:
         errors = np.hypot(
             points.force_stderr_pN / points.force_pN, first.force_stderr_pN / first.force_pN
         )
-        told = [i for i, p in enumerate(run.recording.plateaus) if p.number in COMPARED]
+        told = [i for i, p in enumerate(run.recording.plateaus) if p.start in COMPARED]
         logs, weight = np.log(points.force_pN / first.force_pN)[told], errors[told] ** -2.0
         mean, stderr = weight @ logs / weight.sum(), weight.sum() ** -0.5
         lines.append(
-            f"{bead} over {GOOD_BEADS[0]}, plateaus {COMPARED[0]} to {COMPARED[-1]}: "
+            f"{bead} over {GOOD_BEADS[0]}, {len(told)} plateaus from 21.45 to 14.95 mm: "
             f"{math.exp(mean):.2f} ± {math.exp(mean) * stderr:.2f}"
         )
     return lines
@@ -358,3 +359,7 @@ def _interval(estimate: Estimate | None) -> str:
 
 def _with_error(estimate: Estimate | None) -> str:
     return "-" if estimate is None else f"{estimate.value:.4g} ± {estimate.stderr:.2g}"
+
+
+def _holds_any(plateau: Plateau, rows: Collection[int]) -> bool:
+    return any(plateau.start <= row < plateau.stop for row in rows)

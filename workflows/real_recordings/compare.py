@@ -19,14 +19,15 @@ import cmaddry
 import crosscheck_map
 import diagnosed
 import others
+from staircase import ROWS, SETUPS, series_of
 
 from mtpipe.calibration.calibration import calibrate
 from mtpipe.drift import subtract_drift
 from mtpipe.ingest import load
 from mtpipe.pipeline import run as pipeline
+from mtpipe.states import with_states
 
 CHECKOUT = Path(__file__).resolve().parents[2]
-SETUPS = CHECKOUT / "tests" / "data" / "real_setups"
 
 
 def main() -> None:
@@ -38,13 +39,16 @@ def main() -> None:
     parser.add_argument(
         "--only", choices=("cmaddry", "map", "diagnosis", "others"), help="one part alone"
     )
+    parser.add_argument("--of", choices=tuple(ROWS), help="diagnosis of one recording alone")
+    parser.add_argument("--beads", nargs="+", default=[], help="diagnosis of these beads alone")
     choice = parser.parse_args()
     if choice.only in (None, "cmaddry"):
         _complete_case(choice.recordings / "cmaddry-run2")
     if choice.only in (None, "map"):
         _map(choice.recordings / "cmaddry-run2")
     if choice.only in (None, "diagnosis"):
-        _diagnosis(choice.recordings / "cmaddry-run2")
+        for name in [choice.of] if choice.of else ROWS:
+            _diagnosis(name, choice.recordings, choice.beads)
     if choice.only in (None, "others"):
         _say("Other recordings", others.answers(choice.recordings, SETUPS))
 
@@ -85,14 +89,13 @@ def _map(folder: Path) -> None:
     subtracted = subtract_drift(raw)
     _say("Map of the long dwells", crosscheck_map.dwells(raw, subtracted, workers))
     _say("Map of the turns, untold", crosscheck_map.turns(subtracted, workers))
-    _say("Map of a series", crosscheck_map.series(subtracted, workers))
+    _say("Map of a series", crosscheck_map.series(with_states(subtracted), workers))
     print(f"\nThe maps took {_cpu_s() - began:.0f} s of CPU")
 
 
-def _diagnosis(folder: Path) -> None:
+def _diagnosis(name: str, recordings: Path, beads: list[str]) -> None:
     began = _cpu_s()
-    subtracted = subtract_drift(load(folder, SETUPS / "cmaddry-run2.toml"))
-    _say("Diagnosis of a series", diagnosed.series(subtracted))
+    _say(f"Diagnosis of a series of {name}", diagnosed.series(series_of(name, recordings), beads))
     print(f"\nThe diagnosis took {_cpu_s() - began:.0f} s of CPU")
 
 

@@ -14,8 +14,8 @@ from collections.abc import Sequence
 
 import numpy as np
 import pandas as pd
-from cmaddry import AFTER_TURNS
 from published import ROTATION
+from staircase import ROWS, chosen, untold
 
 from mtpipe.battery.temporal import WINDOWS
 from mtpipe.crosschecking.crosscheck import crosscheck
@@ -25,24 +25,14 @@ from mtpipe.recording.traces import traces_of
 from mtpipe.report.rows_crosscheck import LISTED_BELOW
 from mtpipe.setup.tables import DriftChoice
 
-NOT_LISTED = ("drift", "reference_noise")
-LONG_DWELLS = (0, AFTER_TURNS)
-# Both long rests on the focus of the staircase, and steps of it from 1.5 to 0.3 pN.
-SERIES = (4, 5, 11, 17, 36)
-# Heights that the tracker read off another part of its look-up tables.
-OFF_FOCUS = 1
+# Rows in the rest before the staircase's first half, in that on another part of the look-up tables,
+# and in the rests before and after the turns.
+FIRST, OFF_FOCUS, BEFORE_TURNS, AFTER_TURNS = 50_000, 114_500, 264_800, 340_000
+LONG_DWELLS = (FIRST, AFTER_TURNS)
+SERIES = ROWS["cmaddry-run2"]
 LINES = ("line", "second_line")
 MEANS = ("mean_trend", "mean_step", "mean_excursion")
 TIMED = ("variance_step", "mean_excursion", "mean_step")
-
-
-def untold(recording: Recording) -> Recording:
-    """The recording with a setup that does not expect the stage's motion."""
-    model = recording.setup.model
-    effects = tuple(effect for effect in model.effects if effect not in NOT_LISTED)
-    model = model.model_copy(update={"effects": effects})
-    setup = recording.setup.model_copy(update={"model": model})
-    return dataclasses.replace(recording, setup=setup)
 
 
 def cut_out(recording: Recording, plateaus: Sequence[Plateau]) -> Recording:
@@ -103,8 +93,8 @@ def dwells(raw: Recording, subtracted: Recording, workers: int) -> list[str]:
         "| odd |",
         "| --- | --- | --- | --- | --- | --- | --- | --- |",
     ]
-    for number in LONG_DWELLS:
-        here = [p for p in subtracted.plateaus if p.number == number]
+    for row in LONG_DWELLS:
+        here = [p for p in subtracted.plateaus if p.start <= row < p.stop]
         without = cut_out(subtracted, here)
         duration_s = len(without.time_s) / _rate_hz(raw)
         both = {"raw": raw_stretch(cut_out(raw, here), without), "subtracted": without}
@@ -114,7 +104,7 @@ def dwells(raw: Recording, subtracted: Recording, workers: int) -> list[str]:
                 own = table[table["bead"] == bead]
                 (blanked,) = (t.mistracked for t in traces_of(both[trace], bead))
                 lines.append(
-                    f"| {bead} | plateau {number}, {duration_s:.0f} s | {trace} "
+                    f"| {bead} | plateau {here[0].number}, {duration_s:.0f} s | {trace} "
                     f"| {narrow_lines(own, duration_s)} | {slow_wander(own, duration_s)} "
                     f"| {blanked} | {_overall(own)} | {_odd(own)} |"
                 )
@@ -168,7 +158,10 @@ def turns(subtracted: Recording, workers: int) -> list[str]:
     mtpipe makes no plateau while the magnets turn, and there is all the mistracking that is left
     after the subtraction.
     """
-    before, after = (p for p in subtracted.plateaus if p.number in (AFTER_TURNS - 1, AFTER_TURNS))
+    before, after = (
+        next(p for p in subtracted.plateaus if p.start <= row < p.stop)
+        for row in (BEFORE_TURNS, AFTER_TURNS)
+    )
     length = before.stop - before.start
     whole = Plateau(0, before.start, after.start + length, before.magnet_mm)
     recording = cut_out(subtracted, [whole])
@@ -199,26 +192,28 @@ def turns(subtracted: Recording, workers: int) -> list[str]:
 
 
 def series(subtracted: Recording, workers: int) -> list[str]:
-    """Heights and friction of several plateaus together: plateau 1, and bead 3 beside the others.
+    """Heights and friction of several plateaus together: with and without a rest off the focus.
 
-    Values of the looks, with the simulated 95 % in brackets.
+    Values of the statistics, with the simulated 95 % in brackets. `subtracted` : whose states are
+    known.
     """
     lines = [
-        "| bead | plateaus | extension in 1 | in 4 | in 36 | friction x, y | p of all | odd |",
+        "| bead | rest off the focus | extension there | in the first rest | in the last "
+        "| friction x, y | p of all | odd |",
         "| --- | --- | --- | --- | --- | --- | --- | --- |",
     ]
-    for numbers in (SERIES, (OFF_FOCUS, *SERIES)):
-        here = [p for p in subtracted.plateaus if p.number in numbers]
-        table = map_of(cut_out(subtracted, here), workers)
+    for rows in (SERIES, (OFF_FOCUS, *SERIES)):
+        table = map_of(chosen(subtracted, rows), workers)
         for bead in subtracted.tethered:
             own = table[table["bead"] == bead]
             heights = [
-                _value(own, "extension", "z", numbers.index(n)) if n in numbers else "–"
-                for n in (OFF_FOCUS, SERIES[0], SERIES[-1])
+                _value(own, "extension", "z", rows.index(row)) if row in rows else "–"
+                for row in (OFF_FOCUS, SERIES[0], SERIES[-1])
             ]
             friction = ", ".join(_value(own, "friction", axis, None) for axis in "xy")
+            with_it = "with" if OFF_FOCUS in rows else "without"
             lines.append(
-                f"| {bead} | {', '.join(map(str, numbers))} | {' | '.join(heights)} | {friction} "
+                f"| {bead} | {with_it} | {' | '.join(heights)} | {friction} "
                 f"| {_overall(own)} | {_odd(own)} |"
             )
     return lines

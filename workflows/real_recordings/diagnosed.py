@@ -1,42 +1,47 @@
-"""What the diagnosis makes of cmaddry-run2, where nature conceals the effects.
+"""What the diagnosis makes of real recordings, where nature conceals the effects.
 
-The setup is told nothing of the stage's motion (`crosscheck_map.untold`). Of the plateaus those of
-the map's series are taken: the long dwells and steps of the staircase, which one tether and one
-bead should describe.
+The setup is told nothing of the stage's motion (`staircase.untold`). Of the plateaus those of the
+series are taken, which one tether and one bead should describe.
 
 Every function returns lines of Markdown; nothing is written to disk.
 """
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import Any
 
-from crosscheck_map import SERIES, cut_out, untold
+from staircase import alone
 
 from mtpipe.diagnosis.explanation import Explanation
 from mtpipe.diagnosis.mismatch import Mismatch, diagnose
 from mtpipe.diagnosis.unexplained_content import content_of
 from mtpipe.recording.recording import Recording
 
-WORKERS = 2
+HEAD = (
+    "| bead | verdict | named | p before → after | held out (nats) "
+    "| forces before (pN) | after (pN) |",
+    "| --- | --- | --- | --- | --- | --- | --- |",
+)
 
 
-def series(subtracted: Recording) -> list[str]:
+def series(recording: Recording, beads: Sequence[str]) -> list[str]:
     """Of each bead, what is named, p before and after, and forces before and after; then what is
     left.
+
+    Parameters
+    ----------
+    recording : of `staircase.series_of`. beads : empty: all that are tethered.
     """
-    here = [p for p in subtracted.plateaus if p.number in SERIES]
-    found = diagnose(untold(cut_out(subtracted, here)), workers=WORKERS)
-    lines = [
-        "| bead | verdict | named | p before → after | held out (nats) "
-        "| forces before (pN) | after (pN) |",
-        "| --- | --- | --- | --- | --- | --- | --- |",
-    ]
-    for bead, content in found.as_dict()["beads"].items():
-        parts = [content["verdict"], *_of_bead(content, found.beads[bead])]
-        lines.append(f"| {bead} | {' | '.join(parts)} |")
-    lines += [f"| {bead} | refused: {reason} | | | | | |" for bead, reason in found.refused.items()]
-    return [*lines, "", *_left(found)]
+    rows, left = [], []
+    for bead in beads or recording.tethered:
+        found = diagnose(alone(recording, bead))
+        for name, content in found.as_dict()["beads"].items():
+            parts = [content["verdict"], *_of_bead(content, found.beads[name])]
+            rows.append(f"| {name} | {' | '.join(parts)} |")
+        rows += [f"| {name} | refused: {why} | | | | | |" for name, why in found.refused.items()]
+        left += _left(found)
+    return [*HEAD, *rows, "", *left]
 
 
 def _of_bead(content: dict[str, Any], bead: Explanation) -> list[str]:
