@@ -104,16 +104,19 @@ def grown(
     evidence: Evidence,
     weighed: dict[frozenset[str], Causes],
 ) -> tuple[list[Causes], FittedEffect | None]:
-    """The best few of the sets with one member more, less those that it makes needless; and of the
+    """The best few of the sets with one member more, less those that it makes needless: one that has
+    grown from each set before any second, as what is likelier now may be a dead end; and of the
     causes that were tried the one that was most nearly worth its price.
 
     Parameters
     ----------
     weighed : all sets as yet; new ones are added.
     """
-    grown: list[Causes] = []
+    firsts: list[Causes] = []
+    seconds: list[Causes] = []
     strongest: list[FittedEffect] = []
     for one in beam:
+        children: list[Causes] = []
         causes = [member for member in members if not member.form]
         forms = [member for member in members if member.form]
         promising = most_promising(one.fit, causes, evidence, MOST_NAMES)
@@ -128,11 +131,17 @@ def grown(
             if gained_by_motion(other) < ALIKE_NATS:
                 continue  # all of it but its motion fits as well
             larger = _needed(without, (*one.members, other), other.fit)
-            if larger.names not in weighed:
+            known = weighed.get(larger.names)
+            # the same set by another way may have come to a better optimum
+            if known is None or larger.score > known.score + ALIKE_NATS:
                 weighed[larger.names] = larger
-                grown.append(larger)
-    beam = sorted(grown, key=by_score, reverse=True)[:BEAM]
-    return beam, max(strongest, key=lambda other: other.gain - price(other), default=None)
+                children.append(larger)
+        children.sort(key=by_score, reverse=True)
+        firsts += children[:1]
+        seconds += children[1:]
+    firsts.sort(key=by_score, reverse=True)
+    seconds.sort(key=by_score, reverse=True)
+    return [*firsts, *seconds][:BEAM], max(strongest, key=lambda other: other.gain - price(other), default=None)
 
 
 def exchanged(

@@ -111,6 +111,9 @@ def several_causes(
         evidence = evidence_of(replace(begun, case=replace(begun.case, fit=best.fit)))
         beam, strongest = grown(beam, without, members, evidence, weighed)
         first_tried = first_tried or strongest
+        # what is tried is not fitted to the end, and lineages are compared by what they come to
+        beam = [settled(one) for one in beam]
+        weighed |= {one.names: one for one in beam}
         next_best = max(beam, key=by_score, default=best)
         gained = next_best.score - best.score
         if best.members and gained < UNDISPUTED_NATS:
@@ -145,10 +148,7 @@ def several_causes(
                 continue
         if gained <= 0:
             break
-        beam = [
-            settled(one) if next_best.score - one.score < UNDISPUTED_NATS else one for one in beam
-        ]
-        best = max(beam, key=by_score)
+        best = next_best
         rivals = [one for one in beam if one is not best and best.score - one.score < ALIKE_NATS]
     if agreed is None:
         return Weighed([], check, nearest or _nearest(first_tried, best, without))
