@@ -8,12 +8,18 @@ from collections.abc import Iterator
 from graphlib import TopologicalSorter
 from pathlib import Path
 
+import pytest
+
 import mtpipe
+from mtpipe.setup.tables import DESCRIBED, EFFECTS
 
 PACKAGE = Path(mtpipe.__file__).parent
 DOCUMENT = PACKAGE.parent / "docs" / "architecture.md"
 # Of a file, so that it is read in one sitting (the house's rule).
 MOST_LINES = 400
+# Names of effects that are words for something else too: a flag and a file of a run, keys of a
+# setup and of a plan, a parameter of a tether's fit.
+OTHER_MEANINGS = {"drift", "exposure", "viscosity", "contour_length"}
 
 
 def name_of(path: Path) -> str:
@@ -39,6 +45,20 @@ IMPORTS = {
     name: {one for one in imports(path) if one in MODULES} - {name}
     for name, path in MODULES.items()
 }
+
+
+def texts(path: Path) -> Iterator[str]:
+    """The strings of a file of Python, but for its documentation; all of another file."""
+    whole = path.read_text(encoding="utf-8")
+    if path.suffix != ".py":
+        yield whole
+        return
+    nodes = list(ast.walk(ast.parse(whole)))
+    remarks = {id(node.value) for node in nodes if isinstance(node, ast.Expr)}
+    for node in nodes:
+        text = node.value if isinstance(node, ast.Constant) else None
+        if isinstance(text, str) and id(node) not in remarks:
+            yield text
 
 
 def rooms() -> list[str]:
@@ -75,6 +95,20 @@ def test_files_can_be_read_in_one_sitting():
     assert {name: lines for name, lines in lengths.items() if lines > MOST_LINES} == {}
 
 
+def test_an_effects_name_stands_in_its_own_file():
+    """The house's rule: no other file has it as text; the catalogue imports the file."""
+    names = set(EFFECTS) - OTHER_MEANINGS
+    found = {
+        (path.relative_to(PACKAGE).as_posix(), name)
+        for path in (*MODULES.values(), *PACKAGE.rglob("*.j2"), *PACKAGE.rglob("*.js"))
+        for text in texts(path)
+        for name in names & {text, *re.findall(r"\w+_\w+", text)}
+        if name != path.stem
+    }
+    assert found == {("setup/tables.py", name) for name in DESCRIBED}
+
+
+@pytest.mark.slow
 def test_an_effects_own_is_known_to_few_other_files():
     """The house's rule: a median of at most two (`workflows/house/fields.py`)."""
     script = PACKAGE.parent / "workflows" / "house" / "fields.py"

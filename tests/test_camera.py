@@ -119,6 +119,7 @@ def test_covariances_agree_with_the_simulation(tau_s, share):
         assert abs(np.mean(x * x) - 1.0) > sigma
 
 
+@pytest.mark.slow
 def test_simulation_agrees_with_brute_force():
     """The exact step against an Euler path of small steps averaged over each exposure."""
     random = np.random.default_rng(3)

@@ -12,7 +12,7 @@ from mtpipe.ground.processes import executor, tell
 distributed = pytest.importorskip("distributed", reason="the extra mtpipe[cluster] is missing")
 PATIENCE_S = 20.0
 # what Dask and its web server warn of is theirs
-pytestmark = pytest.mark.filterwarnings("ignore")
+pytestmark = pytest.mark.filterwarnings("ignore", "error:::mtpipe")
 
 
 def twice(number):

@@ -143,6 +143,7 @@ def test_missing_frames_that_the_file_counts_over_are_seen(clean):
     assert found.p_value < 1e-3
 
 
+@pytest.mark.slow
 def test_turned_axes_are_seen_between_x_and_y(clean):
     xyz = clean.positions_nm["b1"]
     anchor = np.append(np.nanmean(xyz[:, :2], axis=0), 0.0)
@@ -211,6 +212,7 @@ def test_a_focus_turned_in_a_plateau_is_no_motion_of_the_stage(clean):
     )
 
 
+@pytest.mark.slow
 def test_table_has_a_row_per_look_and_its_columns(clean):
     found = mtpipe.crosscheck(subtract_drift(clean), seed=3)
     table = found.table
@@ -292,6 +294,7 @@ def shaken(recording, size_nm):
     )
 
 
+@pytest.mark.slow
 def test_few_simulations_may_say_that_a_recording_is_far_off_and_not_that_it_agrees(clean):
     far_off = check_bead(case(shaken(clean, 200.0)), generator(1))
     assert ROUNDS_OF[0] <= len(far_off.simulated) < ENOUGH
@@ -301,6 +304,7 @@ def test_few_simulations_may_say_that_a_recording_is_far_off_and_not_that_it_agr
     assert len(agrees.simulated) >= ENOUGH
 
 
+@pytest.mark.slow
 def test_how_far_off_few_simulations_have_to_say_is_for_the_asker(clean):
     odd = case(shaken(clean, 10.0))
     enough = check_bead(odd, generator(1), rounds=(12, 48))
@@ -309,6 +313,7 @@ def test_how_far_off_few_simulations_have_to_say_is_for_the_asker(clean):
     assert len(check_bead(odd, generator(1), rounds=(12, 48), far_off=1e-3).simulated) == 12
 
 
+@pytest.mark.slow
 def test_a_check_goes_on_from_the_simulations_of_another(clean):
     whole = check_bead(case(clean), generator(1), rounds=(20,))
     random = generator(1)
@@ -350,6 +355,7 @@ def test_theory_is_off_by_the_same_all_through_a_plateau(clean, monkeypatch):
     assert len(np.unique(first)) > 1
 
 
+@pytest.mark.slow
 def test_curves_are_of_enough_simulations_and_change_nothing_else(clean):
     drawn, without = (
         check_bead(case(clean), generator(1), rounds=(12,), with_curves=with_curves)
@@ -362,6 +368,7 @@ def test_curves_are_of_enough_simulations_and_change_nothing_else(clean):
     assert 0.88 < np.mean(inside) < 0.98
 
 
+@pytest.mark.slow
 def test_p_values_compare_from_as_many_simulations():
     clean = raw(12)
     full = check_bead(case(shaken(clean, 8.0)), generator(2), rounds=(ENOUGH,))
@@ -372,6 +379,7 @@ def test_p_values_compare_from_as_many_simulations():
     assert full.p_value < first < 1e-3
 
 
+@pytest.mark.slow
 def test_what_a_change_of_traces_will_do_is_foreseen_beside_the_simulations_there_are(clean):
     odd = check_bead(case(shaken(clean, 8.0)), generator(3), rounds=(ENOUGH,))
     assert foreseen_p_value(odd, odd.case) == pytest.approx(odd.p_value, rel=5)
@@ -382,6 +390,7 @@ def test_what_a_change_of_traces_will_do_is_foreseen_beside_the_simulations_ther
     assert foreseen_p_value(odd, case(lost)) > 0.01
 
 
+@pytest.mark.slow
 def test_simulations_spread_over_processes_are_the_same_to_the_bit(clean):
     prepared, checks, left = case(clean), [], []
     for parts in (1, 2):

@@ -77,6 +77,7 @@ def edited(content, path, value):
     return content
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", ["run.json", *JSON_FILES])
 def test_any_edit_of_a_json_file_is_drawn_or_told(folder, name):
     whole = json.loads((folder / name).read_text(encoding="utf-8"))
@@ -124,6 +125,7 @@ KINDS = ("words", "numbers", "infinite", "huge", "zero", "nothing", "truth", "li
          "first")  # fmt: skip
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", COLUMNS)
 def test_any_edit_of_a_table_is_drawn_or_told(folder, name):
     table = pd.read_parquet(folder / name)

@@ -118,6 +118,7 @@ def test_noise_added_is_the_error_without_drift():
         np.testing.assert_allclose(added, error_nm(recording, 0.0, choice), rtol=0.1)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("cutoff", ["auto", 0.4, 3.0, "none"])
 def test_error_of_the_start_is_what_is_stated(cutoff):
     """100 recordings, three axes: the root mean square is known to 4 %, and stated to 15 %."""

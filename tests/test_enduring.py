@@ -25,6 +25,7 @@ def kill(folder, number):
     return 2 * number
 
 
+@pytest.mark.slow
 def test_works_of_processes_that_were_ended_are_done_again(tmp_path):
     told = []
     with enduring_executor(2, hear=told.append) as pool:

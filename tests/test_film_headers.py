@@ -220,6 +220,7 @@ def test_folders_may_have_names_like_patterns(tmp_path, name):
     assert find_files(folder / "film_2.tif") == [folder / "film_2.tif"]
 
 
+@pytest.mark.slow
 def test_names_that_are_no_utf_8(tmp_path, tracked):
     folder, *_ = tracked
     film = Path(os.fsdecode(os.fsencode(tmp_path / "film_") + b"\xe9.tif"))

@@ -55,6 +55,7 @@ def test_what_is_written_is_read(tmp_path, change, kind):
     assert [(p.start, p.stop, p.magnet_mm) for p in recording.plateaus] == [(0, 150, 2.5)]
 
 
+@pytest.mark.slow
 @settings(max_examples=150, suppress_health_check=list(HealthCheck))
 @given(data=st.data())
 def test_corruption_gives_a_recording_or_a_sentence(tmp_path, data):

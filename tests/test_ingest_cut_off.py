@@ -187,6 +187,7 @@ def text_of(columns, form="{:.4f}", mark=",", end="\n"):
     return end.join([mark.join(columns), *rows]) + end
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("mark", [",", "\t", "   "])
 @pytest.mark.parametrize("form", ["{:.4f}", "{:.7e}"])
 @pytest.mark.parametrize("encoding", ["utf-8", "utf-16"])

@@ -24,6 +24,7 @@ def read(where, name):
     return load(RECORDINGS / where, SETUPS / f"{name}.toml")
 
 
+@pytest.mark.slow
 def test_cmaddry_run2_complete():
     started = time.monotonic()
     recording = read("cmaddry-run2", "cmaddry-run2")
@@ -86,6 +87,7 @@ def test_vbtpm(name, rows):
     assert np.isnan(xyz[:, 2]).all()
 
 
+@pytest.mark.slow
 def test_picotwist_ramps():
     recording = read("picotwist", "picotwist")
     assert len(recording.positions_nm) == 74

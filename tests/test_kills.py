@@ -17,6 +17,7 @@ pytestmark = pytest.mark.skipif(
 )
 
 
+@pytest.mark.slow
 def test_a_run_that_is_killed_or_has_no_room_leaves_a_whole_one():
     trials = ("--parts", "writes", "full", "--first", "20", "--each", "50")
     done = subprocess.run(

@@ -50,6 +50,7 @@ def table(seed, bad=BAD, beads=BEADS):
     return pd.DataFrame(rows)
 
 
+@pytest.mark.slow
 def test_intervals_hold_the_truth_and_bad_beads_are_named():
     """12 days: of 84 intervals of 68 %, seven of each day, at least 40 % hold it.
 

@@ -235,6 +235,7 @@ def test_hadamard_does_not_see_a_linear_drift_and_allan_does():
     assert fit("allan", x + ramp).stiffness.value < 0.9 * fit("allan", x).stiffness.value
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("method", BY_VARIANCE)
 def test_lost_frames_do_not_bias(method):
     """10 % of the frames and one long gap; 12 pulls, bias below 3.5 of its error."""

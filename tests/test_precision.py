@@ -30,6 +30,7 @@ def scatter_nm(stack, **how):
     return scale * np.std([found.x_px, found.y_px, found.z_nm], axis=1)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", SENSORS)
 def test_precision_is_the_scatter_of_a_bead_at_rest(name):
     stack = rendered.images([[31.3, 31.8, 820.0]] * 600, sensor=SENSORS[name], seed=1)
@@ -38,6 +39,7 @@ def test_precision_is_the_scatter_of_a_bead_at_rest(name):
     np.testing.assert_allclose(stated, scatter_nm(stack, table=rendered.table()), rtol=0.15)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("method", METHODS)
 def test_precision_is_that_of_the_method(method):
     table = rendered.table(method=method)
@@ -77,6 +79,7 @@ def test_without_a_table_there_is_no_height():
     )
 
 
+@pytest.mark.slow
 def test_one_image_is_enough_and_none_with_a_bead_is_not():
     stack = rendered.images([[31.3, 31.8, 820.0]])
     one = precision_nm(stack, rendered.PIXEL_NM, table=rendered.table())

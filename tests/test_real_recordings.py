@@ -26,9 +26,12 @@ ROOT = Path(__file__).parents[1]
 RECORDINGS = ROOT.parent / "shared" / "recordings"
 SETUPS = ROOT / "tests" / "data" / "real_setups"
 
-pytestmark = pytest.mark.skipif(
-    not RECORDINGS.is_dir(), reason="../shared/recordings is not beside this checkout"
-)
+pytestmark = [
+    pytest.mark.slow,
+    pytest.mark.skipif(
+        not RECORDINGS.is_dir(), reason="../shared/recordings is not beside this checkout"
+    ),
+]
 
 
 def read(where, name, beads=None):

@@ -125,6 +125,7 @@ def test_a_missing_file_is_named(tmp_path: Path, name: str) -> None:
         write_report(folder)
 
 
+@pytest.mark.slow
 def test_a_run_without_drift_posterior_or_curve(tmp_path: Path) -> None:
     folder = write_run_folder(tmp_path / "run", plateaus=2)
     for name in ("drift", "references", "posteriors", "force_extension"):
@@ -138,6 +139,7 @@ def test_a_run_without_drift_posterior_or_curve(tmp_path: Path) -> None:
     assert "The recording" not in page.lines
 
 
+@pytest.mark.slow
 def test_a_limit_is_shown_as_one(tmp_path: Path) -> None:
     folder = write_run_folder(tmp_path / "run", good=1, plateaus=2)
     page = Page(write_report(folder).with_name("bead-more0.html"))

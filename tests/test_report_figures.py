@@ -175,6 +175,7 @@ def test_the_picture_shows_what_was_found(folder: Path) -> None:
     assert captions['../<b id="x">&b 1/2'].startswith("Recorded over expected power along")
 
 
+@pytest.mark.slow
 def test_a_legend_is_spoken_of_only_where_there_is_one(folder: Path, tmp_path: Path) -> None:
     assert "legend" not in Page(folder / "report" / "index.html").text  # one bead has a force
     several = Page(write_report(write_run_folder(tmp_path / "run", good=2, plateaus=2)))

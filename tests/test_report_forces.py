@@ -121,6 +121,7 @@ def test_captions_say_which_posterior_is_shown(folder: Path) -> None:
     assert captions["1/y"]["spectrum"].startswith("Force from y alone: ")
 
 
+@pytest.mark.slow
 def test_what_is_not_identified_says_with_what(tmp_path: Path) -> None:
     folder = write_run_folder(tmp_path / "run", plateaus=1)
     forces = pd.read_parquet(folder / "forces.parquet")
@@ -140,6 +141,7 @@ def test_what_is_not_identified_says_with_what(tmp_path: Path) -> None:
         assert shown["x alonepN"].startswith(f"—empty: {why}")
 
 
+@pytest.mark.slow
 def test_forces_by_other_methods_stand_beside_and_change_nothing(tmp_path: Path) -> None:
     folder = write_run_folder(tmp_path / "run", plateaus=2)
     before = Page(write_report(folder).with_name(GOOD))

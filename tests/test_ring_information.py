@@ -53,6 +53,7 @@ def information_drawn():
     return r, np.cumsum(np.pi * r * np.gradient(profile, FINE_PX) ** 2 / variance) * FINE_PX
 
 
+@pytest.mark.slow
 def test_information_by_ring_is_that_of_the_image_drawn_and_ends_with_its_rings():
     r, drawn = information_drawn()
     grown = np.cumsum(rings().by_ring.mean(axis=0))
@@ -64,6 +65,7 @@ def test_information_by_ring_is_that_of_the_image_drawn_and_ends_with_its_rings(
     assert abs(grown[-1] - np.interp(75, rings().radii_px, grown)) < 0.01 * grown[-1]
 
 
+@pytest.mark.slow
 def test_precision_expected_of_a_size_is_the_scatter_of_the_tracker():
     stack = pictures(np.tile([100.2, 99.7], (250, 1)), seed=1)
     for size in (41, 81, 141):
@@ -121,6 +123,7 @@ def test_a_region_ends_at_the_border_and_halfway_to_the_next_bead():
     assert found[200, 120] == found[270, 120] == pytest.approx(71, abs=3)
 
 
+@pytest.mark.slow
 def test_a_bead_that_moves_gets_room():
     still, moving = (
         next(iter(sizes(film([(180, 120)], motion_px=motion)).values())) for motion in (0.0, 3.0)

@@ -60,6 +60,7 @@ def killed_at(moment, out):
     return os.WIFSIGNALED(os.waitpid(child, 0)[1])
 
 
+@pytest.mark.slow
 @forks
 def test_killed_at_any_moment_nothing_is_mixed_and_what_was_begun_is_finished(tmp_path):
     moment = 0

@@ -147,6 +147,7 @@ def test_a_key_is_found_by_its_path_or_its_name(asked, found):
     assert find_key(asked).path == found
 
 
+@pytest.mark.slow
 def test_explain_on_the_terminal():
     alone = command()
     assert alone.returncode == 0

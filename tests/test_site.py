@@ -77,6 +77,7 @@ def test_the_gallery_is_up_to_date():
 NOTEBOOKS = [path.stem for path in (DOCS / "notebooks").glob("*.md") if path.stem != "index"]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", NOTEBOOKS)
 def test_notebooks_run(name, monkeypatch, tmp_path):
     """From any folder, as a copy of the cells would be."""

@@ -61,6 +61,7 @@ def test_noise_and_shared_drift_do_not_go_both_ways(drift):
     assert not any(found)
 
 
+@pytest.mark.slow
 def test_a_focus_that_moves_beads_both_ways_keeps_the_position_believed():
     truth = simulated(beads=4)
     plateau = truth.plateaus[2]

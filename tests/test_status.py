@@ -87,6 +87,7 @@ def test_how_fast_a_random_walk_diffuses_is_known_all_the_same():
     assert fit.friction.status == "ok"
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("method", ["equipartition", "allan", "hadamard", "arctangent"])
 def test_a_random_walk_has_no_force_by_other_methods_either(method):
     random = np.random.default_rng(2)

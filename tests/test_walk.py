@@ -59,6 +59,7 @@ def log_density(z, mean, root):
     return -0.5 * np.sum(pulls**2) - np.sum(np.log(np.diag(root)))
 
 
+@pytest.mark.slow
 def test_likelihood_of_a_walk_is_that_of_all_positions():
     """How much likelier the true size of a walk is than half and twice of it; negative control:
     ordinates and heights taken for independent.

@@ -87,6 +87,7 @@ def test_diffusion_between_two_walls_relaxes_no_slower_than_it_does():
     assert variance.sum() == pytest.approx(1 / 12, rel=1e-6)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("contour_nm", "radius_nm", "force"),
     [(300.0, 500.0, 0.1), (1200.0, 500.0, 0.05), (2700.0, 1400.0, 0.02), (2700.0, 1400.0, 0.3)],
@@ -218,6 +219,7 @@ def force_at(here, tilt):
     )
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("contour_nm", "radius_nm"), [(300.0, 500.0), (2700.0, 1400.0)])
 def test_at_a_low_force_the_whole_motion_takes_over(contour_nm, radius_nm):
     """Smoothly, as what a force is fitted by: slow power falls with the force all the way."""

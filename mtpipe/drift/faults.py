@@ -64,7 +64,8 @@ def mistracked(
     for window_s in WINDOWS_S:
         width = 2 * round(window_s * rate_hz / 2) + 1
         known = np.flatnonzero(np.isfinite(series_nm) & ~wrong)
-        if width < 5 or len(known) < 2 * width:
+        # the wider window has to reach no farther than the series mirrored once
+        if width < 5 or len(known) <= 2 * width:
             continue
         away = _excursion(series_nm[known], width)
         spread = NORMAL_MAD * median_filter(np.abs(away), 4 * width + 1, mode="mirror")

@@ -200,7 +200,7 @@ def pinned_noise_nm(setup: Setup) -> Triple | None:
     wrong = sorted(set(table) - {"noise_nm"})
     if wrong:
         raise SetupError(
-            f"[model.tracking_noise] {wrong[0]} is no size that can be pinned",
+            f"[model.{NOISE}] {wrong[0]} is no size that can be pinned",
             mend="It has noise_nm.",
         )
     if not table:
@@ -209,7 +209,7 @@ def pinned_noise_nm(setup: Setup) -> Triple | None:
     values = pinned if isinstance(pinned, list) else [pinned] * 3
     if len(values) != 3 or not all(isinstance(v, (int, float)) and v >= 0 for v in values):
         raise SetupError(
-            f"[model.tracking_noise] noise_nm = {pinned!r}: a number, or one each for x, y and z, "
+            f"[model.{NOISE}] noise_nm = {pinned!r}: a number, or one each for x, y and z, "
             "is needed"
         )
     return (float(values[0]), float(values[1]), float(values[2]))

@@ -6,6 +6,7 @@ stage has its zero 300 nm below the surface, as any stage has it somewhere.
 
 from __future__ import annotations
 
+import json
 from pathlib import Path
 
 import numpy as np
@@ -14,6 +15,7 @@ import tifffile
 from mtpipe.ground.types import NamedProgress
 from mtpipe.pipeline.results import Run
 from mtpipe.pipeline.run import run
+from mtpipe.proposal.questions import USUAL_EFFECTS
 from mtpipe.recording.recording import Recording
 from mtpipe.setup.setup import read_setup
 from mtpipe.simulation.bead_image import BeadImage
@@ -48,7 +50,7 @@ viscosity_mPa_s = 0.89
 direction = "x"
 
 [model]
-effects = ["wall_drag", "rotation_coupling", "tracking_noise"]
+effects = {json.dumps(USUAL_EFFECTS)}
 
 [source]
 z_zero.value_nm = {TABLE_ZERO_NM}

@@ -24,6 +24,7 @@ from mtpipe.ground.types import FloatArray, Progress
 from mtpipe.recording.plateaus import find_plateaus
 from mtpipe.recording.recording import Recording
 from mtpipe.setup.setup import Setup
+from mtpipe.setup.tables import ANHARMONIC, ROTATION
 from mtpipe.simulation.linear import simulate_motion
 from mtpipe.simulation.readout import force_pieces, height_within_pieces, recorded, reference_motion
 from mtpipe.simulation.setup_experiment import stated_experiment
@@ -211,8 +212,8 @@ def _departures(experiment: Experiment, engine: Engine) -> tuple[Notice, ...]:
         found.append(Notice("no_memory", "caution", said))
     if engine == "linear" and experiment.anharmonic and not has_whole_motion(experiment):
         said = (
-            "anharmonic_tether is not in the simulation: it is only simulated for a "
-            "bead that turns (rotation_coupling) and does not lean."
+            f"{ANHARMONIC} is not in the simulation: it is only simulated for a "
+            f"bead that turns ({ROTATION}) and does not lean."
         )
         found.append(Notice("effects_not_simulated", "caution", said))
     if engine == "brownian" and any(changes_bead(step) for step in experiment.steps):
@@ -221,7 +222,7 @@ def _departures(experiment: Experiment, engine: Engine) -> tuple[Notice, ...]:
     if engine == "brownian" and not experiment.bead.turns:
         said = (
             "The step-by-step engine lets the bead turn about the field's axis, although the setup "
-            "does not list rotation_coupling."
+            f"does not list {ROTATION}."
         )
         found.append(Notice("turns_anyway", "info", said))
     return tuple(found)

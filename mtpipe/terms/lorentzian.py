@@ -12,13 +12,11 @@ import numpy as np
 from mtpipe.effects.effect import Effect, Evidence, Hypothesis, logarithm, variance
 from mtpipe.experiment.changes import with_step
 from mtpipe.experiment.description import Experiment
-from mtpipe.experiment.step import Place, Seen
+from mtpipe.experiment.step import Place
 from mtpipe.ground.types import FloatArray
-from mtpipe.physics.camera import Camera
-from mtpipe.physics.langevin import simulate_mode
 from mtpipe.terms.term import (
     AXES,
-    ByStretches,
+    Modes,
     grows,
     law,
     of_axis,
@@ -34,7 +32,7 @@ START_NM, LARGEST_NM = 3.0, 1000.0
 
 
 @dataclass(frozen=True)
-class OwnMotion(ByStretches):
+class OwnMotion(Modes):
     """Along an axis the record moves by `size_nm` (F/F₀)^(exponent/2), with a corner of
     `corner_hz` (F/F₀)^corner_exponent.
     """
@@ -48,30 +46,11 @@ class OwnMotion(ByStretches):
     exponent: float = 0.0
     corner_exponent: float = 0.0
 
-    def variance_nm2(self, force_pN: float) -> float:
-        """At a force."""
-        return float(self.size_nm**2 * relative(force_pN, self.at_pN, self.exponent))
-
-    def tau_s(self, force_pN: float) -> float:
-        """Relaxation time at a force."""
-        corner = self.corner_hz * relative(force_pN, self.at_pN, self.corner_exponent)
-        return float(1 / (2 * math.pi * corner))
-
-    def expected(self, seen: Seen, force_pN: float, thermal_energy_pN_nm: float) -> Seen:
-        """One more mode."""
-        covariance = np.zeros((1, 3, 3))
-        covariance[0, self.axis, self.axis] = self.variance_nm2(force_pN)
-        return seen.with_modes(np.array([self.tau_s(force_pN)]), covariance)
-
-    def in_stretch(
-        self, position_nm: FloatArray, force_pN: float, camera: Camera, random: np.random.Generator
-    ) -> FloatArray:
-        """Begun anew."""
-        moved = position_nm.copy()
-        moved[:, self.axis] += simulate_mode(
-            self.variance_nm2(force_pN), self.tau_s(force_pN), camera, len(moved), random
-        )
-        return moved
+    def modes(self, force_pN: float) -> tuple[FloatArray, FloatArray]:
+        """One."""
+        corner_hz = self.corner_hz * relative(force_pN, self.at_pN, self.corner_exponent)
+        variance_nm2 = self.size_nm**2 * relative(force_pN, self.at_pN, self.exponent)
+        return np.atleast_1d(1 / (2 * math.pi * corner_hz)), np.atleast_1d(variance_nm2)
 
     @property
     def words(self) -> str:

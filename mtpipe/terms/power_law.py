@@ -12,13 +12,11 @@ import numpy as np
 from mtpipe.effects.effect import Effect, Evidence, Hypothesis, plain, variance
 from mtpipe.experiment.changes import with_step
 from mtpipe.experiment.description import Experiment
-from mtpipe.experiment.step import Place, Seen
+from mtpipe.experiment.step import Place
 from mtpipe.ground.types import FloatArray
-from mtpipe.physics.camera import Camera
-from mtpipe.physics.langevin import simulate_mode
 from mtpipe.terms.term import (
     AXES,
-    ByStretches,
+    Modes,
     grows,
     law,
     of_axis,
@@ -38,7 +36,7 @@ SLOWEST = 3.0
 
 
 @dataclass(frozen=True)
-class PowerLaw(ByStretches):
+class PowerLaw(Modes):
     """Along an axis the power goes as f^−slope, from modes of all times between two.
 
     `size_nm` is the standard deviation within one factor e of relaxation times around a second.
@@ -53,30 +51,11 @@ class PowerLaw(ByStretches):
     slope: float = START_SLOPE
     exponent: float = 0.0
 
-    @property
-    def variances_nm2(self) -> FloatArray:
-        """(times,) of the modes, at F₀."""
-        weight = np.asarray(self.times_s) ** (self.slope - 1)
-        return np.asarray(self.size_nm**2 * math.log(RATIO) * weight)
-
-    def expected(self, seen: Seen, force_pN: float, thermal_energy_pN_nm: float) -> Seen:
-        """A mode of each time."""
-        covariance = np.zeros((len(self.times_s), 3, 3))
-        size = float(relative(force_pN, self.at_pN, self.exponent))
-        covariance[:, self.axis, self.axis] = size * self.variances_nm2
-        return seen.with_modes(np.asarray(self.times_s), covariance)
-
-    def in_stretch(
-        self, position_nm: FloatArray, force_pN: float, camera: Camera, random: np.random.Generator
-    ) -> FloatArray:
-        """Begun anew."""
-        moved = position_nm.copy()
-        size = float(relative(force_pN, self.at_pN, self.exponent))
-        for tau_s, square in zip(self.times_s, self.variances_nm2, strict=True):
-            moved[:, self.axis] += simulate_mode(
-                size * float(square), tau_s, camera, len(moved), random
-            )
-        return moved
+    def modes(self, force_pN: float) -> tuple[FloatArray, FloatArray]:
+        """One of each time."""
+        times_s = np.asarray(self.times_s)
+        at_force = self.size_nm**2 * math.log(RATIO) * times_s ** (self.slope - 1)
+        return times_s, float(relative(force_pN, self.at_pN, self.exponent)) * at_force
 
     @property
     def words(self) -> str:

@@ -15,9 +15,10 @@ from mtpipe.effects.effect import Effect, Evidence, Hypothesis, plain
 from mtpipe.experiment.changes import step_of, with_step
 from mtpipe.experiment.description import Experiment
 from mtpipe.experiment.parameter import Parameter
-from mtpipe.experiment.step import StepOfAxis
+from mtpipe.experiment.step import Seen, StepOfAxis
 from mtpipe.ground.types import FloatArray
 from mtpipe.physics.camera import Camera
+from mtpipe.physics.langevin import simulate_mode
 
 AXES = "xyz"
 OneOrPair = int | tuple[int, int]
@@ -135,6 +136,32 @@ class ByStretches:
         moved = position_nm.copy()
         for rows, force in _stretches(force_pN):
             moved[rows] = self.in_stretch(position_nm[rows], force, camera, random)
+        return moved
+
+
+class Modes(ByStretches):
+    """A step that adds motions along one axis, each with a relaxation time of its own."""
+
+    axis: int
+
+    def modes(self, force_pN: float) -> tuple[FloatArray, FloatArray]:
+        """(m,) relaxation times and variances at a force."""
+        raise NotImplementedError
+
+    def expected(self, seen: Seen, force_pN: float, thermal_energy_pN_nm: float) -> Seen:
+        """These modes besides."""
+        tau_s, variances_nm2 = self.modes(force_pN)
+        covariance = np.zeros((len(tau_s), 3, 3))
+        covariance[:, self.axis, self.axis] = variances_nm2
+        return seen.with_modes(tau_s, covariance)
+
+    def in_stretch(
+        self, position_nm: FloatArray, force_pN: float, camera: Camera, random: np.random.Generator
+    ) -> FloatArray:
+        """Begun anew."""
+        moved = position_nm.copy()
+        for tau_s, variance_nm2 in zip(*self.modes(force_pN), strict=True):
+            moved[:, self.axis] += simulate_mode(variance_nm2, tau_s, camera, len(moved), random)
         return moved
 
 

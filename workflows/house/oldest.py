@@ -4,6 +4,8 @@
     pip install -c oldest.txt -e ".[cluster,magnets]" pytest pytest-xdist hypothesis
     pytest -m "not slow" -W default
 
+in an environment of its own, as `.ci/run` has it.
+
 The tools of development (pytest, ruff, mypy, ...) are not among them: an old one tells nothing.
 What old versions warn of is no matter, hence `-W default`.
 """
