@@ -26,7 +26,8 @@ from mtpipe.joint_fit.hypotheses import (
 )
 from mtpipe.joint_fit.score_test import MOST_FORMS, most_promising
 
-# Sets of each size that are followed: one cause that stands for two gives way to the two.
+# Sets of each size that are followed, and members that are exchanged for others before giving up:
+# one cause that stands for two gives way to the two.
 BEAM = 2
 # Causes that are fitted as the next of a set: those that promise most by the score test.
 MOST_NAMES = 6
@@ -104,9 +105,11 @@ def grown(
     evidence: Evidence,
     weighed: dict[frozenset[str], Causes],
 ) -> tuple[list[Causes], FittedEffect | None]:
-    """The best few of the sets with one member more, less those that it makes needless: one that has
-    grown from each set before any second, as what is likelier now may be a dead end; and of the
+    """The best few of the sets with one member more, less those that it makes needless, and of the
     causes that were tried the one that was most nearly worth its price.
+
+    One that has grown from each set comes before any second: what is likelier now may be a dead
+    end.
 
     Parameters
     ----------
@@ -141,7 +144,8 @@ def grown(
         seconds += children[1:]
     firsts.sort(key=by_score, reverse=True)
     seconds.sort(key=by_score, reverse=True)
-    return [*firsts, *seconds][:BEAM], max(strongest, key=lambda other: other.gain - price(other), default=None)
+    beam = [*firsts, *seconds][:BEAM]
+    return beam, max(strongest, key=lambda other: other.gain - price(other), default=None)
 
 
 def exchanged(
