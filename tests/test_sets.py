@@ -11,7 +11,7 @@ from mtpipe.crosschecking.check import check_bead
 from mtpipe.crosschecking.prepared_bead import prepare
 from mtpipe.diagnosis import alternatives, sets
 from mtpipe.diagnosis.alternatives import place_of
-from mtpipe.diagnosis.causes import Causes, causes_of
+from mtpipe.diagnosis.causes import Causes, causes_of, exchanged, grown
 from mtpipe.diagnosis.evidence import evidence_of
 from mtpipe.diagnosis.explanation import Explanation
 from mtpipe.diagnosis.forces_to_quote import diagnosed_forces
@@ -123,6 +123,49 @@ def test_a_member_that_gains_no_more_than_its_price_goes_whenever_it_was_found()
     assert fewer[1].p_value > 0.01
     (place,) = [place_of(one, fewer[0].members, without, fewer[0].fit, ()) for one in [needed]]
     assert sets._without_weakest(*fewer, [place], first, first, generator(8)) is None
+
+
+@pytest.fixture(scope="module")
+def checked(seen):
+    return check_bead(prepare(seen, "b1"), generator(5), rounds=(24,))
+
+
+def begun_with(checked, names):
+    """A set that these causes make, found one after the other."""
+    without = checked.case.fit
+    one = Causes((), without, 0.0)
+    for name in names:
+        evidence = evidence_of(replace(checked, case=replace(checked.case, fit=one.fit)))
+        (tried,) = try_effects(one.fit, [BY_NAME[name]], evidence, beside=bool(one.members))
+        one = causes_of((*one.members, tried), tried.fit, without)
+    return one
+
+
+def test_another_member_takes_the_place_of_one_that_explains_less(checked):
+    wrong = begun_with(checked, ("z_crosstalk", "axial_scale"))
+    members = [BY_NAME[name] for name in NAMES]
+    better = exchanged(wrong, checked.case.fit, members, evidence_of(checked), {})
+    assert better is not None
+    assert better.names == {"z_crosstalk", "lateral_scale"}
+    assert better.score > wrong.score + 20
+    weighed = {better.names: better}
+    assert exchanged(better, checked.case.fit, members, evidence_of(checked), weighed) is None
+
+
+def test_a_set_that_was_found_in_a_worse_optimum_is_found_again(checked):
+    one = begun_with(checked, ("z_crosstalk",))
+    whole = begun_with(checked, ("z_crosstalk", "lateral_scale"))
+    members = [BY_NAME["lateral_scale"]]
+
+    def next_of(worse_by):
+        weighed = {whole.names: replace(whole, score=whole.score - worse_by)}
+        beam, _ = grown([one], checked.case.fit, members, evidence_of(checked), weighed)
+        return beam
+
+    (again,) = next_of(100.0)
+    assert again.names == whole.names
+    assert again.score == pytest.approx(whole.score, abs=1.0)
+    assert next_of(0.0) == []
 
 
 def test_a_member_is_compared_with_others_as_its_set_has_it(monkeypatch):
