@@ -65,9 +65,9 @@ def part(seed: int, repeats: int) -> Part:
 
 Corner frequency at which the number called force is 10 % off; "–": it never is. The paper:
 {UNCORRECTED_LIMIT_HZ:g} Hz uncorrected, {CORRECTED_LIMIT_HZ:g} ± {CORRECTED_LIMIT_HZ_STDERR:g} Hz
-corrected. Limits are those of the expected spectrum. Rows that name a number of frames are of traces,
-from {SLOWEST * setting.camera.nyquist_hz:.0f} Hz up. "No fit beyond": above this frequency the repeated
-correction does not converge; mtpipe's own starts from another value and gets further.
+corrected. Limits are those of the expected spectrum. Rows that name a number of frames are of
+traces, from {SLOWEST * setting.camera.nyquist_hz:.0f} Hz up. "No fit beyond": above this frequency
+the repeated correction does not converge; mtpipe's own starts from another value and gets further.
 
 Root-mean-square error of the force at {CORRECTED_LIMIT_HZ:g} Hz for short traces. With n = ±1
 it is 10 % for traces of {frames:.0f} frames ({frames / setting.frame_rate_hz:.1f} s), or
