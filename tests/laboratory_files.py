@@ -110,6 +110,27 @@ class Laboratory:
         lines += [f"{at};{comma(m, 4)}" for at, m in zip(clock, magnet, strict=True)]
         (folder / "Motor 12.txt").write_bytes("\r\n".join([*lines, ""]).encode("cp1252"))
 
+    def french(self, folder):
+        """Remarks in French, aligned columns of decimal commas, a log that is called `.log`."""
+        heads = {"ref": "bille1", "b1": "bille2", "b2": "bille3"}
+        names = ["image", *(f"{axis}_{head}" for head in heads.values() for axis in "XYZ")]
+        lines = [
+            "PINCE MAGNETIQUE v4.11",
+            "Caméra : fréquence d'images 100,0 Hz ; temps de pose 8,0 ms",
+            "".join(f"{name:>12}" for name in names),
+            " " * 12 + f"{'(µm)':>12}" * 9,
+        ]
+        table = np.hstack([self.positions_nm[bead] for bead in heads]) / 1e3
+        for k, row in enumerate(table):
+            cells = [f"{'-----' if np.isnan(v) else comma(v, 4):>12}" for v in row]
+            lines.append("".join([f"{4501 + k:>12}", *cells]))
+        (folder / "manip_07.dat").write_bytes("\r\n".join([*lines, ""]).encode("latin-1"))
+        lines = ["# heure ; aimants [mm]"]
+        for at, magnet in zip(*self.log(), strict=True):
+            minutes, seconds = divmod(at - LOG_BEFORE_S, 60)
+            lines.append(f"14:0{int(minutes)}:{comma(seconds, 3):0>6} ; {comma(magnet, 3)}")
+        (folder / "manip_07_moteurs.log").write_text("\n".join([*lines, ""]))
+
     def columns(self, path, rows):
         """One table with names, in nm, the magnets among them."""
         names = [f"{bead}.{axis}" for bead in self.positions_nm for axis in "xyz"]
@@ -148,6 +169,24 @@ class Laboratory:
                 file[f"roi/{k:02}/pos"] = xyz / 1e3
                 file[f"roi/{k:02}/quality"] = np.linspace(0.8, 0.9, len(xyz))
             file["rig/time"], file["rig/magnet_height"] = time_s, magnet
+
+    def hdf5_height_apart(self, path):
+        """A group for each bead: x and y in one array in pixels, the height in another in µm."""
+        import h5py
+
+        time_s, magnet = self.log()
+        with h5py.File(path, "w") as file:
+            file["meta"] = np.arange(3)
+            file["meta"].attrs["nm_per_px"] = 100.0
+            file["tracks/t"] = 1e3 * self.time_s
+            file["tracks/t"].attrs["unit"] = "ms"
+            for k, xyz in enumerate(self.positions_nm.values()):
+                group = file.create_group(f"tracks/particle_{k:02}")
+                group["lateral"], group["height"] = xyz[:, :2] / 100.0, xyz[:, 2] / 1e3
+                group["lateral"].attrs["unit"], group["height"].attrs["unit"] = "px", "um"
+                group["snr"] = np.linspace(19, 21, len(xyz))
+            file["stage/magnets/timestamp"], file["stage/magnets/height"] = 1e3 * time_s, magnet
+            file["stage/magnets/timestamp"].attrs["unit"] = "ms"
 
     def tdms(self, path):
         """Groups of the tracker and of the motor, units in the names."""

@@ -159,7 +159,7 @@ def test_the_sentence_says_cause_consequence_and_agreement(concealed):
     }[concealed]
     assert cause in sentence
     size = r"[\d.]+ ± [\d.]+"
-    assert re.search(f"Leaving it out {consequence.replace('SIZE', size)}", sentence)
+    assert re.search(f"Ignoring it {consequence.replace('SIZE', size)}", sentence)
     assert "With it the recording agrees with its simulation" in sentence
     place = r"(Along the field \(x\)|Across the field \(y\)|In height \(z\))"
     assert re.match(rf"{place}.*(at [\d.–]+ pN \(plateaus? [\d, ]+\)|at all forces): ", sentence)

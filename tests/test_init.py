@@ -15,6 +15,8 @@ from mtpipe.ingest import load
 from mtpipe.proposal.proposal import checked, propose
 from mtpipe.proposal.questions import as_setup_part, parsed
 from mtpipe.proposal.surface import surface_of
+from mtpipe.setup.setup import read_setup
+from mtpipe.tracking.scan import table_from_scan
 from tests.laboratory_files import LENGTH_NM, LOG_BEFORE_S, RATE, Laboratory
 from tests.stack_images import draw
 from tests.test_ingest_presets import WRITERS
@@ -51,6 +53,29 @@ def test_german_text_with_its_own_magnet_log(laboratory, tmp_path):
     assert recording.setup.source.magnet.clock_offset_s == pytest.approx(33.4, abs=1.0)
     assert any("clock_offset_s" in guess for guess in proposal.guesses)
     laboratory.rests(recording)
+
+
+def test_french_text_with_a_log_called_log(laboratory, tmp_path):
+    laboratory.french(tmp_path)
+    for name in ("manip_07.dat", None):  # the file, and its folder
+        proposal, recording = proposed(tmp_path, name=name)
+        laboratory.holds(recording, {"bille1": "ref", "bille2": "b1", "bille3": "b2"})
+        assert recording.references == ("bille1",)
+        assert recording.setup.camera.frame_rate_hz.value == RATE
+        assert recording.setup.camera.exposure_s.value == pytest.approx(0.008)
+        assert recording.setup.source.magnet.file == "manip_07_moteurs.log"
+        laboratory.rests(recording)
+        # z that may have to be corrected for refraction is told, and what nobody knows
+        assert any(guess.startswith("source.scale.z") for guess in proposal.guesses)
+        assert "beads.radius_nm" in proposal.unknown
+        assert "camera.exposure_s" not in proposal.unknown
+
+
+def test_no_magnets_are_told(laboratory, tmp_path):
+    laboratory.french(tmp_path)
+    (tmp_path / "manip_07_moteurs.log").unlink()
+    proposal, _ = proposed(tmp_path)
+    assert any("No positions of the magnets" in line for line in proposal.seen)
 
 
 def test_the_surface_is_where_beads_lie_down(laboratory, tmp_path):
@@ -106,6 +131,36 @@ def test_hdf5_with_a_group_for_each_bead(laboratory, tmp_path):
     assert recording.references == ("b00",)
     assert recording.setup.camera.exposure_s.value == pytest.approx(0.008)
     laboratory.rests(recording)
+
+
+def test_hdf5_with_x_and_y_apart_from_z(laboratory, tmp_path):
+    path = tmp_path / "s3_run4.h5"
+    laboratory.hdf5_height_apart(path)
+    _, recording = proposed(tmp_path, name=path.name)
+    laboratory.holds(recording, {"particle00": "ref", "particle01": "b1", "particle02": "b2"})
+    assert recording.references == ("particle00",)
+    assert recording.setup.camera.pixel_size_nm.value == 100.0
+    laboratory.rests(recording)
+
+
+def test_heights_alone_are_not_done(laboratory, tmp_path):
+    np.savetxt(
+        tmp_path / "z.csv",
+        np.column_stack([laboratory.time_s, laboratory.positions_nm["b1"][:, 2]]),
+        delimiter=",", header="time,b1_z", comments="",
+    )  # fmt: skip
+    setup = tmp_path / "setup.toml"
+    setup.write_text(propose([tmp_path], setup).text, encoding="utf-8")
+    with pytest.raises(RecordingError, match="x and y of b1 were not found"):
+        checked(setup, None)
+
+
+def test_files_of_beads_without_a_clock(laboratory, tmp_path):
+    """They have nothing to compare but their rows."""
+    for name, bead in (("ref1", "ref"), ("bead1", "b1")):
+        np.savetxt(tmp_path / f"{name}.txt", laboratory.positions_nm[bead], header="x y z")
+    _, recording = proposed(tmp_path, {"frame_rate_hz": RATE})
+    assert set(recording.positions_nm) == {"ref1", "bead1"}
 
 
 def test_a_log_in_times_of_day_is_set_right_by_the_beads(laboratory, tmp_path):
@@ -332,6 +387,56 @@ def test_film(tmp_path):
     assert any("mtpipe lut" in line for line in proposal.seen)
     with pytest.raises(SetupError, match="this is a film"):
         propose([tmp_path / "film.tif"], setup, answers={"source": {"scale": {"z": 0.88}}})
+
+
+def film_below(folder):
+    """A folder of single images in the folder of the experiment, where the magnets' log lies."""
+    random = np.random.default_rng(1)
+    moving = (120 + random.normal(0, 0.8, 400), 40 + random.normal(0, 0.8, 400), 0.0)
+    (folder / "Pos0").mkdir()
+    for k, image in enumerate(draw((81, 162), [(40.0, 40.0, 0.0), moving])):
+        tifffile.imwrite(folder / "Pos0" / f"img_{k:06}.tif", image)
+    at = np.arange(8230.0, 28230.0, 100.0)
+    magnet = np.where(at < 18230, 3.0, 1.0) + random.normal(0, 0.002, len(at))
+    lines = [f"{t:.0f};{m:.4f}" for t, m in zip(at, magnet, strict=True)]
+    (folder / "motors.log").write_text("\n".join(["elapsed_ms;magnet height (mm)", *lines, ""]))
+    return as_setup_part({"frame_rate_hz": 20.0, "pixel_size_nm": 100.0}, "answers")
+
+
+@pytest.mark.parametrize("given", [["."], ["Pos0", "motors.log"]])
+def test_film_in_a_folder_below_the_log(tmp_path, given):
+    answers = film_below(tmp_path)
+    setup = tmp_path / "setup.toml"
+    proposal = propose([tmp_path / name for name in given], setup, answers=answers)
+    setup.write_text(proposal.text, encoding="utf-8")
+    assert proposal.film == tmp_path / "Pos0"
+    read = read_setup(setup)
+    assert read.tracking.magnet.file == "motors.log"
+    # the motor's noise is no move: without a tolerance no plateau would last
+    assert 0.002 < read.plateaus.tolerance_mm < 0.1
+    # two clocks that hardly overlap are taken to begin together
+    assert read.tracking.magnet.clock_offset_s == pytest.approx(-8.23)
+    assert any("mtpipe run checks it" in guess for guess in proposal.guesses)
+
+
+def test_look_up_tables_are_no_recording(tmp_path):
+    answers = film_below(tmp_path)
+    heights = np.arange(-1000.0, 1000.0, 50.0)
+    draw_at = [(40.0, 40.0, heights), (120.0, 40.0, heights)]
+    scan, positions = tmp_path / "scan.tif", tmp_path / "positions.csv"
+    tifffile.imwrite(scan, draw((81, 162), draw_at))
+    positions.write_text("\n".join(["focus", *map(str, heights)]))
+    with pytest.raises(RecordingError, match="Call the focus positions z_nm or z_um"):
+        table_from_scan(scan, positions, refractive_index_factor=1.0, bead="bead1")
+    positions.write_text("\n".join(["z_nm", *map(str, heights)]))
+    for bead in ("bead1", "bead2"):
+        table = table_from_scan(scan, positions, refractive_index_factor=1.0, bead=bead)
+        table.save(tmp_path / f"{bead}.npz")
+    for file in (scan, positions):
+        file.unlink()
+    proposal = propose([tmp_path], tmp_path / "setup.toml", answers=answers)
+    assert proposal.film == tmp_path / "Pos0"
+    assert 'look_up_table_of = { bead1 = "bead1.npz", bead2 = "bead2.npz" }' in proposal.text
 
 
 @pytest.mark.skipif(not SHARED.is_dir(), reason="../shared is not beside this checkout")

@@ -117,7 +117,7 @@ def test_an_unchecked_bead_says_what_that_means_and_how_to_check_it(folder: Path
     assert "the force wrong" in found.details[0]
     assert "without --no-crosscheck" in found.details[0]
     page = Page(write_report(folder))
-    assert page.words.count("To check it, give mtpipe run again without --no-crosscheck.") == 1
+    assert page.words.count("To check it, run mtpipe again without --no-crosscheck.") == 1
     assert "1 good, 1 unchecked, 2 caution, 1 refused." in page.words
 
 

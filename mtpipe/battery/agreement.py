@@ -96,7 +96,7 @@ EXTENSIONS = Group(
         Kind(
             "extension",
             "extension",
-            "mean extension less that of the chain (standard errors)",
+            "mean extension minus that of the chain (standard errors)",
             odd="large pooled",
         ),
     ),

@@ -65,6 +65,8 @@ def propose_and_write(
         say("Guessed:")
     for line in proposal.guesses:
         say(f"  {line}")
+    if proposal.unknown and not asks:
+        say(f"Not known: {', '.join(proposal.unknown)}. Write what you know into the setup.")
     with writing(place, "--setup"):
         write_atomically(place, proposal.text)
     say(f"Setup: {place}")

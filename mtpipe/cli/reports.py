@@ -100,7 +100,7 @@ def mark(
     done = "No longer left out" if remove else "Left out"
     say(f"{done}: {new.place} ({folder / MARKS})")
     if new.stretch_s is not None:
-        say("Say mtpipe run again with this --out: until then the forces are those of before.")
+        say("Give mtpipe run again with this --out; until then the forces are the old ones.")
     _write_again(folder, Exports())
 
 

@@ -369,8 +369,8 @@ _CHAINS: Mapping[Formula, str] = {
     "extensible-marko-siggia": "The extensible worm-like chain by Marko and Siggia's formula",
 }
 _LENGTHS: Mapping[Relation, str] = {
-    "potential": "Taken for a chain of its finite length, the tether",
-    "long-chain": "Taken for a very long chain, as the literature mostly does, the tether",
+    "potential": "With the formula for a chain of its length, the tether",
+    "long-chain": "With the literature's usual formula, that of a very long chain, the tether",
 }
 _WORDS = {
     "ln_contour": "contour length",

@@ -40,11 +40,11 @@ def sentence(found: Explanation, one: Named) -> str:
         else "is nearer to its simulation, but still differs"
     )
     with_it = f"With it the recording {agrees} (p {before} → {after})"
-    without = "Leaving it out"
+    without = "Ignoring it"
     if not single:
         with_it = f"With all causes found the recording {agrees}; this one changes p from {before} "
         with_it += f"to {after}"
-        without = "Leaving out all causes found"
+        without = "Ignoring all causes found"
     also = f" Equally possible: {', '.join(one.equivalent)}." if one.equivalent else ""
     others = f" {one.others}" if one.others else ""
     sure = "" if one.form else f" Probability of this cause: {100 * one.probability:.0f} %."
@@ -60,7 +60,7 @@ def _consequence(found: Explanation) -> str:
 
 
 def consequence(ln: FloatArray, stderr: FloatArray) -> str:
-    """What changes of forces come to, in words that continue "Leaving it out …".
+    """What changes of forces come to, in words that continue "Ignoring it …".
 
     A change below 1 %, or within its error, is none.
 

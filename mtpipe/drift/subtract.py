@@ -241,8 +241,8 @@ def _with_left(result: Recording, raw: Recording) -> Recording:
 def _lost_notice(lost: int, frames: int) -> Notice:
     severity: Severity = "caution" if lost > LOST_CAUTION * frames else "info"
     text = (
-        f"the drift is unknown in {lost} frames ({lost / frames:.2%}), in which the reference "
-        "beads are lost for longer than can be bridged; the tethered beads are left out there"
+        f"The drift is unknown in {lost} frames ({lost / frames:.2%}), as the reference "
+        "beads are lost there for too long; the tethered beads are left out in these frames."
     )
     return Notice("reference_lost", severity, text)
 

@@ -69,7 +69,9 @@ class SideBySide:
                 where=str(self.path),
                 mend="Leave out files of other recordings ([source] files).",
             )
-        for clock, table in zip(self.clocks[1:], self.tables[1:], strict=True):
+        # without any clock, what is known is that the files have the same number of rows
+        others = self.tables[1:] if self.clocks else ()
+        for clock, table in zip(self.clocks[1:], others, strict=True):
             if not np.array_equal(found[clock], found[self.clocks[0]]):
                 raise RecordingError(
                     f"has other times than {self.tables[0].path.name}, and files of one bead each "

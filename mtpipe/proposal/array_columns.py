@@ -1,4 +1,4 @@
-"""Beads in arrays: one of frames × beads × axes, or one of frames × axes for each bead."""
+"""Beads in arrays: of frames × beads × axes, or of frames × axes for each bead, z perhaps apart."""
 
 from __future__ import annotations
 
@@ -34,6 +34,29 @@ def of_many_arrays(
         for name, members in zip(names, arrays.values(), strict=True)
     )
     return Found(beads, patterns(beads), f"arrays, one for each bead, taken for {', '.join(order)}")
+
+
+def with_lateral_arrays(
+    beads: Sequence[Bead], free: Sequence[Column], natures: Mapping[int, Nature]
+) -> tuple[Bead, ...]:
+    """Beads that have a column for z, and x and y in an array of frames × 2 in the same group.
+
+    Beads stay as they are if not each of them has one such array.
+    """
+    arrays: dict[str, dict[str, list[Column]]] = {}
+    for column in free:
+        match = ARRAY.fullmatch(column.name)
+        if match and natures[id(column)] not in NO_PLACE:
+            home = match["base"].rpartition("/")[0]
+            arrays.setdefault(home, {}).setdefault(match["base"], []).append(column)
+    found = []
+    for bead in beads:
+        home = next(iter(bead.axes.values())).name.rpartition("/")[0]
+        pairs = [members for members in arrays.get(home, {}).values() if len(members) == 2]
+        if set(bead.axes) != {"z"} or len(pairs) != 1:
+            return tuple(beads)
+        found.append(Bead(bead.name, {**dict(zip("xy", pairs[0], strict=True)), **bead.axes}))
+    return tuple(found)
 
 
 def of_three_axes(base: str, members: Sequence[Column]) -> Found:

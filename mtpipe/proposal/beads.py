@@ -94,7 +94,10 @@ def put_surface(draft: Draft, recording: Recording, stretches: Sequence[Plateau]
         draft.put("source.z_zero.touch_rows", rows, f"a guess: {surface.why}", guess=True)
         draft.put("source.z_zero.no_plateau", True)
     else:
-        draft.put("source.z_zero", surface.z_zero, f"a guess: {surface.why}", guess=True)
+        why = f"a guess: {surface.why}"
+        if "value_nm" in surface.z_zero and "source.scale.z" in draft.guessed:
+            why += ". It was multiplied by scale.z: change both by the same factor"
+        draft.put("source.z_zero", surface.z_zero, why, guess=True)
 
 
 def put_without_reading(draft: Draft) -> None:

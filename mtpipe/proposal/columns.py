@@ -15,7 +15,12 @@ from typing import Any
 import numpy as np
 
 from mtpipe.ground.errors import RecordingError
-from mtpipe.proposal.array_columns import ARRAY, of_many_arrays, of_three_axes
+from mtpipe.proposal.array_columns import (
+    ARRAY,
+    of_many_arrays,
+    of_three_axes,
+    with_lateral_arrays,
+)
 from mtpipe.proposal.bead_columns import Bead, Found, entry_of, names_of, patterns
 from mtpipe.proposal.look import Column, Look
 from mtpipe.proposal.nature import Nature, nature_of
@@ -88,6 +93,10 @@ def columns_of(look: Look) -> Columns:
         found = Found((Bead("b1", {"z": height}),), [{"name": "b1", "z": "y"}], "PicoTwist's plot")
     elif named and (pair := _array_alone(named)) is None:
         found = _by_names(named, look)
+        whole = with_lateral_arrays(found.beads, [c for c in free if c not in named], natures)
+        if whole != found.beads:
+            how = f"{found.how}; arrays of two beside them are taken for x and y"
+            found = Found(whole, patterns(whole), how)
     else:
         others = [c for c in free if said[id(c)].role is None] if not named else pair
         assert others is not None

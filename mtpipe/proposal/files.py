@@ -16,12 +16,13 @@ from typing import Literal
 
 import numpy as np
 
-from mtpipe.ground.errors import RecordingError
+from mtpipe.ground.errors import MtpipeError, RecordingError
 from mtpipe.ground.files import as_text
 from mtpipe.ground.types import FloatArray
 from mtpipe.ingest.data_files import data_files, natural_order
 from mtpipe.proposal.columns import Columns, columns_of
 from mtpipe.proposal.look import MOST_ROWS, Column, Look, look_at
+from mtpipe.tracking.lookup_table import LookUpTable
 from mtpipe.tracking.stack import SUFFIXES, is_pattern, named_like
 from mtpipe.tracking.tiff import TIFF_MAGICS
 
@@ -33,6 +34,14 @@ MOST_LOOKED_AT, SPREAD_OVER = 30, 8
 # to row; rows at each edge that are compared.
 FARTHEST_STEPS, EDGE_ROWS = 15.0, 20
 BEAD_WORDS = re.compile(r"bead|kugel|ref|tether|particle|perle|^[br]\d", re.IGNORECASE)
+
+
+@dataclass(frozen=True)
+class GivenFilm:
+    """A film that was given, and the files that may be its look-up tables and magnets' log."""
+
+    path: Path
+    beside: tuple[Path, ...]
 
 
 @dataclass(frozen=True, eq=False)
@@ -63,17 +72,59 @@ class FoundFiles:
         return np.concatenate(found or [column.seconds])
 
 
-def is_film(paths: Sequence[Path]) -> bool:
-    """Whether what is given is a film: an image file, or a folder that has images."""
-    for path in (one for given in paths for one in _named(given)):
-        if path.is_dir():
-            if any(p.suffix.lower() in SUFFIXES for p in path.iterdir()):
-                return True
-        elif path.is_file():
-            with path.open("rb") as stream:
-                if stream.read(4) in TIFF_MAGICS:
-                    return True
-    return False
+def film_of(paths: Sequence[Path]) -> GivenFilm | None:
+    """The film among what is given; None where that is a recording in numbers.
+
+    Raises
+    ------
+    RecordingError : there are several, or there is no such file.
+    """
+    given = [one for path in paths for one in _named(path)]
+    films = [path for path in given if _has_images(path)]
+    if len(films) > 1:
+        raise RecordingError(
+            "several image files are given",
+            where=str(films[0]),
+            mend="Give their folder, or a pattern of their names in quotes.",
+        )
+    if films:
+        (film,) = films
+        home = film if film.is_dir() else film.parent
+        apart = [file for path in given if path != film for file in _files_of(path)]
+        return GivenFilm(film, (*dict.fromkeys([*apart, *files_and_logs(home)]),))
+    if len(given) != 1 or not given[0].is_dir():
+        return None
+    # camera programs put the images into a folder of their own, below the one of the experiment
+    (home,) = given
+    below = [p for p in home.iterdir() if p.is_dir() and _has_images(p)]
+    if len(below) != 1 or _holds_recording(home):
+        return None
+    return GivenFilm(below[0], (*files_and_logs(home), *files_and_logs(below[0])))
+
+
+def _has_images(path: Path) -> bool:
+    if path.is_dir():
+        return any(p.suffix.lower() in SUFFIXES for p in path.iterdir())
+    with path.open("rb") as stream:
+        return stream.read(4) in TIFF_MAGICS
+
+
+def _holds_recording(folder: Path) -> bool:
+    try:
+        find_files([folder])
+    except RecordingError:
+        return False
+    return True
+
+
+def _files_of(path: Path) -> list[Path]:
+    return files_and_logs(path) if path.is_dir() else [path]
+
+
+def files_and_logs(folder: Path) -> list[Path]:
+    """Files that may hold a recording or the magnets' log: `.log` is never the former."""
+    logs = [p for p in folder.iterdir() if p.is_file() and p.suffix.lower() == ".log"]
+    return sorted([*data_files(folder), *logs], key=natural_order)
 
 
 def find_files(paths: Sequence[Path]) -> FoundFiles:
@@ -133,11 +184,25 @@ def _given(paths: Sequence[Path]) -> tuple[Path, list[Path], list[Path]]:
     """Folder, the files to be looked at, and those beside a single one."""
     paths = [one for given in paths for one in _named(given)]
     if len(paths) == 1 and paths[0].is_dir():
-        return paths[0], data_files(paths[0]), []
+        files = _no_tables(data_files(paths[0]))
+        return paths[0], files, [p for p in files_and_logs(paths[0]) if p not in files]
     files = [p for path in paths for p in (data_files(path) if path.is_dir() else [path])]
     folder = files[0].parent if files else paths[0]
-    beside = [p for p in data_files(folder) if p not in files] if len(files) == 1 else []
+    beside = [p for p in files_and_logs(folder) if p not in files] if len(files) == 1 else []
     return folder, sorted(files, key=natural_order), beside[:MOST_LOOKED_AT]
+
+
+def _no_tables(files: Sequence[Path]) -> list[Path]:
+    """Files without look-up tables, whose numbers are no recording."""
+    return [path for path in files if not (path.suffix == ".npz" and _is_table(path))]
+
+
+def _is_table(path: Path) -> bool:
+    try:
+        LookUpTable.load(path)
+    except MtpipeError:
+        return False
+    return True
 
 
 def _named(path: Path) -> list[Path]:

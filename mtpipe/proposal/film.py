@@ -5,6 +5,7 @@ The first frames are tracked as `mtpipe track` would, which is enough to see whi
 
 from __future__ import annotations
 
+import os
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -13,19 +14,22 @@ from typing import Any
 import numpy as np
 
 from mtpipe.ground.errors import MtpipeError, RecordingError, SetupError
+from mtpipe.ground.files import as_text
 from mtpipe.ground.processes import executor
 from mtpipe.ground.types import FloatArray, NamedProgress
 from mtpipe.ingest.column_attributes import PLACEHOLDER_HZ, RATE_TOLERANCE
-from mtpipe.ingest.data_files import data_files
 from mtpipe.proposal.asking import Asking
 from mtpipe.proposal.beads import put_field, put_references
 from mtpipe.proposal.draft import USUAL, Draft
-from mtpipe.proposal.layout import put_log
+from mtpipe.proposal.files import GivenFilm
+from mtpipe.proposal.layout import log_seconds, put_log
 from mtpipe.proposal.look import look_at
-from mtpipe.proposal.magnet_log import find_log
+from mtpipe.proposal.magnet_log import NO_MAGNETS, clock_offset, find_log
 from mtpipe.proposal.questions import ASKED, USUAL_PIXEL_NM, put_usual
+from mtpipe.proposal.rest import rest_of
 from mtpipe.setup.measured import UNKNOWN
 from mtpipe.setup.setup import Setup, parse_setup
+from mtpipe.setup.source_parts import NM_PER_UNIT
 from mtpipe.tracking.chunks import Work, tracked_chunks
 from mtpipe.tracking.lookup_table import LookUpTable
 from mtpipe.tracking.measured import DEFAULT_METHOD
@@ -54,23 +58,25 @@ NO_TABLE = (
 class Film:
     """A film looked at.
 
-    `rate_hz` and `pixel_nm` are None where it does not say; `tables` are look-up tables beside it,
-    by the bead they were made of.
+    `rate_hz`, `pixel_nm` and `time_s` are None where it does not say; `beside` are the files around
+    it, and `tables` the look-up tables among them, by the bead they were made of.
     """
 
-    path: Path
-    folder: Path
     stack: Stack
     rate_hz: float | None
     rate_words: str
     pixel_nm: float | None
+    time_s: FloatArray | None
+    beside: tuple[Path, ...]
     tables: dict[str, Path] = field(default_factory=dict)
 
 
 def propose_film(
-    paths: Sequence[Path], draft: Draft, asking: Asking, progress: NamedProgress
-) -> tuple[Path, list[str]]:
-    """Draft all that a film tells; gives its path, and what was seen.
+    given: GivenFilm, home: Path, draft: Draft, asking: Asking, progress: NamedProgress
+) -> list[str]:
+    """Draft all that a film tells; gives what was seen, a line each.
+
+    home : the setup's folder, which its file names are relative to.
 
     Raises
     ------
@@ -85,7 +91,7 @@ def propose_film(
         )
     take = (draft.get("tracking") or {}).get("incomplete") == "take"
     channels = (draft.get("tracking") or {}).get("frames") == "channels"
-    film = look_at_film(paths, Reading(channels, take), progress)
+    film = look_at_film(given, Reading(channels, take), progress)
     _put_rate(draft, asking, film)
     if film.pixel_nm is not None:
         draft.put(
@@ -93,8 +99,8 @@ def propose_film(
         )
     else:
         asking.about("camera.pixel_size_nm", ASKED["camera.pixel_size_nm"], USUAL_PIXEL_NM, USUAL)
-    _put_log(draft, film)
-    positions = _first_positions(draft, film, progress)
+    logged = _put_log(draft, film, home)
+    positions = _first_positions(draft, film, home, progress)
     rate = draft.get("camera.frame_rate_hz")
     rate = rate if isinstance(rate, float) else STAND_IN_HZ
     put_references(draft, asking, positions, rate)
@@ -110,7 +116,9 @@ def propose_film(
     ]
     if not film.tables:
         seen.append(NO_TABLE)
-    return film.path, seen
+    if not logged:
+        seen.append(NO_MAGNETS)
+    return seen
 
 
 def _put_surface(draft: Draft, heights_nm: Sequence[FloatArray]) -> None:
@@ -140,12 +148,12 @@ def _put_rate(draft: Draft, asking: Asking, film: Film) -> None:
         draft.put("tracking.times", "setup", why, guess=True)
 
 
-def _put_log(draft: Draft, film: Film) -> None:
-    """Put the magnets' log if a file beside the film is one."""
+def _put_log(draft: Draft, film: Film, home: Path) -> bool:
+    """Put the magnets' log, if a file beside the film is one, and what a plateau is by it."""
     if draft.states_some("tracking.magnet"):
-        return
+        return True
     looks = []
-    for file in data_files(film.folder):
+    for file in film.beside:
         if file in film.tables.values():
             continue
         try:
@@ -153,12 +161,35 @@ def _put_log(draft: Draft, film: Film) -> None:
         except MtpipeError:
             continue  # look-up tables, notes
     log = find_log(looks, film.stack.frames, film.stack.name)
-    if log is not None:
-        why = f"{log.look.path.name}, on the film's clock"
-        put_log(draft, log, film.folder, 0.0, why, "tracking")
+    if log is None:
+        return False
+    name = as_text(log.look.path.name)
+    if log.time is None:
+        put_log(draft, log, home, 0.0, f"{name} has a row for each frame", "tracking")
+        return True
+    at = log_seconds(log, None)
+    rate = draft.get("camera.frame_rate_hz")
+    if film.time_s is not None:
+        film_s = film.time_s
+    elif isinstance(rate, (int, float)):
+        film_s = np.arange(film.stack.frames) / rate
+    else:
+        film_s = np.linspace(0.0, at[-1] - at[0], film.stack.frames)
+    # without heights: the log's clock is the film's, or both begin together
+    found = clock_offset(at, log.magnet.seconds, film_s, [], related=not log.time.is_clock)
+    how = "its clock is taken for the film's" if found.plain else "both are taken to begin together"
+    why = f"{name}; {how}; mtpipe run checks it by how the beads move"
+    put_log(draft, log, home, found.seconds, why, "tracking")
+    unit = (draft.get("tracking.magnet") or {})["unit"]
+    rest = rest_of(at, log.magnet.seconds * NM_PER_UNIT[unit] / 1e6, log=True)
+    for key, value in rest.choices.items():
+        draft.put(f"plateaus.{key}", value, rest.why[key], guess=True)
+    return True
 
 
-def _first_positions(draft: Draft, film: Film, progress: NamedProgress) -> dict[str, FloatArray]:
+def _first_positions(
+    draft: Draft, film: Film, home: Path, progress: NamedProgress
+) -> dict[str, FloatArray]:
     """Positions in the first frames, and the look-up tables of the beads that have one."""
     trial = draft.copied()
     trial.fixed.clear()
@@ -170,40 +201,33 @@ def _first_positions(draft: Draft, film: Film, progress: NamedProgress) -> dict[
         trial.put("camera.frame_rate_hz", STAND_IN_HZ)
         trial.put("tracking.times", "setup")
     if film.tables and not draft.states_some("tracking"):
-        names = {bead: path.name for bead, path in film.tables.items()}
+        names = {bead: os.path.relpath(path, home) for bead, path in film.tables.items()}
         first = next(iter(names.values()))
         tries: list[dict[str, Any]] = [{"look_up_table_of": names}] if len(names) > 1 else []
         for keys in [*tries, {"look_up_table": first}]:
             one = trial.copied()
             one.put("tracking", keys)
             try:
-                found = first_positions(film, parse_setup(one.content), progress)
+                found = first_positions(film, home, parse_setup(one.content), progress)
             except MtpipeError:
                 continue  # tables of beads that are not found
             why = "found beside the film; made of one bead, and beads differ"
             for key, value in keys.items():
                 draft.put(f"tracking.{key}", value, why, guess=True)
             return found
-    return first_positions(film, parse_setup(trial.content), progress)
+    return first_positions(film, home, parse_setup(trial.content), progress)
 
 
-def look_at_film(paths: Sequence[Path], reading: Reading, progress: NamedProgress) -> Film:
+def look_at_film(given: GivenFilm, reading: Reading, progress: NamedProgress) -> Film:
     """Look at all pages of a film.
 
     Raises
     ------
     RecordingError : it is no film, as `open_stack` says.
     """
-    path = paths[0]
-    if len(paths) > 1:
-        raise RecordingError(
-            "several image files are given",
-            where=str(path),
-            mend="Give their folder, or a pattern of their names in quotes.",
-        )
+    path = given.path
     stack = open_stack(path, lambda done, n: progress("looking at the stack", done, n), reading)
-    folder = path if path.is_dir() else path.parent
-    rate, words = None, ""
+    rate, words, time_s = None, "", None
     if stack.stamps is not None:
         try:
             time_s, _ = frame_times(stack.stamps, stack.frames, None)
@@ -214,7 +238,7 @@ def look_at_film(paths: Sequence[Path], reading: Reading, progress: NamedProgres
             words = stack.stamps.source
     tables = {}
     pixel_nm = _pixel_nm(find_files(path)[0])
-    for file in data_files(folder):
+    for file in given.beside:
         if file.suffix == ".npz":
             try:
                 table = LookUpTable.load(file)
@@ -222,10 +246,12 @@ def look_at_film(paths: Sequence[Path], reading: Reading, progress: NamedProgres
                 continue  # some other archive
             tables[table.bead] = file
             pixel_nm = pixel_nm or table.pixel_size_nm
-    return Film(path, folder, stack, rate, words, pixel_nm, tables)
+    return Film(stack, rate, words, pixel_nm, time_s, given.beside, tables)
 
 
-def first_positions(film: Film, setup: Setup, progress: NamedProgress) -> dict[str, FloatArray]:
+def first_positions(
+    film: Film, home: Path, setup: Setup, progress: NamedProgress
+) -> dict[str, FloatArray]:
     """Positions of the beads found in the first frames, (n, 3) nm.
 
     Raises
@@ -235,7 +261,7 @@ def first_positions(film: Film, setup: Setup, progress: NamedProgress) -> dict[s
     pixel = setup.camera.pixel_size_nm
     assert pixel is not None
     assert pixel.value is not None
-    tables = tables_of(setup.tracking, film.folder, pixel.value)
+    tables = tables_of(setup.tracking, home, pixel.value)
     regions, _ = regions_of(film.stack, setup, tables)
     work = Work(
         film.stack,

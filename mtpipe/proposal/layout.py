@@ -56,20 +56,23 @@ REMARKS = (
     Remark(
         "camera.frame_rate_hz",
         r"frame\s*rate|frames?\s*(?:per|/)\s*s\w*|\bfps|bildrate|abtastrate|"
-        r"sampl\w*\s*(?:rate|freq\w*)",
+        r"sampl\w*\s*(?:rate|freq\w*)|cadence|images?\s*(?:par|/)\s*s\w*|"
+        r"fr[ée]quence\s*(?:d['’ ]\s*)?(?:images?|acquisition|[ée]chantillonnage)",
         (1.0, 1e5),
         bare=True,
     ),
     Remark(
         "camera.exposure_s",
-        r"exposure(?:\s*time)?|belichtung\w*|shutter(?:\s*time)?|integration\s*time",
+        r"exposure(?:\s*time)?|belichtung\w*|shutter(?:\s*time)?|integration\s*time|"
+        r"temps\s*(?:de\s*pose|d['’ ]\s*(?:exposition|int[ée]gration))|exposition",
         (1e-6, 1.0),
     ),
     Remark(
         "camera.pixel_size_nm",
-        r"pixel\s*(?:size|width|calibration)|pixelgr\w+",
+        r"pixel\s*(?:size|width|calibration)|pixelgr\w+|taille\s*(?:de|du|d['’ ]un)?\s*pixels?",
         (10.0, 1000.0),
     ),
+    Remark("camera.pixel_size_nm", r"nm\s*(?:per|/)\s*(?:px|pixel)", (10.0, 1000.0), bare=True),
     Remark("buffer.temperature_K", r"temp\w*", (270.0, 350.0)),
 )
 

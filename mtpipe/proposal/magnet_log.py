@@ -28,6 +28,11 @@ FINEST_S = 0.05
 WORTH_SHARE = 0.05
 EXPLAINS = 0.3
 
+NO_MAGNETS = (
+    "No positions of the magnets were found: the whole recording is taken for one plateau. If you "
+    "have a log of them, give it too: mtpipe init RECORDING LOG --overwrite"
+)
+
 
 @dataclass(frozen=True, eq=False)
 class Log:

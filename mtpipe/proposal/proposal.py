@@ -11,22 +11,25 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from mtpipe.ground.errors import SetupError
+import numpy as np
+
+from mtpipe.ground.errors import RecordingError, SetupError
 from mtpipe.ground.files import as_text
 from mtpipe.ground.types import NamedProgress
 from mtpipe.ingest import load
 from mtpipe.proposal.asking import Ask, Asking
 from mtpipe.proposal.draft import Draft
-from mtpipe.proposal.files import is_film
+from mtpipe.proposal.files import film_of
 from mtpipe.proposal.questions import ALWAYS, put_usual
 from mtpipe.proposal.table import propose_table
 from mtpipe.proposal.text import said, setup_text
+from mtpipe.setup.measured import UNKNOWN
 from mtpipe.setup.setup import read_setup
 from mtpipe.tracking.stack import open_stack
 
 HEAD = (
     "Proposed by `mtpipe init` from {files}. Remarks say what was guessed: look at them.\n"
-    "All keys: docs/formats.md (section 2) and docs/source-table.md."
+    "What a key means: mtpipe explain KEY, for instance mtpipe explain source.magnet"
 )
 
 
@@ -37,12 +40,14 @@ class Proposal:
     Attributes
     ----------
     text : of the setup. guesses : one sentence each. seen : what was found, a line each.
+    unknown : keys that no file tells and nobody answered.
     film : what `mtpipe run` is to be given beside the setup; None: the setup names its files.
     """
 
     text: str
     guesses: tuple[str, ...]
     seen: tuple[str, ...]
+    unknown: tuple[str, ...]
     film: Path | None
 
 
@@ -72,13 +77,13 @@ def propose(
     draft = Draft()
     draft.fix(answers or {}, "your answer")
     asking = Asking(draft, ask)
-    if is_film(paths):
+    film = film_of(paths)
+    if film is None:
+        seen = propose_table(paths, setup_file.parent, draft, asking, say)
+    else:
         from mtpipe.proposal.film import propose_film
 
-        film, seen = propose_film(paths, draft, asking, say)
-    else:
-        film = None
-        seen = propose_table(paths, setup_file.parent, draft, asking, say)
+        seen = propose_film(film, setup_file.parent, draft, asking, say)
     for question in ALWAYS:
         told = draft.get(question.key)  # by a file's remarks
         if told is not None:
@@ -90,7 +95,11 @@ def propose(
     put_usual(draft)
     files = ", ".join(as_text(path.name or str(path.resolve().name)) for path in paths[:3])
     return Proposal(
-        setup_text(draft, HEAD.format(files=files)), tuple(said(draft)), tuple(seen), film
+        setup_text(draft, HEAD.format(files=files)),
+        tuple(said(draft)),
+        tuple(seen),
+        tuple(question.key for question in ALWAYS if draft.get(question.key) == UNKNOWN),
+        None if film is None else film.path,
     )
 
 
@@ -114,6 +123,13 @@ def checked(setup_file: Path, film: Path | None) -> str:
             )
         return "the film"
     recording = load(setup_file)
+    flat = [b for b in recording.tethered if np.isnan(recording.positions_nm[b][:, :2]).all()]
+    if flat:
+        raise RecordingError(
+            f"x and y of {', '.join(flat[:6])} were not found, and the force comes from them",
+            where=str(setup_file),
+            mend="Say which columns they are in [source] beads: mtpipe explain source.beads",
+        )
     counts = {
         "tethered bead": len(recording.tethered),
         "reference bead": len(recording.references),

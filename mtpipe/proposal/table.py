@@ -31,7 +31,7 @@ from mtpipe.proposal.layout import (
     put_time_unit,
 )
 from mtpipe.proposal.look import Column
-from mtpipe.proposal.magnet_log import Log, clock_offset, find_log
+from mtpipe.proposal.magnet_log import NO_MAGNETS, Log, clock_offset, find_log
 from mtpipe.proposal.questions import ASKED, USUAL_PIXEL_NM
 from mtpipe.proposal.trial import STAND_IN_HZ, FirstReading, first_reading
 from mtpipe.recording.recording import Recording
@@ -92,6 +92,8 @@ def propose_table(
     unused = [c.name or "(empty)" for c in found.columns.unused] if found is not None else []
     if unused and draft.get("source.beads") is not None:
         seen.append(f"Columns that are not used: {_few(unused)}")
+    if recording.magnet_mm is None:
+        seen.append(NO_MAGNETS)
     seen.append(
         f"{len(recording.positions_nm)} beads ({_few(list(recording.positions_nm))}), "
         f"{len(recording.time_s)} frames"
@@ -137,8 +139,6 @@ def _ask_about_columns(draft: Draft, asking: Asking) -> None:
     if draft.get("source.preset") is None and ("z" in units or "position" in units):
         why = f"{OIL_OBJECTIVE} if z is not corrected for refraction (oil objective)"
         asking.about("source.scale.z", ASKED["source.scale.z"], 1.0, why)
-        if "source.scale.z" in draft.guessed:
-            draft.guessed.remove("source.scale.z")
 
 
 def _offset(log: Log, recording: Recording, clock: Column | None) -> tuple[float, str]:

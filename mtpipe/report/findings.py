@@ -156,7 +156,7 @@ def _finds_out(run: RunFolder) -> str:
     """What to do about beads that nobody has cross-checked yet."""
     if any(n.code == "crosscheck_to_come" for n in run.notices):
         return "The cross-check is still to come."
-    return "To check it, give mtpipe run again without --no-crosscheck."
+    return "To check it, run mtpipe again without --no-crosscheck."
 
 
 def _left(run: RunFolder, bead: str, located: Sequence[Mapping[str, Any]]) -> list[str]:

@@ -262,10 +262,16 @@ def _force_ratio(motion: Motion, first: slice, last: slice) -> float:
     """Force after over force before, roughly: the median of what sideways motion says."""
     logs = []
     for xyz in motion.position_nm.values():
+        if not (_two_known(xyz[first, :2]) and _two_known(xyz[last, :2])):
+            continue  # x and y were not recorded
         before, after = (np.nanvar(xyz[rows, :2], axis=0) for rows in (first, last))
         sound = (before > 0) & (after > 0)
         logs += list(np.log(before[sound] / after[sound]))
     return math.exp(float(np.clip(np.median(logs), -5, 5))) if logs else 1.0
+
+
+def _two_known(columns: FloatArray) -> bool:
+    return bool((np.isfinite(columns).sum(axis=0) >= 2).all())
 
 
 def _height_course(progress: FloatArray, ratio: float) -> FloatArray:

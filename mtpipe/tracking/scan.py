@@ -98,7 +98,8 @@ def focus_positions_nm(path: Path, frames: int) -> FloatArray:
         raise RecordingError(
             "has no column z_nm (or z_um): the focus position of each frame",
             where=str(path),
-            mend=f"It has: {', '.join(table.names[:12])}.",
+            mend=f"It has: {', '.join(table.names[:12])}. Call the focus positions z_nm or z_um in "
+            "its first line; and frame, if there is one, the column that numbers the frames.",
         )
     numbered = "frame" in table.names
     wanted = [names.find(f"z_{unit}", "focus position")]

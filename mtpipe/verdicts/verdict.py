@@ -216,7 +216,7 @@ def _why_short(
         for n in SEVERAL_TETHERS
     )
     if several and not any(short):
-        return "; the other beads are not so short: it may be held by more than one tether"
+        return "; for the other beads it is longer: this one may be held by more than one tether"
     return ""
 
 

@@ -65,14 +65,13 @@ def part(seed: int, repeats: int) -> Part:
 
 Corner frequency at which the number called force is 10 % off; "–": it never is. The paper:
 {UNCORRECTED_LIMIT_HZ:g} Hz uncorrected, {CORRECTED_LIMIT_HZ:g} ± {CORRECTED_LIMIT_HZ_STDERR:g} Hz
-corrected. All on the expected spectrum but for the rows that name a number of frames, which look at
-{SLOWEST * setting.camera.nyquist_hz:.0f} Hz and above. "No fit beyond": there the correction,
-repeated from where it began, does not come to rest any more; mtpipe's own begins elsewhere and gets
-further.
+corrected. Limits are those of the expected spectrum. Rows that name a number of frames are of
+traces, from {SLOWEST * setting.camera.nyquist_hz:.0f} Hz up. "No fit beyond": above this frequency
+the repeated correction does not converge; mtpipe's own starts from another value and gets further.
 
-Root-mean-square error of force at {CORRECTED_LIMIT_HZ:g} Hz for short traces; it reaches 10 % with
-n = ±1 for traces of {frames:.0f} frames ({frames / setting.frame_rate_hz:.1f} s), or
-{HANN * frames:.0f} frames if a Hann window is laid over them; the same traces scatter by more than
+Root-mean-square error of the force at {CORRECTED_LIMIT_HZ:g} Hz for short traces. With n = ±1
+it is 10 % for traces of {frames:.0f} frames ({frames / setting.frame_rate_hz:.1f} s), or
+{HANN * frames:.0f} frames under a Hann window. The same traces scatter by more than
 10 % below {slow:.0f} Hz as well:
 
 {markdown(["frames", "method", "first order", "simulated", "without a fit"], checked)}

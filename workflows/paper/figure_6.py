@@ -54,8 +54,8 @@ def part(seed: int, repeats: int) -> Part:
             f"""{FRAMES} frames; first the bias on the expected spectrum, then the mean and its
 standard error over {repeats} traces of the exact simulator, with the number of traces without a fit
 in brackets. "Stepwise": mean over {REFEREE_TRACES} traces by the paper's equations of motion. The
-paper's figure is not public here; our notes of its text have the force about 10 % off at
-{UNCORRECTED_LIMIT_PN:g} pN with no correction and with blur only.""",
+paper's figure is not public. By our notes of its text the force is about 10 % off at
+{UNCORRECTED_LIMIT_PN:g} pN, with no correction and with blur only.""",
         ]
     )
     return Part(text, _figure(setting, table), {"recovered": table, "limits": limits})

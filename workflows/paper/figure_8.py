@@ -61,10 +61,9 @@ def part(seed: int, repeats: int) -> Part:
     quoted = [b.row for b in quoted_forces()]
     text = f"""{markdown(columns, rows)}
 
-Largest force in pN: by the paper's limit; by ours (root-mean-square error of 10 % with recordings
-of {DURATION_S:.0f} s, which for the exact fit is all that limits). Above 40 pN the chain is no
-longer Marko and Siggia's, and DNA overstretches at 65 pN: such a number says that neither blur nor
-aliasing limits any more.
+Largest force in pN: by the paper's limit; by ours, a root-mean-square error of 10 % in recordings
+of {DURATION_S:.0f} s. Above 40 pN Marko and Siggia's chain no longer holds, and DNA overstretches
+at 65 pN. So a number above says only that neither blur nor aliasing is the limit.
 
 {markdown(["", "paper", "ours", "deviation"], quoted)}
 """
