@@ -45,6 +45,7 @@ from mtpipe.joint_fit.hypotheses import (
     FittedEffect,
     best_of,
     gained_by_motion,
+    happens,
     try_effects,
     with_hypothesis,
 )
@@ -630,6 +631,42 @@ def test_hopping_is_told_from_a_tether_that_is_longer_from_some_force_on(rate_hz
     found = best_of(fit, of_name("hopping"), EVIDENCE)
     assert found.net > 20
     assert (gained_by_motion(found) > ALIKE_NATS) == seen
+
+
+def test_expected_hops_are_those_that_are_played():
+    hopping, force, seconds = Hopping(12.0, 5.0, 2.0), 5.5, 400.0
+    experiment = with_step(BASE, hopping)
+    frames = round(seconds / BASE.camera.frame_s)
+    random, kT = np.random.default_rng(8), BASE.fluid.thermal_energy_pN_nm
+    z = hopping.played(np.zeros((frames, 3)), np.full(frames, force), BASE.camera, kT, random)[:, 2]
+    # states last some 60 frames: hops within a frame are few
+    played = np.count_nonzero(np.diff(z > 6.0))
+    expected = of_name("hopping").events(experiment, [force], [seconds])
+    assert played == pytest.approx(expected, abs=4 * np.sqrt(expected))
+
+
+@pytest.mark.parametrize(("half_force_pN", "seen"), [(5.0, True), (40.0, False)])
+def test_hops_that_are_not_expected_to_happen_are_not_found_in_spectra(half_force_pN, seen):
+    fit = fitted(BASE, np.random.default_rng(31))
+    found = best_of(fit, of_name("hopping"), EVIDENCE)
+    there = with_step(found.fit.model.experiment, Hopping(12.0, half_force_pN, 4.0))
+    model = replace(found.fit.model, experiment=there, parameters=())
+    at_these = replace(found.fit, model=model, theta=found.fit.theta[: model.plateaus])
+    assert happens(replace(found, fit=at_these)) == seen
+
+
+def test_a_fit_that_stopped_early_is_ended_before_its_idle_sizes_are_forgiven():
+    """Sizes at nought may lead to a higher optimum; a price is never below that of what is left."""
+    fit = fitted(BASE, np.random.default_rng(31))
+    (found,) = try_effects(fit, [of_name("drift")], EVIDENCE)
+    away = found.fit.theta.copy()
+    away[: found.fit.model.plateaus] += 0.05
+    early = replace(found, fit=hypotheses.fit_configured(found.fit.model, away, rounds=0))
+    early = replace(early, gain=early.fit.log_likelihood - fit.log_likelihood + 1000.0)
+    ended = hypotheses._idle_sizes_forgiven(early, fit)
+    assert ended.penalty >= 0.5 * np.log(fit.model.ordinates) - 1e-9
+    assert ended.fit.log_likelihood == pytest.approx(found.fit.log_likelihood, abs=0.5)
+    assert ended.gain == pytest.approx(ended.fit.log_likelihood - fit.log_likelihood)
 
 
 def test_an_effect_that_ends_where_the_bead_is_on_the_surface_leaves_the_others(monkeypatch):

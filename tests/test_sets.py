@@ -11,7 +11,7 @@ from mtpipe.crosschecking.check import check_bead
 from mtpipe.crosschecking.prepared_bead import prepare
 from mtpipe.diagnosis import alternatives, sets
 from mtpipe.diagnosis.alternatives import place_of
-from mtpipe.diagnosis.causes import Causes, causes_of, exchanged, grown
+from mtpipe.diagnosis.causes import Causes, causes_of, exchanged, grown, likeliest_left
 from mtpipe.diagnosis.evidence import evidence_of
 from mtpipe.diagnosis.explanation import Explanation
 from mtpipe.diagnosis.forces_to_quote import diagnosed_forces
@@ -144,12 +144,27 @@ def begun_with(checked, names):
 def test_another_member_takes_the_place_of_one_that_explains_less(checked):
     wrong = begun_with(checked, ("z_crosstalk", "axial_scale"))
     members = [BY_NAME[name] for name in NAMES]
-    better = exchanged(wrong, checked.case.fit, members, evidence_of(checked), {})
+    weighed = {wrong.names: wrong}
+    exchanged(wrong, checked.case.fit, members, evidence_of(checked), weighed)
+    better = likeliest_left(weighed, [wrong])
     assert better is not None
     assert better.names == {"z_crosstalk", "lateral_scale"}
     assert better.score > wrong.score + 20
-    weighed = {better.names: better}
-    assert exchanged(better, checked.case.fit, members, evidence_of(checked), weighed) is None
+    assert likeliest_left(weighed, [wrong, better]) is None
+
+
+def test_a_set_is_weighed_beside_those_refused_by_what_simulations_say_against_them():
+    def a_set(score, *names, p_value=1.0):
+        members = tuple(SimpleNamespace(effect=SimpleNamespace(name=name)) for name in names)
+        return sets.judged(Causes(members, None, score), SimpleNamespace(p_value=p_value))
+
+    refused = a_set(100.0, "drift", "exposure", p_value=1e-9)
+    part, more = a_set(99.0, "drift"), a_set(101.0, "drift", "exposure", "hopping")
+    other, worse = a_set(85.0, "drift", "viscosity"), a_set(80.0, "drift", "vibration")
+    weighed = {one.names: one for one in (refused, part, more, other, worse)}
+    assert refused.worth == pytest.approx(100.0 - np.log(0.2e9))
+    assert likeliest_left(weighed, [refused]) is other
+    assert likeliest_left(weighed, [refused, other]) is None  # `worse` is no better than `refused`
 
 
 def test_a_set_that_was_found_in_a_worse_optimum_is_found_again(checked):
@@ -268,6 +283,6 @@ def test_of_sets_that_are_nearly_as_likely_the_battery_decides(
     monkeypatch.setattr(sets, "replace", lambda case, fit: fit)
     first, rival = Causes((), "first", 30.0), Causes((), "rival", 30.0 - lead)
     begun = SimpleNamespace(case=None)
-    best, check = sets._better_judged(first, checks["first"], [rival], begun, None)
+    best, check, _ = sets._better_judged(first, checks["first"], [rival], begun, None)
     assert best.fit == taken
     assert check is checks[taken]

@@ -18,7 +18,7 @@ from mtpipe.diagnosis.refit import begun_again
 from mtpipe.effects.effect import Effect
 from mtpipe.ground.errors import FitError
 from mtpipe.joint_fit.fit import ConfiguredFit
-from mtpipe.joint_fit.hypotheses import FittedEffect, together, try_effects
+from mtpipe.joint_fit.hypotheses import FittedEffect, happens, together, try_effects
 from mtpipe.joint_fit.score_test import MOST_FORMS, most_promising
 from mtpipe.terms.catalogue import TERMS
 
@@ -74,7 +74,11 @@ def place_of(
     weighed = [other for other in (*able, *TERMS) if other.name in promising]
     weighed.append(one.effect)
     tried = try_effects(rest, weighed, one.evidence, beside=bool(others), only=promising)
-    tried = [_as_in_set(each, fit, rest) if _is(each, one) else each for each in tried]
+    tried = [
+        _as_in_set(each, fit, rest) if _is(each, one) else each
+        for each in tried
+        if _is(each, one) or happens(each)
+    ]
     return Place(next((each for each in tried if _is(each, one)), None), tried, rest)
 
 

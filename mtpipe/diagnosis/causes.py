@@ -8,7 +8,7 @@ more.
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
 from mtpipe.diagnosis.explanation import ALIKE_NATS
@@ -20,15 +20,18 @@ from mtpipe.joint_fit.fit import ConfiguredFit
 from mtpipe.joint_fit.hypotheses import (
     FittedEffect,
     gained_by_motion,
+    happens,
     lost_without,
     together,
     try_effects,
 )
 from mtpipe.joint_fit.score_test import MOST_FORMS, most_promising
 
-# Sets of each size that are followed, and members that are exchanged for others before giving up:
-# one cause that stands for two gives way to the two.
+# Sets of each size that are followed.
 BEAM = 2
+# Members that are exchanged for others where simulations refuse a set: one cause that stands for
+# two gives way to the two.
+WEAKEST = 2
 # Causes that are fitted as the next of a set: those that promise most by the score test.
 MOST_NAMES = 6
 # A member whose loss by the curvature of ln likelihood (Wald) is 3 times its price is kept without
@@ -44,11 +47,19 @@ class Causes:
     ----------
     members : in the order in which they were found. fit : with all of them.
     score : ln likelihood gained, less the price of all members (nats).
+    objection : what simulations say against it (nats): ln of 0.2 over its p-value, 0 for a larger
+        p-value and where it was not simulated.
     """
 
     members: tuple[FittedEffect, ...]
     fit: ConfiguredFit
     score: float
+    objection: float = 0.0
+
+    @property
+    def worth(self) -> float:
+        """What likelihood and simulations together say for it (nats)."""
+        return self.score - self.objection
 
     @property
     def names(self) -> frozenset[str]:
@@ -92,7 +103,7 @@ def weight_without(name: str, best: Causes, others: Sequence[Causes]) -> float:
     one of them counts for both.
     """
     return sum(
-        math.exp(min(one.score - best.score, 0.0))
+        math.exp(min(one.worth - best.worth, 0.0))
         for one in others
         if name not in one.names and len(best.names - one.names) > 1
     )
@@ -126,13 +137,13 @@ def grown(
         promising |= most_promising(one.fit, forms, evidence, MOST_FORMS)
         able = [member for member in members if member.name in promising]
         tried = try_effects(one.fit, able, evidence, beside=bool(one.members), only=promising)
-        by_worth = sorted(tried, key=lambda other: price(other) - other.gain)
-        strongest += [other for other in by_worth if not other.effect.form][:1]
-        for other in by_worth[:BEAM]:
+        by_net = sorted(tried, key=lambda other: price(other) - other.gain)
+        strongest += [other for other in by_net if not other.effect.form][:1]
+        for other in by_net[:BEAM]:
             if other.gain <= price(other):
                 break
-            if gained_by_motion(other) < ALIKE_NATS:
-                continue  # all of it but its motion fits as well
+            if not happens(other) or gained_by_motion(other) < ALIKE_NATS:
+                continue  # or all of it but its motion fits as well
             larger = _needed(without, (*one.members, other), other.fit)
             known = weighed.get(larger.names)
             # the same set by another way may have come to a better optimum
@@ -144,7 +155,9 @@ def grown(
         seconds += children[1:]
     firsts.sort(key=by_score, reverse=True)
     seconds.sort(key=by_score, reverse=True)
-    beam = [*firsts, *seconds][:BEAM]
+    # what is tried is not fitted to the end, and lineages are compared by what they come to
+    beam = [settled(one) for one in [*firsts, *seconds][:BEAM]]
+    weighed |= {one.names: one for one in beam}
     return beam, max(strongest, key=lambda other: other.gain - price(other), default=None)
 
 
@@ -154,21 +167,38 @@ def exchanged(
     members: Sequence[Effect],
     evidence: Evidence,
     weighed: dict[frozenset[str], Causes],
-) -> Causes | None:
-    """The likeliest set with another member in the place of one of the two weakest; None where none
-    is likelier than the set as it is. As in `grown`.
+) -> None:
+    """Weigh the sets with another member in the place of one of the two weakest.
+
+    Parameters
+    ----------
+    weighed : all sets as yet; new ones are added.
     """
-    by_worth = sorted(best.members, key=lambda one: lost_without(best.fit, one.hypothesis))
+    by_loss = sorted(best.members, key=lambda one: lost_without(best.fit, one.hypothesis))
     fewer = []
-    for one in by_worth[:BEAM]:
+    for one in by_loss[:WEAKEST]:
         rest = tuple(other for other in best.members if other is not one)
         try:
             fewer.append(causes_of(rest, together(without, rest, best.fit), without))
         except (FitError, ValueError):
             continue
-    beam, _ = grown(fewer, without, members, evidence, weighed)
-    better = [settled(one) for one in beam]
-    return max((one for one in better if one.score > best.score), key=by_score, default=None)
+    grown(fewer, without, members, evidence, weighed)
+
+
+def likeliest_left(
+    weighed: Mapping[frozenset[str], Causes], refused: Sequence[Causes]
+) -> Causes | None:
+    """The likeliest of the sets that may still be judged better than those that simulations refuse,
+    none of which it is a part of or contains; None where there is none.
+    """
+    least = max(one.worth for one in refused)
+    left = [
+        one
+        for one in weighed.values()
+        if one.score > least
+        and not any(one.names <= other.names or one.names >= other.names for other in refused)
+    ]
+    return max(left, key=by_score, default=None)
 
 
 def _needed(

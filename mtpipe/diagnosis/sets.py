@@ -10,7 +10,7 @@ none of it is named. Nor is any where other sets, without one of its causes, hav
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -32,6 +32,7 @@ from mtpipe.diagnosis.causes import (
     exchanged,
     grown,
     leads,
+    likeliest_left,
     price,
     settled,
     weight_without,
@@ -59,6 +60,10 @@ UNDISPUTED_NATS = 20.0
 FORM_NATS = 7.0
 # Most members that are added; real recordings have up to six.
 MOST_STEPS = 12
+# Sets that may be refused before nothing is named: each costs as much as a step of the search.
+MOST_REFUSED = 3
+# Sets that are simulated, with another cause in the place of a named one, as they are likelier.
+MOST_RIVALS = 4
 # Simulations of a part of a set, and of the whole where few speak against it: small p-values of 120
 # simulations scatter tenfold from one draw to the next, of 240 fivefold.
 SEARCHING, SURE_SIMULATIONS = tuple(goal for goal in ROUNDS if goal <= ENOUGH), 240
@@ -102,7 +107,7 @@ def several_causes(
     weighed: dict[frozenset[str], Causes] = {}
     best, beam, check = nothing, [nothing], begun
     rivals: list[Causes] = []
-    nearest: Rejected | None = None
+    refused: list[Refused] = []
     first_tried: FittedEffect | None = None
     agreed: tuple[Causes, BeadCheck] | None = None
     for _ in range(MOST_STEPS):
@@ -111,9 +116,6 @@ def several_causes(
         evidence = evidence_of(replace(begun, case=replace(begun.case, fit=best.fit)))
         beam, strongest = grown(beam, without, members, evidence, weighed)
         first_tried = first_tried or strongest
-        # what is tried is not fitted to the end, and lineages are compared by what they come to
-        beam = [settled(one) for one in beam]
-        weighed |= {one.names: one for one in beam}
         next_best = max(beam, key=by_score, default=best)
         gained = next_best.score - best.score
         if best.members and gained < UNDISPUTED_NATS:
@@ -122,14 +124,13 @@ def several_causes(
             try:
                 check = _checked(best, begun, first, random)
             except (FitError, ValueError) as error:
-                nearest = _rejected(best, f"the bead cannot be simulated with it ({error})")
+                refused.append(Refused(best, check, f"the bead cannot be simulated ({error})"))
                 break
             if agrees(check, first):
                 agreed = best, check
                 if gained < FORM_NATS + ln_of(check.p_value) - ln_of(1.0):
-                    agreed = _better_judged(best, check, rivals, begun, random)
+                    agreed = _better_judged(best, check, rivals, begun, random)[:2]
                     break
-            nearest = _rejected(best, f"recording and simulation differ (p {check.p_value:.1g})")
             wrong = _contradicted(begun, best, check, random)
             if wrong:
                 say(f"without {wrong}, which is not how positions are distributed")
@@ -139,24 +140,46 @@ def several_causes(
                 best = beam[0]
                 continue
             if gained < hopeful(check):
-                # one cause may stand where two others belong
-                say("weighing others in the place of the weakest")
-                aside = exchanged(best, without, members, evidence, weighed)
-                if aside is None:
+                why = f"recording and simulation differ (p {check.p_value:.1g})"
+                best = weighed[best.names] = judged(best, check)
+                refused.append(Refused(best, check, why))
+                if len(refused) > MOST_REFUSED:
                     break
-                best, beam = aside, [aside, best]
+                say("weighing other sets")
+                exchanged(best, without, members, evidence, weighed)
+                other = likeliest_left(weighed, [one.causes for one in refused])
+                if other is None:
+                    break
+                best, beam, rivals = other, [other], []
                 continue
         if gained <= 0:
             break
         best = next_best
         rivals = [one for one in beam if one is not best and best.score - one.score < ALIKE_NATS]
+    if agreed is None and refused:
+        best_refused = max(refused, key=lambda one: one.causes.worth)
+        return Weighed([], best_refused.check, _rejected(best_refused.causes, best_refused.why))
     if agreed is None:
-        return Weighed([], check, nearest or _nearest(first_tried, best, without))
+        return Weighed([], check, _nearest(first_tried, best, without))
     # a larger set may have more likelihood, and not agree
     best, check = agreed
     others = [one for names, one in weighed.items() if names != best.names]
     able = [one for one in members if not one.form]
     return _named(best, others, begun, check, first, random, able)
+
+
+@dataclass(frozen=True, eq=False)
+class Refused:
+    """A set that simulations do not agree with, its check, and why in words."""
+
+    causes: Causes
+    check: BeadCheck
+    why: str
+
+
+def judged(one: Causes, check: BeadCheck) -> Causes:
+    """The set with what simulations say against it."""
+    return replace(one, objection=ln_of(1.0) - ln_of(check.p_value))
 
 
 def _checked(
@@ -276,6 +299,7 @@ def _exchanged(
     together speak for them, its check, and what there is in each place.
     """
     without = begun.case.fit
+    objections: dict[frozenset[str], float] = {}
     while True:
         places = [place_of(one, best.members, without, best.fit, effects) for one in best.members]
         rivals = [
@@ -286,12 +310,27 @@ def _exchanged(
             for other in (place.tried if place else [])
             if other.effect.name not in best.names
         ]
-        rivals = [rival for rival in rivals if rival.score > best.score]
+        rivals = [one for one in rivals if one.score > best.score and one.names not in objections]
         rivals.sort(key=by_score, reverse=True)
-        better, its_check = _better_judged(best, check, rivals[:BEAM], begun, random)
+        better, its_check, said = _better_judged(best, check, rivals[:MOST_RIVALS], begun, random)
+        objections |= said
         if better is best:
-            return best, check, places
+            return best, check, [_objected(place, best.names, objections) for place in places]
         best, check = better, its_check
+
+
+def _objected(
+    place: Place | None, names: frozenset[str], objections: Mapping[frozenset[str], float]
+) -> Place | None:
+    """A place in which rivals pay for what simulations say against the set with them."""
+    if place is None or place.own is None:
+        return place
+    rest = names - {place.own.effect.name}
+    tried = [
+        replace(one, penalty=one.penalty + max(objections.get(rest | {one.effect.name}, 0.0), 0.0))
+        for one in place.tried
+    ]
+    return replace(place, tried=sorted(tried, key=lambda one: one.net, reverse=True))
 
 
 def _better_judged(
@@ -300,21 +339,26 @@ def _better_judged(
     rivals: Sequence[Causes],
     begun: BeadCheck,
     random: np.random.Generator,
-) -> tuple[Causes, BeadCheck]:
+) -> tuple[Causes, BeadCheck, dict[frozenset[str], float]]:
     """Of sets that are nearly as likely, the one that likelihood and battery together speak for
-    (as where z may have a bend), with its check.
+    (as where z may have a bend), with its check; and what simulations say against each of the
+    others, more than against the best (nats).
     """
+    objections: dict[frozenset[str], float] = {}
     for rival in rivals:
         if rival.score + ln_of(1.0) <= best.score + ln_of(check.p_value):
             continue
         try:
             other = check_bead(replace(begun.case, fit=rival.fit), random)
         except (FitError, ValueError):
+            objections[rival.names] = math.inf
             continue
         p_best, p_rival = comparable_p_values(check, other)
-        if p_rival >= AGREES_P and rival.score + ln_of(p_rival) > best.score + ln_of(p_best):
+        objections[rival.names] = ln_of(p_best) - ln_of(p_rival)
+        if p_rival >= AGREES_P and rival.score - objections[rival.names] > best.score:
+            objections[best.names] = -objections[rival.names]
             best, check = rival, other
-    return best, check
+    return best, check, objections
 
 
 def _contradicted(

@@ -103,6 +103,8 @@ class Effect:
         recording. Its hypotheses then have one parameter, which is 0 where there is no effect.
     still : for an effect that is one only if it moves: from the fitted experiment to what has all
         of it but the motion. Where that fits as well the effect is not named.
+    events : for an effect of single events: how many of them the fitted experiment has, given
+        force (pN) and duration (s) of each plateau. Of few, spectra are not like their mean.
     read : a size of which its hypotheses are made.
     form, axes : of a term, which has no name but a form (FORMATS section 4), and the axes that it
         is about; empty for effects.
@@ -116,6 +118,7 @@ class Effect:
     strengths: Callable[[Experiment], Sequence[tuple[str, float, str]]]
     shared: bool = False
     still: Callable[[Experiment], Hypothesis] | None = None
+    events: Callable[[Experiment, Sequence[float], Sequence[float]], float] | None = None
     remedy: str = ""
     read: Read | None = None
     form: str = ""

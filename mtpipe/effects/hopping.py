@@ -116,6 +116,21 @@ def _still(experiment: Experiment) -> Hypothesis:
     return Hypothesis(start, _lengths(hopping.step_nm, hopping.half_force_pN, forces))
 
 
+def _hops(
+    experiment: Experiment, force_pN: Sequence[float], duration_s: Sequence[float]
+) -> float:
+    """How many hops are expected in all plateaus."""
+    hopping = step_of(experiment, Hopping)
+    if hopping is None or hopping.step_nm == 0:
+        return 0.0
+    hops = 0.0
+    for force, duration in zip(force_pN, duration_s, strict=True):
+        _, tau_s, mean = hopping.moments(force, experiment.fluid.thermal_energy_pN_nm)
+        share = mean / hopping.step_nm
+        hops += duration * 2 * share * (1 - share) / tau_s
+    return hops
+
+
 def _set(field: str) -> Change:
     return partial(_change, field)
 
@@ -150,4 +165,6 @@ _REMEDY = (
     "expect it of a molecule that folds or binds; otherwise check what sticks to "
     "the tether or the bead."
 )
-EFFECT = Effect("hopping", _hypotheses, _cause, _strengths, still=_still, remedy=_REMEDY)
+EFFECT = Effect(
+    "hopping", _hypotheses, _cause, _strengths, still=_still, events=_hops, remedy=_REMEDY
+)

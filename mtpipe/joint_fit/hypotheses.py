@@ -18,6 +18,8 @@ from mtpipe.joint_fit.model import ConfiguredModel
 
 # Rounds of the first fit of each hypothesis, and nats to which fits of hypotheses converge.
 FIRST_ROUNDS, TRIED_NATS = 3, 0.05
+# Fewest events that spectra can speak of: their number scatters by a third.
+FEWEST_EVENTS = 10
 # A hypothesis is given up if its gain is 30 nats and 60 % below the best.
 WORTHWHILE_NATS, WORTHWHILE_SHARE = 30.0, 0.6
 # Misfit of heights, in standard errors, from which they are out of the tether's reach. A fresh fit
@@ -104,6 +106,18 @@ def worth_beginning_afresh(fit: ConfiguredFit, *, beside: bool) -> bool:
     except (FitError, ValueError):
         return True
     return fit.log_likelihood - fresh.log_likelihood < LOST_SHARE * excess(fit)
+
+
+def happens(one: FittedEffect) -> bool:
+    """Whether an effect of single events, as it is fitted, has enough of them in the recording for
+    spectra to be like their mean; of any other effect, True.
+    """
+    if one.effect.events is None:
+        return True
+    model = one.fit.model
+    duration_s = [data.duration_s for data in model.data]
+    experiment = model.described(one.fit.theta)
+    return one.effect.events(experiment, one.fit.force_pN.tolist(), duration_s) >= FEWEST_EVENTS
 
 
 def gained_by_motion(one: FittedEffect) -> float:
@@ -268,10 +282,24 @@ def _idle_sizes_forgiven(one: FittedEffect, without: ConfiguredFit) -> FittedEff
     kept = [k for k in range(len(model.parameters)) if k not in idle]
     try:
         fewer = exchanged(one.fit, experiment, kept)
+        if fewer.log_likelihood > one.fit.log_likelihood:
+            # the fit with all sizes had stopped too early
+            one = _begun_where(one, fewer, kept, without)
     except (FitError, ValueError):
         return one
-    lost = one.fit.log_likelihood - fewer.log_likelihood
+    lost = max(one.fit.log_likelihood - fewer.log_likelihood, 0.0)
     return replace(one, penalty=min(one.penalty, one.penalty - each_costs * len(idle) + lost))
+
+
+def _begun_where(
+    one: FittedEffect, fewer: ConfiguredFit, kept: Sequence[int], without: ConfiguredFit
+) -> FittedEffect:
+    """The effect fitted from where the fit with only the sizes that were kept stands."""
+    model, plateaus = one.fit.model, one.fit.model.plateaus
+    start = np.concatenate([fewer.theta[:plateaus], np.zeros(len(model.parameters))])
+    start[plateaus + np.asarray(kept, int)] = fewer.theta[plateaus:]
+    fitted = fit_configured(model, start, arrived=TRIED_NATS)
+    return replace(one, fit=fitted, gain=fitted.log_likelihood - without.log_likelihood)
 
 
 def _ended(one: FittedEffect, without: ConfiguredFit) -> FittedEffect:
