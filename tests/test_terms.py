@@ -17,7 +17,11 @@ pytestmark = pytest.mark.slow
 
 @dataclass(frozen=True)
 class KnownTerm(effects.Known):
-    """A term at a strength that shows."""
+    """A term at a strength that shows; `weak` : share of its size that is hardly seen, of a square
+    or of a size.
+    """
+
+    weak: float | None = None
 
     @property
     def effect(self):
@@ -32,6 +36,8 @@ KNOWN = [
     KnownTerm("white_z", (30.0, 0.5), (0.0, 0.0)),
     KnownTerm("gain_step_x", (0.12,), (0.0,), which=1),
     KnownTerm("scatter_step_y", (40.0,), (0.0,), which=2),
+    KnownTerm("wander_step_y", (900.0, 1.2), (0.0, 1.0), which=1, weak=1e-4),
+    KnownTerm("wander_step_x", (1500.0, 1.4), (0.0, 1.0), which=3, weak=1e-4),
     KnownTerm("gain_y", (0.15, 0.3), (0.0, 0.0)),
     KnownTerm("mixing_x_in_z", (0.15, 0.2), (0.0, 0.0)),
     KnownTerm("mixing_z_in_y", (0.3, -0.2), (0.0, 0.0)),
@@ -94,7 +100,7 @@ def test_what_a_term_promises_is_not_much_less_than_it_gains(known):
     """It may be more: a square that the expected power bends away from is taken as straight."""
     hypothesis = known.hypothesis
     first = hypothesis.parameters[0]
-    share = 0.02 if first.lower == 0 else 0.1  # of a square, or of a size
+    share = known.weak or (0.02 if first.lower == 0 else 0.1)
     weak = (share * known.strength[0], *(p.start for p in hypothesis.parameters[1:]))
     model, _ = effects.model_of(effects.changed(hypothesis, weak), np.random.default_rng(4))
     silent = fit_configured(effects.replace(model, experiment=known.base))

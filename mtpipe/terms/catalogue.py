@@ -15,6 +15,7 @@ TERMS: tuple[Effect, ...] = (
     *(gain_along(axis) for axis in range(3)),
     *(step.gain_along(axis) for axis in range(3)),
     *(step.scatter_along(axis) for axis in range(3)),
+    *(step.wander_along(axis) for axis in range(3)),
     *(share_in(*pair) for pair in itertools.permutations(range(3), 2)),
     course.of_friction(),
     course.of_length(),

@@ -80,13 +80,17 @@ def along(axis: int) -> Effect:
     return of_axis(f"power_law_{AXES[axis]}", PowerLaw, axis, partial(_begun, axis))
 
 
-def _begun(axis: int, experiment: Experiment, evidence: Evidence) -> list[Hypothesis]:
+def times_of(experiment: Experiment) -> tuple[float, ...]:
+    """Relaxation times of the modes: from a frame's to a few of the longest plateau's."""
     frame_s = experiment.camera.frame_s
     longest_s = frame_s * max((rest.frames for rest in experiment.rests), default=1)
     fastest_s, slowest_s = frame_s / (2 * math.pi), SLOWEST * max(longest_s, 10 * frame_s)
     count = math.ceil(math.log(slowest_s / fastest_s) / math.log(RATIO))
-    times_s = tuple(fastest_s * RATIO**k for k in range(count + 1))
-    start = PowerLaw(axis, typical_force_pN(evidence), START_NM, times_s)
+    return tuple(fastest_s * RATIO**k for k in range(count + 1))
+
+
+def _begun(axis: int, experiment: Experiment, evidence: Evidence) -> list[Hypothesis]:
+    start = PowerLaw(axis, typical_force_pN(evidence), START_NM, times_of(experiment))
     size = of_square(PowerLaw, axis, "size_nm")
     name = f"power law along {AXES[axis]}"
     slope = set_to(PowerLaw, axis, "slope")

@@ -1,7 +1,7 @@
-"""A tracker that answers otherwise from some plateau on: another gain of an axis, or more scatter.
+"""What is otherwise from some plateau on: the gain of an axis, its scatter, or how it wanders.
 
 The image of a bead changes as it turns, or as the focus is moved, and with it what is recorded of
-its motion.
+its motion. A stage settles, and beads in one field do not follow it alike.
 """
 
 from __future__ import annotations
@@ -17,13 +17,13 @@ from mtpipe.experiment.description import Experiment
 from mtpipe.experiment.parameter import Parameter
 from mtpipe.experiment.step import NothingByItself, Place
 from mtpipe.terms.mixing import LARGEST, Gain
-from mtpipe.terms.term import (
-    AXES,
-    of_axis,
-    of_square,
-    set_to,
-)
+from mtpipe.terms.power_law import LARGEST_NM as MOST_WANDERED_NM
+from mtpipe.terms.power_law import START_SLOPE, PowerLaw, times_of
+from mtpipe.terms.term import AXES, of_axis, of_square, set_to
 from mtpipe.terms.white import LARGEST_NM, START_NM, WhitePower
+
+# Bounds of a wander's power of the frequency: 2 is that of a random walk.
+STEEPNESS = 0.3, 2.0
 
 
 @dataclass(frozen=True)
@@ -85,6 +85,47 @@ class ScatterFrom(_FromPlateau):
         return [("size_nm", self.size_nm, "nm"), ("first_plateau", self.first, "")]
 
 
+@dataclass(frozen=True)
+class WanderFrom(_FromPlateau):
+    """From a plateau on, or up to it, an axis wanders more: power that goes as f^−slope.
+
+    `size_nm` : as of `PowerLaw`.
+    """
+
+    place: ClassVar[Place] = "tether"
+    times_s: tuple[float, ...] = ()
+    size_nm: float = 0.0
+    slope: float = START_SLOPE
+    later: bool = True
+
+    def in_plateau(self, plateau: int) -> PowerLaw:
+        """What it is in one plateau."""
+        size_nm = self.size_nm if (plateau >= self.first) == self.later else 0.0
+        return PowerLaw(self.axis, 1.0, size_nm, self.times_s, self.slope)
+
+    @property
+    def words(self) -> str:
+        """Size, and since or until when."""
+        place = (
+            f"from plateau {self.first + 1} of those fitted on"
+            if self.later
+            else f"up to plateau {self.first} of those fitted"
+        )
+        return (
+            f"{AXES[self.axis]} wanders more {place}: by {self.size_nm:.2g} nm around 1 Hz, its "
+            f"power going as f^−{self.slope:.1f}"
+        )
+
+    @property
+    def sizes(self) -> list[tuple[str, float, str]]:
+        """Size, power of the frequency, and the index of the first plateau that is otherwise."""
+        return [
+            ("size_nm", self.size_nm, "nm"),
+            ("slope", self.slope, ""),
+            ("first_plateau", self.first, ""),
+        ]
+
+
 def gain_along(axis: int) -> Effect:
     """Another gain of one axis."""
     return of_axis(f"gain_step_{AXES[axis]}", GainFrom, axis, partial(_gains, axis))
@@ -93,6 +134,11 @@ def gain_along(axis: int) -> Effect:
 def scatter_along(axis: int) -> Effect:
     """More scatter of one axis."""
     return of_axis(f"scatter_step_{AXES[axis]}", ScatterFrom, axis, partial(_scatters, axis))
+
+
+def wander_along(axis: int) -> Effect:
+    """More wandering of one axis."""
+    return of_axis(f"wander_step_{AXES[axis]}", WanderFrom, axis, partial(_wanders, axis))
 
 
 def _gains(axis: int, experiment: Experiment, evidence: Evidence) -> list[Hypothesis]:
@@ -108,10 +154,23 @@ def _scatters(axis: int, experiment: Experiment, evidence: Evidence) -> list[Hyp
     return _each(begun, size)
 
 
+def _wanders(axis: int, experiment: Experiment, evidence: Evidence) -> list[Hypothesis]:
+    name, times_s = f"later wandering along {AXES[axis]}", times_of(experiment)
+    size = variance(name, "nm", START_NM, MOST_WANDERED_NM, of_square(WanderFrom, axis, "size_nm"))
+    change = set_to(WanderFrom, axis, "slope")
+    slope = plain(f"slope of {name}", "", START_SLOPE, STEEPNESS, 1e-3, change)
+    begun = [
+        with_step(experiment, WanderFrom(axis, k, times_s, START_NM, later=later))
+        for later in (True, False)
+        for k in _later(evidence)
+    ]
+    return _each(begun, size, slope)
+
+
 def _later(evidence: Evidence) -> range:
     """Plateaus with which something may begin."""
     return range(1, len(evidence.force_pN))
 
 
-def _each(begun: list[Experiment], size: Parameter) -> list[Hypothesis]:
-    return [Hypothesis(one, (size,), chosen_from=len(begun)) for one in begun]
+def _each(begun: list[Experiment], *sizes: Parameter) -> list[Hypothesis]:
+    return [Hypothesis(one, sizes, chosen_from=len(begun)) for one in begun]
