@@ -18,6 +18,8 @@ exclude_patterns = ["_build"]
 
 # Pages link to headings of others as GitHub names them.
 myst_heading_anchors = 4
+# formulas: $x$ and $$ on lines of their own, as GitHub shows them
+myst_enable_extensions = ["dollarmath"]
 nb_execution_mode = "auto"
 nb_execution_raise_on_error = True
 # A cell takes seconds; CI and laboratories share their machines.

@@ -311,6 +311,19 @@ def test_a_misspelt_column_lists_near_names(tmp_path):
     assert "x_pos" in caught.value.mend
 
 
+def test_a_column_that_a_pattern_misses_lists_what_is_there(tmp_path):
+    lines = ["X1\tY1\tX2\theight2\tY2", *rows([np.arange(N)] * 5)]
+    path = write(tmp_path / "t.txt", lines)
+    source = {"beads": {"name": "b{n}", "x": "X{n}", "y": "Y{n}", "z": "Z{n}"}, **NM}
+    with pytest.raises(RecordingError, match=r"no column 'Z1' \(b1 z\)") as caught:
+        load(path, setup_of(source, reference=()))
+    assert "There are: X1, Y1, X2, height2, Y2." in caught.value.mend
+    source["beads"] = {"name": "b{n}", "x": "pos{n}"}
+    with pytest.raises(RecordingError, match=r"no column that \[source\.beads\]") as caught:
+        load(path, setup_of(source, reference=()))
+    assert "There are: X1, Y1, X2, height2, Y2." in caught.value.mend
+
+
 def test_a_setup_that_names_its_files_is_a_recording(tmp_path):
     write(tmp_path / "data.txt", rows(lab_columns(motion(N, beads=("b1",)), np.arange(N))))
     (tmp_path / "here").mkdir()

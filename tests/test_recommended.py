@@ -9,6 +9,7 @@ import pytest
 
 import mtpipe
 from mtpipe.calibration.calibration import calibrate
+from mtpipe.calibration.recommended_force import BeadForces
 from mtpipe.calibration.scatter import scatter_beyond_errors
 from mtpipe.calibration.spectral_force import contradictions_of, of_ln, spectral_force
 from mtpipe.diagnosis.forces_from_heights import lever_ln_errors
@@ -79,6 +80,16 @@ def values(forces):
 def with_friction_contradicted(bead, ratio):
     measured = Estimate(ratio, 0.01, (ratio - 0.01, ratio + 0.01), "", "")
     return replace(bead, friction_contradicts=True, friction_ratio=measured)
+
+
+def test_forces_of_a_bead_are_told_in_a_line(bead):
+    shown = repr(bead_forces(bead, None))
+    assert shown.startswith("BeadForces: 3 of 3 to use; 0.")
+    assert shown.count(" pN") == 3
+    assert "\n" not in shown
+    assert len(shown) < 150
+    none = repr(BeadForces({}))
+    assert none == "BeadForces: 0 of 0 to use"
 
 
 def test_without_a_cross_check_x_and_y_are_quoted(bead):

@@ -1,5 +1,9 @@
-"""What code and documents cite of docs/physics.md and docs/formats.md stands there."""
+"""What code and documents cite of docs/physics.md and docs/formats.md stands there, and what
+docs/physics.md names of the code is there.
+"""
 
+import importlib
+import inspect
 import re
 from pathlib import Path
 
@@ -19,7 +23,7 @@ CITATION = re.compile(r"\b(PHYSICS|FORMATS)[\s#]+(?:sections?[\s#]+)?(E\d+|\d+(?
 def places(page):
     """Numbers of headings (8.1, 3.B), and of effects (E12), that a page has."""
     text = (ROOT / "docs" / page).read_text(encoding="utf-8")
-    headings = re.findall(r"^#+ (\d+(?:\.[0-9A-C])?)", text, re.MULTILINE)
+    headings = re.findall(r"^#+ (E?\d+(?:\.[0-9A-C])?)", text, re.MULTILINE)
     effects = re.findall(r"^(?:\*\*|- \*\*)(E\d+)", text, re.MULTILINE)
     shared = re.findall(r"^(?:\*\*|- \*\*)[^*]*?, (E\d+)", text, re.MULTILINE)
     return {*headings, *effects, *shared}
@@ -68,3 +72,62 @@ def test_links_between_documents_lead_to_files():
         if not (page.parent / target).exists()
     ]
     assert not lost
+
+
+PHYSICS = (ROOT / "docs" / "physics.md").read_text(encoding="utf-8")
+# a link to the file, and in it the name of what holds the formula
+HOLDER = re.compile(r"\[`(mtpipe(?:\.\w+)+)`\]\(\.\./(mtpipe/[\w/]+\.py)\)")
+SAYS_WHERE = re.compile(r"^(In the code|Not in the code): ", re.MULTILINE)
+
+
+def sections(text):
+    """Parts of a page below each heading, by the heading."""
+    parts = re.split(r"^(#+ .+)\n", text, flags=re.MULTILINE)[1:]
+    return dict(zip(parts[::2], parts[1::2], strict=True))
+
+
+def without_code(text):
+    """Headings of sections with a displayed formula, and of effects, that do not say where in the
+    code that is."""
+    return [
+        heading
+        for heading, body in sections(text).items()
+        if ("$$" in body or re.match(r"#+ E\d", heading)) and not SAYS_WHERE.search(body)
+    ]
+
+
+def held(name):
+    """What a name stands for: of a module, a class or an instance's field."""
+    parts = name.split(".")
+    for cut in range(len(parts) - 1, 1, -1):
+        try:
+            found = importlib.import_module(".".join(parts[:cut]))
+        except ModuleNotFoundError:
+            continue
+        file = found.__file__
+        for part in parts[cut:]:
+            found = inspect.getattr_static(found, part)
+        return found, file
+    raise LookupError(name)
+
+
+@pytest.mark.parametrize(("name", "file"), sorted(set(HOLDER.findall(PHYSICS))))
+def test_formulas_are_held_by_what_is_named(name, file):
+    found, home = held(name)
+    assert found is not None
+    assert not inspect.ismodule(found)
+    assert Path(home) == ROOT / file
+
+
+def test_every_formula_says_where_in_the_code_it_is():
+    assert not without_code(PHYSICS)
+    for line in PHYSICS.splitlines():
+        if line.startswith("In the code: "):
+            assert HOLDER.search(line), line
+
+
+def test_a_formula_without_code_is_noticed():
+    page = "## 1. One\n\n$$\nx\n$$\n\n### E1 Two\n\nwords\n\n## 3. Three\n\nIn the code: it\n\n$$\n"
+    assert without_code(page) == ["## 1. One", "### E1 Two"]
+    with pytest.raises(AttributeError):
+        held("mtpipe.physics.camera.gone")

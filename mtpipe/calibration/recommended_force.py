@@ -14,6 +14,8 @@ from typing import Literal
 
 from mtpipe.ground.estimate import Estimate
 
+# Most forces that the line of a bead's forces spells out.
+MOST_SHOWN = 4
 Source = Literal["spectra", "heights", "named", "spectra_alone", "heights_alone", "none"]
 
 
@@ -25,7 +27,7 @@ class RecommendedForce:
     source: Source
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, repr=False)
 class BeadForces:
     """The forces of one bead.
 
@@ -45,6 +47,13 @@ class BeadForces:
     mismatch: str = ""
     bound_percent: float = float("nan")
     changed_percent: float = 0.0
+
+    def __repr__(self) -> str:
+        forces = [str(one.force) for one in self.recommended.values()]
+        shown = ", ".join(forces[:MOST_SHOWN]) + (", …" if len(forces) > MOST_SHOWN else "")
+        verdict = f"; {self.mismatch}" if self.mismatch else ""
+        usable = f"{len(self.usable_pN)} of {len(forces)} to use"
+        return f"BeadForces: {usable}{verdict}{f'; {shown}' if shown else ''}"
 
     @property
     def usable_pN(self) -> list[float]:

@@ -119,16 +119,14 @@ class Names:
                 where=self.where,
                 mend="Tell them by number, or set header = true.",
             )
-        raise self._absent(column, what)
+        raise self.absent(column, what)
 
-    def _absent(self, column: str, what: str) -> RecordingError:
+    def absent(self, column: str, what: str) -> RecordingError:
         """What to say of a name that no column has."""
         held = next(
             (key for key in self.unusable if f"{plain(column)}/".startswith(f"{plain(key)}/")), None
         )
         inner = tuple(name for name in self.names if name.startswith((f"{column}[", f"{column}/")))
-        others = [f"{key} ({what_it_is})" for key, what_it_is in self.unusable.items()]
-        more = f" Unusable: {_some(tuple(others))}." if others else ""
         if held is not None:
             return RecordingError(
                 f"{column!r} ({what}) is there, but is no column of numbers: {self.unusable[held]}",
@@ -146,8 +144,15 @@ class Names:
         return RecordingError(
             f"there is no column {column!r} ({what})",
             where=self.where,
-            mend=f"{hint}There are: {_some(self.names)}.{more}",
+            mend=f"{hint}{self.there}",
         )
+
+    @property
+    def there(self) -> str:
+        """What the file holds, in a sentence or two."""
+        others = [f"{key} ({what_it_is})" for key, what_it_is in self.unusable.items()]
+        more = f" Unusable: {_some(tuple(others))}." if others else ""
+        return f"There are: {_some(self.names)}.{more}"
 
 
 def canonical_columns(names: Names) -> Assignment:
@@ -216,8 +221,9 @@ def source_columns(names: Names, source: Source, setup: Setup) -> Assignment:
                 raise SetupError(f"[source.beads] two beads are named {bead!r}")
             beads[bead] = columns
     if not beads:
-        raise RecordingError("has no column that [source.beads] describes", where=names.where,
-                             mend=f"There are: {_some(names.names)}.")  # fmt: skip
+        raise RecordingError(
+            "has no column that [source.beads] describes", where=names.where, mend=names.there
+        )
     magnet, rotation = source.magnet, source.rotation
     own_magnet = magnet is not None and not magnet.is_log
     own_rotation = rotation is not None and not rotation.in_log
@@ -272,6 +278,7 @@ def _repeating(entry: BeadColumns, names: Names) -> dict[str, tuple[int, int, in
 
 def _numbered(entry: BeadColumns, names: Names) -> dict[str, tuple[int, int, int]]:
     found: dict[str, list[int]] = {}
+    numbers: dict[str, str] = {}
     for axis, column in entry.axes.items():
         head, _, tail = plain(str(column)).partition(NUMBER)
         pattern = re.compile(rf"{re.escape(head)}(\d+){re.escape(tail)}")
@@ -280,10 +287,12 @@ def _numbered(entry: BeadColumns, names: Names) -> dict[str, tuple[int, int, int
             if match:
                 bead = (entry.name or f"b{NUMBER}").replace(NUMBER, match[1])
                 found.setdefault(bead, [-1, -1, -1])[AXES.index(axis)] = i
+                numbers[bead] = match[1]
     for bead, columns in found.items():
-        for axis in entry.axes:
+        for axis, column in entry.axes.items():
             if columns[AXES.index(axis)] < 0:
-                raise RecordingError(f"bead {bead} has no column for {axis}", where=names.where)
+                wanted = str(column).replace(NUMBER, numbers[bead])
+                raise names.absent(wanted, f"{bead} {axis}")
     return {bead: (c[0], c[1], c[2]) for bead, c in found.items()}
 
 
