@@ -13,6 +13,7 @@ from mtpipe.diagnosis.mixture import Mixture
 from mtpipe.diagnosis.refit import other_formulas
 from mtpipe.diagnosis.unexplained import Rejected, Unexplained, unexplained
 from mtpipe.ground.types import FloatArray
+from mtpipe.ground.written_numbers import number
 from mtpipe.joint_fit.fit import ConfiguredFit
 from mtpipe.joint_fit.hypotheses import FittedEffect
 
@@ -34,15 +35,18 @@ IMITATED = 0.02
 CERTAIN_NATS = 50.0
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, repr=False)
 class Alternative:
     """Another effect fitted in a named one's place; `nats` : its net gain less that one's there."""
 
     found: FittedEffect
     nats: float
 
+    def __repr__(self) -> str:
+        return f"Alternative {self.found.effect.name}: {number(self.nats, 2)} nats"
 
-@dataclass(frozen=True, eq=False)
+
+@dataclass(frozen=True, eq=False, repr=False)
 class Named:
     """An effect that is named.
 
@@ -67,6 +71,11 @@ class Named:
     others: str = ""
     odds_against: float = IMITATED
 
+    def __repr__(self) -> str:
+        names = " or ".join((self.name, *self.equivalent))
+        p_values = (number(check.p_value, 2) for check in (self.before, self.after))
+        return f"Named {names}: probability {self.probability:.2f}, p {' → '.join(p_values)}"
+
     @property
     def equivalent(self) -> tuple[str, ...]:
         """Names of the alternatives."""
@@ -90,7 +99,7 @@ class Named:
         return self.found.effect.name if isinstance(self.found, FittedEffect) else self.found.name
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, repr=False)
 class Explanation:
     """What was found about one bead.
 
@@ -108,6 +117,14 @@ class Explanation:
     named: tuple[Named, ...]
     verdict: str
     nearest: Rejected | None
+
+    def __repr__(self) -> str:
+        causes = " and ".join(one.name for one in self.named)
+        by = f" by {causes}" if causes else ""
+        p_values = (number(check.p_value, 2) for check in (self.before, self.after))
+        return (
+            f"Explanation of {self.before.case.bead}: {self.verdict}{by}; p {' → '.join(p_values)}"
+        )
 
     @property
     def effects(self) -> tuple[Named, ...]:

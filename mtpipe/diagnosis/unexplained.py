@@ -48,7 +48,7 @@ CLEAR = 3.0
 INTERVAL_95 = (0.025, 0.975)
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, repr=False)
 class Rejected:
     """An effect of the catalogue that is not named, and why, in words that continue "which …".
 
@@ -59,8 +59,11 @@ class Rejected:
     reason: str
     instead: Bend | None = None
 
+    def __repr__(self) -> str:
+        return f"Rejected {self.tried.effect.name}, which {self.reason}"
 
-@dataclass(frozen=True, eq=False)
+
+@dataclass(frozen=True, eq=False, repr=False)
 class Unexplained:
     """What is left of a bead's mismatch.
 
@@ -79,6 +82,9 @@ class Unexplained:
     spectra: Spectra
     correction: SmoothCorrection | None
     bend: Beside | None = None
+
+    def __repr__(self) -> str:
+        return f"Unexplained of {self.check.case.bead}: {self.sentence}"
 
     @functools.cached_property
     def looks(self) -> tuple[int, ...]:

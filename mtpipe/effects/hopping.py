@@ -116,9 +116,7 @@ def _still(experiment: Experiment) -> Hypothesis:
     return Hypothesis(start, _lengths(hopping.step_nm, hopping.half_force_pN, forces))
 
 
-def _hops(
-    experiment: Experiment, force_pN: Sequence[float], duration_s: Sequence[float]
-) -> float:
+def _hops(experiment: Experiment, force_pN: Sequence[float], duration_s: Sequence[float]) -> float:
     """How many hops are expected in all plateaus."""
     hopping = step_of(experiment, Hopping)
     if hopping is None or hopping.step_nm == 0:

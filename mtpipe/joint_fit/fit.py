@@ -18,6 +18,7 @@ from mtpipe.experiment.description import Experiment
 from mtpipe.experiment.parameter import Parameter
 from mtpipe.ground.errors import FitError
 from mtpipe.ground.types import FloatArray
+from mtpipe.ground.written_numbers import with_error
 from mtpipe.joint_fit.data import PlateauData
 from mtpipe.joint_fit.expectation import (
     Expectation,
@@ -47,7 +48,7 @@ OVERSHOT = 0.25
 FORCE_GRID_PN, GRID_STRIDE = np.geomspace(0.01, 150.0, 45), 3
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, repr=False)
 class ConfiguredFit:
     """The configured experiment at its most likely.
 
@@ -62,6 +63,11 @@ class ConfiguredFit:
     expected: list[Expectation]
     log_likelihood: float
     converged: bool
+
+    def __repr__(self) -> str:
+        pairs = zip(self.force_pN, self.force_stderr_pN, strict=True)
+        forces = ", ".join(with_error(force, stderr, brief=False) for force, stderr in pairs)
+        return f"ConfiguredFit of {len(self.expected)} plateaus: forces {forces} pN"
 
     @functools.cached_property
     def slopes(self) -> list[Slopes]:

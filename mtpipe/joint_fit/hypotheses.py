@@ -12,6 +12,7 @@ from mtpipe.effects.effect import Effect, Evidence, Hypothesis
 from mtpipe.experiment.changes import by_formula
 from mtpipe.ground.errors import FitError
 from mtpipe.ground.types import FloatArray
+from mtpipe.ground.written_numbers import number
 from mtpipe.joint_fit.distance import excess
 from mtpipe.joint_fit.fit import MOST_ROUNDS, ConfiguredFit, exchanged, first_guess, fit_configured
 from mtpipe.joint_fit.model import ConfiguredModel
@@ -27,7 +28,7 @@ WORTHWHILE_NATS, WORTHWHILE_SHARE = 30.0, 0.6
 FAR_FROM_IT, LOST_SHARE = 8.0, 0.1
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, repr=False)
 class FittedEffect:
     """An effect with its best hypothesis fitted.
 
@@ -47,6 +48,9 @@ class FittedEffect:
     penalty: float
     evidence: Evidence
     index: int
+
+    def __repr__(self) -> str:
+        return f"FittedEffect {self.effect.name}: net gain {number(self.net, 2)} nats"
 
     @property
     def net(self) -> float:
