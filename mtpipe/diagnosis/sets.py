@@ -143,7 +143,7 @@ def several_causes(
                 why = f"recording and simulation differ (p {check.p_value:.1g})"
                 best = weighed[best.names] = judged(best, check)
                 refused.append(Refused(best, check, why))
-                if len(refused) > MOST_REFUSED:
+                if agreed is not None or len(refused) > MOST_REFUSED:
                     break
                 say("weighing other sets")
                 exchanged(best, without, members, evidence, weighed)
