@@ -61,7 +61,7 @@ FORM_NATS = 7.0
 # Most members that are added; real recordings have up to six.
 MOST_STEPS = 12
 # Sets that may be refused before nothing is named: each costs as much as a step of the search.
-MOST_REFUSED = 3
+MOST_REFUSED = 4
 # Sets that are simulated, with another cause in the place of a named one, as they are likelier.
 MOST_RIVALS = 4
 # Simulations of a part of a set, and of the whole where few speak against it: small p-values of 120
@@ -143,7 +143,7 @@ def several_causes(
                 why = f"recording and simulation differ (p {check.p_value:.1g})"
                 best = weighed[best.names] = judged(best, check)
                 refused.append(Refused(best, check, why))
-                if agreed is not None or len(refused) > MOST_REFUSED:
+                if agreed is not None or len(refused) == MOST_REFUSED:
                     break
                 say("weighing other sets")
                 exchanged(best, without, members, evidence, weighed)
