@@ -12,6 +12,7 @@ from typer.testing import CliRunner
 from mtpipe.cli.commands import app
 from mtpipe.ground.errors import NoSetupError, RecordingError, SetupError
 from mtpipe.ingest import load
+from mtpipe.proposal.bead_columns import names_of
 from mtpipe.proposal.proposal import checked, propose
 from mtpipe.proposal.questions import as_setup_part, parsed
 from mtpipe.proposal.surface import surface_of
@@ -293,6 +294,19 @@ def test_what_nobody_answers_is_usual_or_unknown_and_says_so(laboratory, tmp_pat
     assert "usual value, not measured: change it" in line
     for value in (recording.setup.camera.exposure_s, recording.setup.tether.contour_length_nm):
         assert not value.known
+
+
+@pytest.mark.parametrize(
+    ("owners", "names"),
+    [
+        ([("b", "1"), ("ref", "1")], ["b1", "ref1"]),
+        ([("b", "1"), ("b", "2"), ("ref", "1")], ["b1", "b2", "ref1"]),
+        ([("roi", "3", "bead", "1"), ("roi", "3", "bead", "2")], ["bead1", "bead2"]),
+        ([("1",), ("2",)], ["b1", "b2"]),
+    ],
+)
+def test_beads_have_the_numbers_of_their_columns(owners, names):
+    assert names_of(owners) == names
 
 
 def test_answers_of_a_person(laboratory, tmp_path):

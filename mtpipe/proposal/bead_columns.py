@@ -36,7 +36,10 @@ class Found:
 def names_of(owners: list[tuple[str, ...]]) -> list[str]:
     """Short names of beads: the words that tell them apart."""
     if len(owners) > 1:
-        common = set.intersection(*(set(o) for o in owners)) if owners else set()
+        common = set.intersection(*(set(o) for o in owners))
+        if any(all(part in common or not part.isdigit() for part in o) for o in owners):
+            # a number that does not tell them apart is one of each: b1 and ref1
+            common = {word for word in common if not word.isdigit()}
         short = [tuple(word for word in o if word not in common) for o in owners]
         # one word of all beads stays if only numbers are left of their names: bead1, bead2
         last = [next((w for w in reversed(o) if BEAD.fullmatch(w)), "b") for o in owners]
