@@ -352,6 +352,21 @@ def test_looks_at_the_same_statistic_learn_their_tail_from_one_another():
     assert np.mean(np.array(alone) < 1e-4) > 1.5 * np.mean(np.array(shared) < 1e-4)
 
 
+def test_long_tails_on_both_sides_make_no_p_values_of_nothing():
+    """Means of six cubes of normal variates, whose kurtosis is far from normal: of 30 000 at 0.1 %,
+    a standard error of 0.02 %; by skewness alone 1 % were below.
+    """
+    upper, found = np.zeros(60, dtype=bool), []
+    for i in range(500):
+        random = generator(24, i)
+        simulated, observed = (
+            np.mean(random.normal(size=(*shape, 6)) ** 3, axis=-1) for shape in ((120, 60), (60,))
+        )
+        found.append(Nulls(simulated, upper, np.zeros(60, dtype=int)).p_values(observed))
+    assert np.mean(np.array(found) < 0.001) < 0.003
+    assert 0.005 < np.mean(np.array(found) < 0.01) < 0.02
+
+
 def test_a_look_without_values_takes_nothing_from_the_others():
     values = generator(23).normal(size=(48, 3))
     same = np.zeros(3, dtype=int)

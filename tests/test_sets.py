@@ -11,7 +11,7 @@ from mtpipe.crosschecking.check import check_bead
 from mtpipe.crosschecking.prepared_bead import prepare
 from mtpipe.diagnosis import alternatives, sets
 from mtpipe.diagnosis.alternatives import place_of
-from mtpipe.diagnosis.causes import Causes, causes_of, exchanged, grown, likeliest_left
+from mtpipe.diagnosis.causes import Causes, causes_of, exchanged, grown, likeliest_left, objected
 from mtpipe.diagnosis.evidence import evidence_of
 from mtpipe.diagnosis.explanation import Explanation
 from mtpipe.diagnosis.forces_to_quote import diagnosed_forces
@@ -165,6 +165,9 @@ def test_a_set_is_weighed_beside_those_refused_by_what_simulations_say_against_t
     assert refused.worth == pytest.approx(100.0 - np.log(0.2e9))
     assert likeliest_left(weighed, [refused]) is other
     assert likeliest_left(weighed, [refused, other]) is None  # `worse` is no better than `refused`
+    assert objected(more, [refused]).worth == pytest.approx(more.score - refused.objection)
+    assert objected(part, [refused]).worth == pytest.approx(part.score - refused.objection)
+    assert objected(other, [refused]).worth == other.score
 
 
 def test_a_set_that_was_found_in_a_worse_optimum_is_found_again(checked):

@@ -1,9 +1,11 @@
 """From simulated values of many statistics to p-values, one by one and all together.
 
-Each statistic's simulated values give mean, spread and skewness; the tail is that of a Pearson
-type III law with them, and of Student's law in the number of simulations, because mean and spread
-are themselves only estimated. A skewness is hardly known from some fifty values, and the smallest
-of hundreds of p-values depends on it: the places of one statistic share what they know of theirs.
+Each statistic's simulated values give mean, spread, skewness and kurtosis. The tail is that of a
+Pearson type III law with the first three, and of Student's law in the number of simulations,
+because mean and spread are themselves only estimated. Statistics of cubes have longer tails on both
+sides: kurtosis beyond that of the Pearson law leaves Student's law fewer degrees of freedom. A
+skewness is hardly known from some fifty values, and the smallest of hundreds of p-values depends on
+it: the places of one statistic share what they know of theirs, and have one kurtosis.
 The p-value of all together is that of the smallest: with an effective number of statistics n it is
 1 − (1 − p)^n, and n is what makes the simulations' own smallest p-values uniform, each simulation
 being judged by the others (Westfall & Young 1993, min-p).
@@ -11,6 +13,7 @@ being judged by the others (Westfall & Young 1993, min-p).
 
 from __future__ import annotations
 
+import functools
 from dataclasses import dataclass
 
 import numpy as np
@@ -22,6 +25,9 @@ from mtpipe.ground.types import FloatArray
 # Prior of skewnesses: standard deviation of a statistic's mean skewness about 0, that of its places
 # about this mean, and the number of places that the second is worth as evidence.
 OF_STATISTICS, OF_LOOKS, LOOKS_BEFOREHAND = 0.7, 0.2, 10
+# Prior of the excess kurtosis that skewness leaves, of all places of a statistic: standard
+# deviation about 0. Below the least a tail is a normal one.
+OF_KURTOSES, LEAST_KURTOSIS = 1.0, 0.01
 LEAST_SKEWNESS = 0.02
 LARGEST_SKEWNESS = 1.9
 SMALLEST_P = 1e-300
@@ -52,36 +58,42 @@ class Nulls:
 
     def p_values(self, observed: FloatArray) -> FloatArray:
         """(statistics,) p-value of each, two-sided where both ways are odd."""
-        s = self.simulations
         mean = self.values.mean(axis=0)
         deviation = self.values - mean
-        square, cube = np.sum(deviation**2, axis=0), np.sum(deviation**3, axis=0)
-        return self._p_values(observed - mean, square, cube, s)
+        sums = [np.sum(deviation**k, axis=0) for k in (2, 3, 4)]
+        return self._p_values(observed - mean, sums, self.simulations)
 
     def own_p_values(self) -> FloatArray:
         """(simulations, statistics) p-values of each simulation judged by all the others."""
         s = self.simulations
         deviation = self.values - self.values.mean(axis=0)
-        square, cube = np.sum(deviation**2, axis=0), np.sum(deviation**3, axis=0)
+        square, cube, fourth = (np.sum(deviation**k, axis=0) for k in (2, 3, 4))
         # sums about the mean of the others, which is moved by −deviation/(s − 1)
         moved = deviation / (s - 1)
-        others_square = square - deviation**2 - (s - 1) * moved**2
-        others_cube = (
-            cube - deviation**3 + 3 * moved * (square - deviation**2) - 2 * (s - 1) * moved**3
+        square, cube, fourth = (
+            total - deviation**k for k, total in ((2, square), (3, cube), (4, fourth))
         )
-        return self._p_values(deviation + moved, others_square, others_cube, s - 1)
+        others = [
+            square - (s - 1) * moved**2,
+            cube + 3 * moved * square - 2 * (s - 1) * moved**3,
+            fourth + 4 * moved * cube + 6 * moved**2 * square - 3 * (s - 1) * moved**4,
+        ]
+        return self._p_values(deviation + moved, others, s - 1)
 
-    def _p_values(
-        self, deviation: FloatArray, square: FloatArray, cube: FloatArray, s: int
-    ) -> FloatArray:
-        """p-values of deviations from the mean of s values, given the sums of their powers."""
+    def _p_values(self, deviation: FloatArray, sums: list[FloatArray], s: int) -> FloatArray:
+        """p-values of deviations from the mean of s values, given the sums of their second, third
+        and fourth powers.
+        """
+        square, cube, fourth = sums
         least = (1e-9 * (1 + np.abs(self.values).max(axis=0))) ** 2
         variance = np.maximum(square / (s - 1), least)
         by_itself = s * cube / ((s - 1) * (s - 2)) / variance**1.5
         skewness = self._skewness(by_itself, s)
+        kurtosis = self._kurtosis(fourth / s / variance**2 - 3, by_itself, s)
         score = _normal_score(deviation / np.sqrt(variance), skewness) / np.sqrt(1 + 1 / s)
-        one = stats.t.sf(score, s - 1)
-        both = 2 * stats.t.sf(np.abs(score), s - 1)
+        score, freedom = _student_score(score, kurtosis, s)
+        one = stats.t.sf(score, freedom)
+        both = 2 * stats.t.sf(np.abs(score), freedom)
         return np.asarray(np.clip(np.where(self.upper, one, both), SMALLEST_P, 1.0))
 
     def _skewness(self, by_itself: FloatArray, s: int) -> FloatArray:
@@ -90,8 +102,7 @@ class Nulls:
         """
         # a place without values takes nothing from the others
         by_itself = np.clip(np.nan_to_num(by_itself), -LARGEST_SKEWNESS, LARGEST_SKEWNESS)
-        numbers, index = np.unique(self.statistic, return_inverse=True)
-        member = np.equal.outer(np.arange(len(numbers)), index).astype(float)
+        member, index = self._places
         looks = member.sum(axis=1)
         # variance of the skewness of s normal variates (Fisher 1930)
         chance = 6 * s * (s - 1) / ((s - 2) * (s + 1) * (s + 3))
@@ -100,6 +111,37 @@ class Nulls:
         square += LOOKS_BEFOREHAND * (OF_LOOKS**2 + chance)
         between = np.maximum(square / (looks + LOOKS_BEFOREHAND) - chance, 0.0)[..., index]
         return np.asarray(mean + (by_itself - mean) * between / (between + chance))
+
+    def _kurtosis(self, by_itself: FloatArray, skewness: FloatArray, s: int) -> FloatArray:
+        """(…, statistics) excess kurtoses beyond that of a Pearson type III law, 3/2 of the squared
+        skewness, at least 0: the mean over the places of each statistic, drawn to 0 as far as it
+        may be by chance.
+        """
+        # in expectation the squared skewness of s normal variates is 6/s, their kurtosis −6/s
+        beyond = np.nan_to_num(by_itself + 6 / s - 1.5 * (skewness**2 - 6 / s))
+        member, index = self._places
+        # variance of the kurtosis of s normal variates (Fisher 1930), to first order
+        kurtosis = beyond @ member.T / (member.sum(axis=1) + 24 / s / OF_KURTOSES**2)
+        return np.asarray(np.maximum(kurtosis, 0.0)[..., index])
+
+    @functools.cached_property
+    def _places(self) -> tuple[FloatArray, NDArray[np.int64]]:
+        """(kinds, statistics) which statistics are places of one, and (statistics,) of which."""
+        numbers, index = np.unique(self.statistic, return_inverse=True)
+        return np.equal.outer(np.arange(len(numbers)), index).astype(float), index
+
+
+def _student_score(
+    score: FloatArray, kurtosis: FloatArray, s: int
+) -> tuple[FloatArray, FloatArray]:
+    """Student's scores and degrees of freedom of values of spread 1 with a long tail, spread and
+    mean of which are known from s values: excess kurtoses, 6/(ν − 4) each, add up.
+    """
+    longer = kurtosis > LEAST_KURTOSIS
+    freedom = 4 + 6 / np.where(longer, kurtosis, 1.0)
+    together = 4 + 6 / (6 / max(s - 5, 1) + np.where(longer, kurtosis, 0.0))
+    wider = np.where(longer, np.sqrt(freedom / (freedom - 2)), 1.0)
+    return score * wider, together
 
 
 def _normal_score(standardised: FloatArray, skewness: FloatArray) -> FloatArray:

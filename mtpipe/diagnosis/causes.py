@@ -201,6 +201,16 @@ def likeliest_left(
     return max(left, key=by_score, default=None)
 
 
+def objected(one: Causes, refused: Sequence[Causes]) -> Causes:
+    """A set with what simulations say against the refused sets that it is a part of or contains: it
+    was not simulated itself, and has the same fault or would have been gone on with.
+    """
+    alike = [
+        other.objection for other in refused if one.names <= other.names or one.names >= other.names
+    ]
+    return replace(one, objection=max([one.objection, *alike]))
+
+
 def _needed(
     without: ConfiguredFit, members: tuple[FittedEffect, ...], fit: ConfiguredFit
 ) -> Causes:

@@ -33,6 +33,7 @@ from mtpipe.diagnosis.causes import (
     grown,
     leads,
     likeliest_left,
+    objected,
     price,
     settled,
     weight_without,
@@ -163,7 +164,8 @@ def several_causes(
         return Weighed([], check, _nearest(first_tried, best, without))
     # a larger set may have more likelihood, and not agree
     best, check = agreed
-    others = [one for names, one in weighed.items() if names != best.names]
+    against = [one.causes for one in refused]
+    others = [objected(one, against) for names, one in weighed.items() if names != best.names]
     able = [one for one in members if not one.form]
     return _named(best, others, begun, check, first, random, able)
 
