@@ -9,7 +9,7 @@ import pytest
 
 from mtpipe.crosschecking.check import check_bead
 from mtpipe.crosschecking.prepared_bead import prepare
-from mtpipe.diagnosis import alternatives, sets
+from mtpipe.diagnosis import alternatives, judging, sets
 from mtpipe.diagnosis.alternatives import place_of
 from mtpipe.diagnosis.causes import Causes, causes_of, exchanged, grown, likeliest_left, objected
 from mtpipe.diagnosis.evidence import evidence_of
@@ -156,7 +156,7 @@ def test_another_member_takes_the_place_of_one_that_explains_less(checked):
 def test_a_set_is_weighed_beside_those_refused_by_what_simulations_say_against_them():
     def a_set(score, *names, p_value=1.0):
         members = tuple(SimpleNamespace(effect=SimpleNamespace(name=name)) for name in names)
-        return sets.judged(Causes(members, None, score), SimpleNamespace(p_value=p_value))
+        return judging.judged(Causes(members, None, score), SimpleNamespace(p_value=p_value))
 
     refused = a_set(100.0, "drift", "exposure", p_value=1e-9)
     part, more = a_set(99.0, "drift"), a_set(101.0, "drift", "exposure", "hopping")
@@ -254,11 +254,11 @@ def test_whether_something_is_left_is_not_left_to_the_chance_of_few_simulations(
             rounds_asked.extend(rounds)
         return asked.pop(0)
 
-    monkeypatch.setattr(sets, "check_bead", check_bead)
-    monkeypatch.setattr(sets, "replace", lambda case, fit: case)
+    monkeypatch.setattr(judging, "check_bead", check_bead)
+    monkeypatch.setattr(judging, "replace", lambda case, fit: case)
     begun = SimpleNamespace(case="the bead with it")
     first = SimpleNamespace(p_value=1e-9)
-    check = sets._checked(Causes((), None, 0.0), begun, first, None)
+    check = judging.checked_with(Causes((), None, 0.0), begun, first, None)
     assert check is checks[-1]
     assert not asked
     assert rounds_asked == simulations
@@ -282,10 +282,10 @@ def test_of_sets_that_are_nearly_as_likely_the_battery_decides(
         name: SimpleNamespace(p_value=p_value, simulated=[None] * 120)
         for name, p_value in (("first", first_p), ("rival", rival_p))
     }
-    monkeypatch.setattr(sets, "check_bead", lambda case, random: checks[case])
-    monkeypatch.setattr(sets, "replace", lambda case, fit: fit)
+    monkeypatch.setattr(judging, "check_bead", lambda case, random: checks[case])
+    monkeypatch.setattr(judging, "replace", lambda case, fit: fit)
     first, rival = Causes((), "first", 30.0), Causes((), "rival", 30.0 - lead)
     begun = SimpleNamespace(case=None)
-    best, check, _ = sets._better_judged(first, checks["first"], [rival], begun, None)
+    best, check, _ = judging.better_judged(first, checks["first"], [rival], begun, None)
     assert best.fit == taken
     assert check is checks[taken]

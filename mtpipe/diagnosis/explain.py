@@ -21,6 +21,7 @@ from mtpipe.crosschecking.check import (
     comparable_p_values,
 )
 from mtpipe.diagnosis.bent_scale import Instead, bend_instead
+from mtpipe.diagnosis.excerpt import in_all_plateaus
 from mtpipe.diagnosis.explanation import ALARM_P, ALIKE_NATS, Explanation, Named, agrees, ln_of
 from mtpipe.diagnosis.heights import gained_by_scatter, wanders
 from mtpipe.diagnosis.probability import odds_against_correction
@@ -61,6 +62,27 @@ def explain(
         if again is not None and (again.named or agrees(late[-1].after, before)):
             corrections, begun, found = [*corrections, *late], late[-1].after, again
     verdict, named, after, nearest = concluded(before, begun, corrections, found, random)
+    return Explanation(before, after, tuple(named), verdict, nearest)
+
+
+def explain_by_excerpt(
+    before: BeadCheck,
+    part: BeadCheck,
+    random: np.random.Generator,
+    *,
+    progress: Callable[[str], None] | None = None,
+) -> Explanation:
+    """As `explain`, looking for causes in an excerpt of the plateaus (`excerpt`).
+
+    Parameters
+    ----------
+    before : the bead's cross-check. part : that of the excerpt.
+    """
+    say = progress or (lambda step: None)
+    corrections, begun = corrected(before, random)
+    found = explain(part, random, progress=progress)
+    everywhere = in_all_plateaus(found, before, begun, random, say)
+    verdict, named, after, nearest = concluded(before, begun, corrections, everywhere, random)
     return Explanation(before, after, tuple(named), verdict, nearest)
 
 
@@ -143,7 +165,7 @@ def preferred_bend(
     """A bend of z's scale that likelihood and battery together speak for, and not for the effects
     in whose place it is; None where there is none.
 
-    Likelihood and battery together decide, as among sets (`sets._better_judged`).
+    Likelihood and battery together decide, as among sets (`judging.better_judged`).
 
     Parameters
     ----------

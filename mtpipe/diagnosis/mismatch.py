@@ -18,7 +18,8 @@ from mtpipe.crosschecking.beads import Outcomes, check_of, per_bead
 from mtpipe.crosschecking.crosscheck import CrossCheck
 from mtpipe.diagnosis import before_after, unexplained_content
 from mtpipe.diagnosis.beads_together import beads_together
-from mtpipe.diagnosis.explain import explain
+from mtpipe.diagnosis.excerpt import excerpt
+from mtpipe.diagnosis.explain import explain, explain_by_excerpt
 from mtpipe.diagnosis.explanation import Explanation, Named
 from mtpipe.diagnosis.forces_to_quote import diagnosed_forces
 from mtpipe.diagnosis.location import MOST_PLACES, bent_heights, located
@@ -213,7 +214,12 @@ def _explained(
 
     say("comparing with simulations")
     check = check_of(recording, bead, random, with_curves=with_curves)
-    found = explain(check, random, progress=say)
+    shorter = excerpt(recording, check)
+    if shorter is None:
+        found = explain(check, random, progress=say)
+    else:
+        part = check_of(shorter, bead, random)
+        found = explain_by_excerpt(check, part, random, progress=say)
     # these take their time, so they are found here, where beads are worked on side by side
     _ = found.unexplained, found.force_stderr_pN
     return found

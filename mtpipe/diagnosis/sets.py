@@ -16,12 +16,10 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from mtpipe.crosschecking.check import (
-    CLEARLY_NOT,
     ENOUGH,
     ROUNDS,
     BeadCheck,
     check_bead,
-    comparable_p_values,
 )
 from mtpipe.diagnosis.alternatives import Place, place_of, with_alternatives
 from mtpipe.diagnosis.causes import (
@@ -39,17 +37,24 @@ from mtpipe.diagnosis.causes import (
     weight_without,
 )
 from mtpipe.diagnosis.evidence import evidence_of
-from mtpipe.diagnosis.explanation import AGREES_P, ALIKE_NATS, Named, agrees, ln_of
+from mtpipe.diagnosis.explanation import ALIKE_NATS, Named, agrees, ln_of
 from mtpipe.diagnosis.heldout import heldout_gain
+from mtpipe.diagnosis.judging import (
+    better_judged,
+    checked_with,
+    contradicted,
+    hopeful,
+    judged,
+    rejected,
+)
 from mtpipe.diagnosis.probability import smooth_gain, unknown_nats, weight
-from mtpipe.diagnosis.unexplained import SPECTRAL, Rejected
+from mtpipe.diagnosis.unexplained import Rejected
 from mtpipe.diagnosis.why_not import gains_in_words, too_little
 from mtpipe.effects.effect import Effect
 from mtpipe.ground.errors import FitError
 from mtpipe.joint_fit.fit import ConfiguredFit
 from mtpipe.joint_fit.hypotheses import (
     FittedEffect,
-    model_with,
     together,
 )
 from mtpipe.terms.catalogue import TERMS
@@ -65,11 +70,8 @@ MOST_STEPS = 12
 MOST_REFUSED = 4
 # Sets that are simulated, with another cause in the place of a named one, as they are likelier.
 MOST_RIVALS = 4
-# Simulations of a part of a set, and of the whole where few speak against it: small p-values of 120
-# simulations scatter tenfold from one draw to the next, of 240 fivefold.
-SEARCHING, SURE_SIMULATIONS = tuple(goal for goal in ROUNDS if goal <= ENOUGH), 240
-# One statistic of some three hundred is as odd as that by chance in one of thirty thousand.
-REFUTED_P = 1e-7
+# Numbers of simulations of a part of a set.
+SEARCHING = tuple(goal for goal in ROUNDS if goal <= ENOUGH)
 
 
 @dataclass(frozen=True, eq=False)
@@ -123,16 +125,16 @@ def several_causes(
             # what is left is small: is it anything?
             say("checking with " + ", ".join(sorted(best.names)))
             try:
-                check = _checked(best, begun, first, random)
+                check = checked_with(best, begun, first, random)
             except (FitError, ValueError) as error:
                 refused.append(Refused(best, check, f"the bead cannot be simulated ({error})"))
                 break
             if agrees(check, first):
                 agreed = best, check
                 if gained < FORM_NATS + ln_of(check.p_value) - ln_of(1.0):
-                    agreed = _better_judged(best, check, rivals, begun, random)[:2]
+                    agreed = better_judged(best, check, rivals, begun, random)[:2]
                     break
-            wrong = _contradicted(begun, best, check, random)
+            wrong = contradicted(begun, best, check, random)
             if wrong:
                 say(f"without {wrong}, which is not how positions are distributed")
                 members = tuple(one for one in members if one.name != wrong)
@@ -159,7 +161,7 @@ def several_causes(
         rivals = [one for one in beam if one is not best and best.score - one.score < ALIKE_NATS]
     if agreed is None and refused:
         best_refused = max(refused, key=lambda one: one.causes.worth)
-        return Weighed([], best_refused.check, _rejected(best_refused.causes, best_refused.why))
+        return Weighed([], best_refused.check, rejected(best_refused.causes, best_refused.why))
     if agreed is None:
         return Weighed([], check, _nearest(first_tried, best, without))
     # a larger set may have more likelihood, and not agree
@@ -177,33 +179,6 @@ class Refused:
     causes: Causes
     check: BeadCheck
     why: str
-
-
-def judged(one: Causes, check: BeadCheck) -> Causes:
-    """The set with what simulations say against it."""
-    return replace(one, objection=ln_of(1.0) - ln_of(check.p_value))
-
-
-def _checked(
-    best: Causes, begun: BeadCheck, first: BeadCheck, random: np.random.Generator
-) -> BeadCheck:
-    check = check_bead(replace(begun.case, fit=best.fit), random)
-    if check.p_value >= CLEARLY_NOT and not agrees(check, first):
-        # few simulations leave it to chance
-        check = check_bead(check.case, random, rounds=(SURE_SIMULATIONS,), begun=check)
-    return check
-
-
-def _rejected(best: Causes, why: str) -> Rejected | None:
-    """The first cause of a set, which is not named, in words that continue "it …"; None where terms
-    are all that it has.
-    """
-    one = next((one for one in best.members if not one.effect.form), None)
-    if one is None:
-        return None
-    others = [other.effect.name for other in best.members if other is not one]
-    beside = f" beside {', '.join(others)}" if others else ""
-    return Rejected(one, f"{gains_in_words(one)}, but{beside} {why}")
 
 
 def _nearest(
@@ -234,7 +209,7 @@ def _named(
 ) -> Weighed:
     """The members of a set with which recording and simulation agree, or why none is named."""
     if not leads(best, others):
-        return Weighed([], check, _rejected(best, "causes without it are as likely"))
+        return Weighed([], check, rejected(best, "causes without it are as likely"))
     best, check, places = _exchanged(best, begun, check, random, effects)
     while (fewer := _without_weakest(best, check, places, begun, first, random)) is not None:
         best, check = fewer
@@ -243,14 +218,14 @@ def _named(
     unknown = unknown_nats(begun.case.fit, left_smooth, best.score)
     if unknown > 0:
         why = "something smooth that has no name explains as much"
-        return Weighed([], check, _rejected(best, why))
+        return Weighed([], check, rejected(best, why))
     try:
-        named = _in_order(begun, best, check, random)
+        named = in_order_found(begun, best, check, random)
     except (FitError, ValueError) as error:
         why = f"the bead cannot be simulated with the first of them alone ({error})"
-        return Weighed([], check, _rejected(best, why))
+        return Weighed([], check, rejected(best, why))
     if not named:
-        return Weighed([], check, _rejected(best, "nothing in data kept out of the fit"))
+        return Weighed([], check, rejected(best, "nothing in data kept out of the fit"))
     told = []
     for one, place in zip(named, places, strict=True):
         sets = weight(unknown) + weight_without(one.name, best, others)
@@ -282,7 +257,7 @@ def _without_weakest(
         return None
     rest = causes_of((*best.members[:k], *best.members[k + 1 :]), place.without, begun.case.fit)
     try:
-        fewer = _checked(rest, begun, first, random)
+        fewer = checked_with(rest, begun, first, random)
     except (FitError, ValueError):
         return None
     if agrees(fewer, first) and margins[k] < FORM_NATS + ln_of(fewer.p_value) - ln_of(1.0):
@@ -314,7 +289,7 @@ def _exchanged(
         ]
         rivals = [one for one in rivals if one.score > best.score and one.names not in objections]
         rivals.sort(key=by_score, reverse=True)
-        better, its_check, said = _better_judged(best, check, rivals[:MOST_RIVALS], begun, random)
+        better, its_check, said = better_judged(best, check, rivals[:MOST_RIVALS], begun, random)
         objections |= said
         if better is best:
             return best, check, [_objected(place, best.names, objections) for place in places]
@@ -335,72 +310,7 @@ def _objected(
     return replace(place, tried=sorted(tried, key=lambda one: one.net, reverse=True))
 
 
-def _better_judged(
-    best: Causes,
-    check: BeadCheck,
-    rivals: Sequence[Causes],
-    begun: BeadCheck,
-    random: np.random.Generator,
-) -> tuple[Causes, BeadCheck, dict[frozenset[str], float]]:
-    """Of sets that are nearly as likely, the one that likelihood and battery together speak for
-    (as where z may have a bend), with its check; and what simulations say against each of the
-    others, more than against the best (nats).
-    """
-    objections: dict[frozenset[str], float] = {}
-    for rival in rivals:
-        if rival.score + ln_of(1.0) <= best.score + ln_of(check.p_value):
-            continue
-        try:
-            other = check_bead(replace(begun.case, fit=rival.fit), random)
-        except (FitError, ValueError):
-            objections[rival.names] = math.inf
-            continue
-        p_best, p_rival = comparable_p_values(check, other)
-        objections[rival.names] = ln_of(p_best) - ln_of(p_rival)
-        if p_rival >= AGREES_P and rival.score - objections[rival.names] > best.score:
-            objections[best.names] = -objections[rival.names]
-            best, check = rival, other
-    return best, check, objections
-
-
-def _contradicted(
-    begun: BeadCheck, causes: Causes, check: BeadCheck, random: np.random.Generator
-) -> str:
-    """The name of a member by which positions would be distributed, or change in time, as they
-    were not recorded: without it, all else as it was fitted, they would not. Empty where there is
-    none.
-
-    Of that likelihood, which is of spectra and heights, knows nothing.
-    """
-    odd = [
-        look
-        for look, p_value in zip(check.looks, check.p_values, strict=True)
-        if look.statistic not in SPECTRAL and p_value < REFUTED_P
-    ]
-    for one in causes.members if odd else ():
-        rest = [other for other in causes.members if other is not one]
-        try:
-            model, theta = model_with(begun.case.fit, rest, causes.fit)
-            expected = model.all_expected(theta)
-            value = model.log_likelihood(expected, theta)
-            fewer = ConfiguredFit(model, theta, expected, value, converged=True)
-            other = check_bead(replace(begun.case, fit=fewer), random, rounds=(ENOUGH,))
-        except (FitError, ValueError):
-            continue
-        p_values = dict(zip(other.looks, other.p_values, strict=True))
-        if any(p_values.get(look, 0.0) > AGREES_P for look in odd):
-            return one.effect.name
-    return ""
-
-
-def hopeful(check: BeadCheck) -> float:
-    """What a member has to gain if two more such may mend what the battery objects to (nats): none
-    mends more than it gains.
-    """
-    return 0.5 * math.log(AGREES_P / max(check.p_value, 1e-300))
-
-
-def _in_order(
+def in_order_found(
     begun: BeadCheck, causes: Causes, last: BeadCheck, random: np.random.Generator
 ) -> list[Named]:
     """The members with the checks before and after each, and what each gains on time that was not
