@@ -26,6 +26,8 @@ from mtpipe.joint_fit.hypotheses import model_with
 # Simulations of a set where 120 speak against it: small p-values of 120 simulations scatter tenfold
 # from one draw to the next, of 240 fivefold.
 SURE_SIMULATIONS = 240
+# Statistics of what likelihood is of: power, what axes have in common, and mean heights.
+OF_LIKELIHOOD = (*SPECTRAL, "correlation", "extension", "known_force")
 # One statistic of some three hundred is as odd as that by chance in one of thirty thousand.
 REFUTED_P = 1e-7
 
@@ -94,12 +96,12 @@ def contradicted(
     were not recorded: without it, all else as it was fitted, they would not. Empty where there is
     none.
 
-    Of that likelihood, which is of spectra and heights, knows nothing.
+    Of that likelihood knows nothing. What it does know, other causes may mend.
     """
     odd = [
         look
         for look, p_value in zip(check.looks, check.p_values, strict=True)
-        if look.statistic not in SPECTRAL and p_value < REFUTED_P
+        if look.statistic not in OF_LIKELIHOOD and p_value < REFUTED_P
     ]
     for one in causes.members if odd else ():
         rest = [other for other in causes.members if other is not one]
