@@ -7,6 +7,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
+from mtpipe.battery.statistic import Statistic
 from mtpipe.crosschecking.check import check_bead
 from mtpipe.crosschecking.prepared_bead import prepare
 from mtpipe.diagnosis import alternatives, judging, sets
@@ -294,13 +295,14 @@ def test_of_sets_that_are_nearly_as_likely_the_battery_decides(
 @pytest.mark.parametrize(("statistic", "gone"), [("kurtosis", "drift"), ("correlation", "")])
 def test_a_member_is_contradicted_by_what_likelihood_does_not_know(monkeypatch, statistic, gone):
     """Without it positions would be as recorded; what axes have in common others may mend."""
-    look = SimpleNamespace(statistic=statistic)
+    look = Statistic(statistic, "z", (0,))
     member = SimpleNamespace(effect=SimpleNamespace(name="drift"))
     model = SimpleNamespace(all_expected=lambda theta: [], log_likelihood=lambda *_: 0.0)
     monkeypatch.setattr(judging, "model_with", lambda *_: (model, np.zeros(1)))
     monkeypatch.setattr(judging, "replace", lambda case, fit: case)
+    monkeypatch.setattr(judging, "ConfiguredFit", lambda *_, **__: None)
     fine = SimpleNamespace(looks=(look,), p_values=np.array([0.4]))
     monkeypatch.setattr(judging, "check_bead", lambda *_, **__: fine)
     odd = SimpleNamespace(looks=(look,), p_values=np.array([1e-12]))
-    begun = SimpleNamespace(case=SimpleNamespace(fit=None))
-    assert judging.contradicted(begun, Causes((member,), None, 9.0), odd, None) == gone
+    begun, causes = SimpleNamespace(case=SimpleNamespace(fit=None)), Causes((member,), None, 9.0)
+    assert judging.contradicted(begun, causes, odd, None) == gone
