@@ -23,15 +23,16 @@ from mtpipe.effects.effect import Effect
 from mtpipe.ground.errors import FitError
 from mtpipe.joint_fit.hypotheses import FittedEffect, together, try_effects
 from mtpipe.joint_fit.score_test import most_promising
-from mtpipe.recording.recording import Recording
+from mtpipe.recording.recording import Recording, States
 
 # Plateaus in which causes are looked for: with 12 a bead takes some ten minutes of CPU.
 MOST_PLATEAUS = 12
 
 
 def excerpt(recording: Recording, check: BeadCheck) -> Recording | None:
-    """The recording with the plateaus in which a bead's causes are looked for: of each of equal
-    ranges of ln force the longest, then the longest of all. None where it has no more than that.
+    """The recording with the other plateaus refused than those in which a bead's causes are looked
+    for: of each of equal ranges of ln force the longest, then the longest of all. None where it has
+    no more than that.
     """
     plateaus = check.case.plateaus
     if len(plateaus) <= MOST_PLATEAUS:
@@ -43,9 +44,11 @@ def excerpt(recording: Recording, check: BeadCheck) -> Recording | None:
     longest_first = np.argsort(-frames, kind="stable")
     of_each = [int(longest_first[place[longest_first] == k][0]) for k in np.unique(place)]
     rest = [int(i) for i in longest_first if i not in of_each]
-    chosen = {plateaus[i].number for i in [*of_each, *rest][:MOST_PLATEAUS]}
-    kept = tuple(one for one in recording.plateaus if one.number in chosen)
-    return replace(recording, plateaus=kept)
+    chosen = {*[*of_each, *rest][:MOST_PLATEAUS]}
+    others = [one.number for i, one in enumerate(plateaus) if i not in chosen]
+    states = recording.states if recording.states is not None else States()
+    left_out = {(check.case.bead, number): "not in the excerpt" for number in others}
+    return replace(recording, states=replace(states, refused={**states.refused, **left_out}))
 
 
 def in_all_plateaus(
