@@ -118,7 +118,7 @@ class WanderFrom(_FromPlateau):
 
     @property
     def sizes(self) -> list[tuple[str, float, str]]:
-        """Size, power of the frequency, and the index of the first or the last plateau that has it."""
+        """Size, power of the frequency, and the first or the last plateau that has it."""
         place = ("first_plateau", self.first) if self.later else ("last_plateau", self.first - 1)
         return [("size_nm", self.size_nm, "nm"), ("slope", self.slope, ""), (*place, "")]
 
