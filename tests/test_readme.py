@@ -8,7 +8,6 @@ import json
 import re
 import shlex
 import shutil
-import signal
 import subprocess
 import sys
 import time
@@ -189,5 +188,5 @@ def test_watching_calibrates_what_is_there_until_it_is_stopped(folders):
             assert time.monotonic() < until
             time.sleep(0.2)
     finally:
-        watching.send_signal(signal.SIGINT)
+        watching.terminate()
         watching.wait(60)

@@ -160,8 +160,11 @@ def several_causes(
         best = next_best
         rivals = [one for one in beam if one is not best and best.score - one.score < ALIKE_NATS]
     if agreed is None and refused:
-        best_refused = max(refused, key=lambda one: one.causes.worth)
-        return Weighed([], best_refused.check, rejected(best_refused.causes, best_refused.why))
+        nearly = max(refused, key=lambda one: one.causes.worth)
+        nearest = rejected(nearly.causes, nearly.why) or _nearest(
+            first_tried, nearly.causes, without
+        )
+        return Weighed([], nearly.check, nearest)
     if agreed is None:
         return Weighed([], check, _nearest(first_tried, best, without))
     # a larger set may have more likelihood, and not agree
