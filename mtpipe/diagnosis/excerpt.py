@@ -25,7 +25,7 @@ from mtpipe.joint_fit.hypotheses import FittedEffect, together, try_effects
 from mtpipe.joint_fit.score_test import most_promising
 from mtpipe.recording.recording import Recording, States
 
-# Plateaus in which causes are looked for: with 12 a bead takes some ten minutes of CPU.
+# Plateaus in which causes are looked for: half as many again as the eight of a usual staircase.
 MOST_PLATEAUS = 12
 
 
