@@ -52,6 +52,7 @@ from mtpipe.joint_fit.hypotheses import (
 from mtpipe.joint_fit.model import ConfiguredModel
 from mtpipe.joint_fit.score_test import most_promising
 from mtpipe.physics.camera import Camera
+from mtpipe.physics.langevin import simulate_mode
 from mtpipe.physics.tether import Chain
 from mtpipe.setup.setup import parse_setup
 from mtpipe.setup.tables import EFFECTS
@@ -549,21 +550,50 @@ def test_new_physics_of_another_package_is_simulated_as_expected_and_found(tmp_p
     assert sizes["flicker_z_nm"] == pytest.approx(2.0, rel=0.2)
 
 
-def test_turning_is_seen_in_z_and_y_together_where_the_whole_potential_is_followed():
-    """At 0.1 pN, step by step; eight bands, of 6 recordings each scattered by some 0.05."""
+@pytest.mark.parametrize(("aside_nm", "least"), [(0.0, 0.15), (200.0, 0.25)])
+def test_turning_is_seen_in_z_and_y_together_where_the_whole_potential_is_followed(aside_nm, least):
+    """At 0.1 pN, step by step; eight bands, of 6 recordings each scattered by some 0.05. The image
+    may move along y as well."""
     low = replace(LOW, anharmonic=True, rests=LOW.rests[:1])
-    turning = replace(low, bead=replace(low.bead, z_per_turn_nm=200.0))
-    seen = []
+    turning = replace(low, bead=replace(low.bead, z_per_turn_nm=200.0, aside_per_turn_nm=aside_nm))
+    seen, powers = [], []
     for seed in range(6):
         model, _ = model_of(turning, np.random.default_rng((7, seed)))
         expected, spectrum = model.expected(turning, 0, 0.1), model.data[0].spectrum
         size = np.sqrt(expected.power[:, 1, 1] * expected.power[:, 2, 2])
         both = [spectrum.power[:, 1, 2] / size, expected.power[:, 1, 2] / size]
         seen.append([[part.mean() for part in np.array_split(one, 8)] for one in both])
+        ratio = spectrum.power[:, 1, 1] / expected.power[:, 1, 1]
+        powers.append([part.mean() for part in np.array_split(ratio, 8)])
     recorded_share, expected_share = np.mean(seen, axis=0)
-    assert expected_share[3] > 0.15
+    assert expected_share[3] > least
     np.testing.assert_allclose(recorded_share, expected_share, atol=0.25)
     np.testing.assert_allclose(recorded_share[4:], expected_share[4:], atol=0.06)
+    np.testing.assert_allclose(np.mean(powers, axis=0)[4:], 1.0, atol=0.12)
+
+
+@pytest.mark.parametrize(
+    ("step_nm", "half_force_pN", "rate_hz"),
+    [(15.0, 5.0, 6.0), (15.8, 1.15, 0.77), (5.0, 2.0, 3.0), (8.0, 3.0, 20.0)],
+)
+def test_hops_are_told_from_gaussian_motion_that_has_their_power(step_nm, half_force_pN, rate_hz):
+    """Twelve recordings each. Hops are missed in 2 to 3 of 100 where they are hardly seen."""
+    hopping = Hopping(step_nm, half_force_pN, rate_hz)
+    experiment = with_step(BASE, hopping)
+    forces, camera = list(forces_of(experiment)), experiment.camera
+    energy, single = experiment.fluid.thermal_energy_pN_nm, of_name("hopping").single
+    seen, smooth = [], []
+    for seed in range(12):
+        random = np.random.default_rng((12, seed))
+        heights = [x[:, 2] for x in traces(experiment, random)]
+        seen.append(single(experiment, forces, camera.frame_s, heights))
+        heights = [x[:, 2] for x in traces(BASE, random)]
+        for force, height in zip(forces, heights, strict=True):
+            variance_nm2, tau_s, mean_nm = hopping.moments(force, energy)
+            height += mean_nm + simulate_mode(variance_nm2, tau_s, camera, len(height), random)
+        smooth.append(single(experiment, forces, camera.frame_s, heights))
+    assert sum(nats < -ALIKE_NATS for nats in seen) <= 1
+    assert max(smooth) < -ALIKE_NATS
 
 
 def test_an_effect_of_another_package_can_be_listed_and_pinned(tmp_path, monkeypatch):

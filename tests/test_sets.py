@@ -12,7 +12,15 @@ from mtpipe.crosschecking.check import check_bead
 from mtpipe.crosschecking.prepared_bead import prepare
 from mtpipe.diagnosis import alternatives, judging, sets
 from mtpipe.diagnosis.alternatives import place_of
-from mtpipe.diagnosis.causes import Causes, causes_of, exchanged, grown, likeliest_left, objected
+from mtpipe.diagnosis.causes import (
+    Causes,
+    allowed,
+    causes_of,
+    exchanged,
+    grown,
+    likeliest_left,
+    objected,
+)
 from mtpipe.diagnosis.evidence import evidence_of
 from mtpipe.diagnosis.explanation import Explanation
 from mtpipe.diagnosis.forces_to_quote import diagnosed_forces
@@ -37,6 +45,11 @@ TERM = {
 }  # fmt: skip
 BY_NAME = {one.name: one for one in (*OWN, *TERMS)}
 NAMES = ("z_crosstalk", "lateral_scale", "viscosity", "axial_scale")
+
+
+def prepared(fit):
+    """Of a bead whose traces nobody asks for."""
+    return SimpleNamespace(fit=fit)
 
 
 def changed(matrix):
@@ -117,12 +130,14 @@ def test_a_member_that_gains_no_more_than_its_price_goes_whenever_it_was_found()
     (needed,) = try_effects(needless.fit, [BY_NAME["mixing_z_in_x"]], evidence, beside=True)
     both = causes_of((needless, needed), needed.fit, without)
     check = check_bead(replace(first.case, fit=both.fit), generator(6))
-    places = [place_of(one, both.members, without, both.fit, ()) for one in both.members]
+    places = [place_of(one, both.members, prepared(without), both.fit, ()) for one in both.members]
     fewer = sets._without_weakest(both, check, places, first, first, generator(7))
     assert fewer is not None
     assert fewer[0].names == {"mixing_z_in_x"}
     assert fewer[1].p_value > 0.01
-    (place,) = [place_of(one, fewer[0].members, without, fewer[0].fit, ()) for one in [needed]]
+    (place,) = [
+        place_of(one, fewer[0].members, prepared(without), fewer[0].fit, ()) for one in [needed]
+    ]
     assert sets._without_weakest(*fewer, [place], first, first, generator(8)) is None
 
 
@@ -195,7 +210,7 @@ def test_a_member_is_compared_with_others_as_its_set_has_it(monkeypatch):
     (found_well,) = try_effects(without, [BY_NAME["mixing_z_in_x"]], evidence)
     badly = replace(found_well, fit=without, gain=0.0)
     monkeypatch.setattr(alternatives, "try_effects", lambda *_, **__: [badly])
-    place = place_of(found_well, [found_well], without, found_well.fit, ())
+    place = place_of(found_well, [found_well], prepared(without), found_well.fit, ())
     assert place.own.fit is found_well.fit
     assert place.own.gain == pytest.approx(found_well.gain, abs=1.0)
 
@@ -306,3 +321,13 @@ def test_a_member_is_contradicted_by_what_likelihood_does_not_know(monkeypatch, 
     odd = SimpleNamespace(looks=(look,), p_values=np.array([1e-12]))
     begun, causes = SimpleNamespace(case=SimpleNamespace(fit=None)), Causes((member,), None, 9.0)
     assert judging.contradicted(begun, causes, odd, None) == gone
+
+
+@pytest.mark.parametrize(
+    ("name", "objection", "nats"),
+    [("white_z", 0.0, 0.0), ("white_z", 4.0, 4.0), ("white_z", 30.0, 10.0), ("drift", 30.0, 0.0)],
+)
+def test_what_simulations_object_to_pays_for_a_term_and_for_no_name(name, objection, nats):
+    """A term costs 10 nats more than a name, unless it is known that something is lacking."""
+    beside = Causes((), None, 0.0, objection)
+    assert allowed(beside, BY_NAME[name]) == pytest.approx(nats)

@@ -176,7 +176,13 @@ def test_the_files_are_the_recording_and_its_truth(setup_file, tmp_path):
     assert (truth["schema"], truth["seed"], truth["engine"]) == ("mtpipe.truth/1", 3, "linear")
     assert truth["mtpipe"] == mtpipe.__version__
     assert {one["code"] for one in truth["assumed"]} == {"stage_assumed", "magnet_assumed"}
-    bead = {"radius_nm": 500.0, "turns": True, "offset_nm": 0.0, "z_per_turn_nm": 0.0}
+    bead = {
+        "radius_nm": 500.0,
+        "turns": True,
+        "offset_nm": 0.0,
+        "z_per_turn_nm": 0.0,
+        "aside_per_turn_nm": 0.0,
+    }
     assert truth["experiment"]["bead"] == bead
     experiment, _ = experiment_of(read.setup, [1, 4], 700)
     for bead in ("b1", "b2"):

@@ -38,6 +38,8 @@ KNOWN = [
     KnownTerm("scatter_step_y", (40.0,), (0.0,), which=2),
     KnownTerm("wander_step_y", (900.0, 1.2), (0.0, 1.0), which=1, weak=1e-4),
     KnownTerm("wander_step_x", (1500.0, 1.4), (0.0, 1.0), which=3, weak=1e-4),
+    KnownTerm("share_step_y_in_z", (0.15,), (0.0,), which=1),
+    KnownTerm("turning_aside", (150.0,), (0.0,)),
     KnownTerm("gain_y", (0.15, 0.3), (0.0, 0.0)),
     KnownTerm("mixing_x_in_z", (0.15, 0.2), (0.0, 0.0)),
     KnownTerm("mixing_z_in_y", (0.3, -0.2), (0.0, 0.0)),

@@ -82,6 +82,13 @@ def price(one: FittedEffect) -> float:
     return one.penalty + (TERM_NATS if one.effect.form else CAUSE_NATS)
 
 
+def allowed(beside: Causes, one: Effect) -> float:
+    """Nats of its price that the next member of a set need not gain: the odds against a term, as
+    far as simulations object to the set, for then there is something that it lacks.
+    """
+    return min(beside.objection, TERM_NATS - CAUSE_NATS) if one.form else 0.0
+
+
 def by_score(one: Causes) -> float:
     """For sorting."""
     return one.score
@@ -137,10 +144,11 @@ def grown(
         promising |= most_promising(one.fit, forms, evidence, MOST_FORMS)
         able = [member for member in members if member.name in promising]
         tried = try_effects(one.fit, able, evidence, beside=bool(one.members), only=promising)
-        by_net = sorted(tried, key=lambda other: price(other) - other.gain)
+        lacking = {other: price(other) - allowed(one, other.effect) - other.gain for other in tried}
+        by_net = sorted(tried, key=lambda other: lacking[other])
         strongest += [other for other in by_net if not other.effect.form][:1]
         for other in by_net[:BEAM]:
-            if other.gain <= price(other):
+            if lacking[other] >= 0:
                 break
             if not happens(other) or gained_by_motion(other) < ALIKE_NATS:
                 continue  # or all of it but its motion fits as well

@@ -15,10 +15,12 @@ from mtpipe.crosschecking.check import (
     check_bead,
     comparable_p_values,
 )
-from mtpipe.diagnosis.causes import Causes
+from mtpipe.diagnosis.causes import Causes, by_score, grown
 from mtpipe.diagnosis.explanation import AGREES_P, agrees, ln_of
+from mtpipe.diagnosis.single_events import unseen_member
 from mtpipe.diagnosis.unexplained import SPECTRAL, Rejected
 from mtpipe.diagnosis.why_not import gains_in_words
+from mtpipe.effects.effect import Effect, Evidence
 from mtpipe.ground.errors import FitError
 from mtpipe.joint_fit.fit import ConfiguredFit
 from mtpipe.joint_fit.hypotheses import model_with
@@ -49,6 +51,31 @@ def judged(one: Causes, check: BeadCheck) -> Causes:
     return replace(one, objection=ln_of(1.0) - ln_of(check.p_value))
 
 
+def lacked_by(
+    best: Causes,
+    check: BeadCheck,
+    without: ConfiguredFit,
+    terms: Sequence[Effect],
+    evidence: Evidence,
+    weighed: dict[frozenset[str], Causes],
+) -> Causes | None:
+    """The set with the term that it lacks most, where likelihood and simulations together speak
+    for that: its score is more than the worth of the set that simulations object to.
+
+    Parameters
+    ----------
+    best : judged. check : of it. weighed : all sets as yet; new ones are added.
+    """
+    larger, _ = grown([best], without, terms, evidence, weighed)
+    larger = [
+        one
+        for one in larger
+        if one.score > best.worth
+        and one.fit.log_likelihood - best.fit.log_likelihood > hopeful(check)
+    ]
+    return max(larger, key=by_score, default=None)
+
+
 def rejected(best: Causes, why: str) -> Rejected | None:
     """The first cause of a set, which is not named, in words that continue "it …"; None where terms
     are all that it has.
@@ -75,6 +102,9 @@ def better_judged(
     objections: dict[frozenset[str], float] = {}
     for rival in rivals:
         if rival.score + ln_of(1.0) <= best.score + ln_of(check.p_value):
+            continue
+        if unseen_member(begun.case, rival):
+            objections[rival.names] = math.inf
             continue
         try:
             other = check_bead(replace(begun.case, fit=rival.fit), random)

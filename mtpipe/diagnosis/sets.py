@@ -45,9 +45,11 @@ from mtpipe.diagnosis.judging import (
     contradicted,
     hopeful,
     judged,
+    lacked_by,
     rejected,
 )
 from mtpipe.diagnosis.probability import smooth_gain, unknown_nats, weight
+from mtpipe.diagnosis.single_events import unseen_member
 from mtpipe.diagnosis.unexplained import Rejected
 from mtpipe.diagnosis.why_not import gains_in_words, too_little
 from mtpipe.effects.effect import Effect
@@ -129,12 +131,13 @@ def several_causes(
             except (FitError, ValueError) as error:
                 refused.append(Refused(best, check, f"the bead cannot be simulated ({error})"))
                 break
-            if agrees(check, first):
+            wrong = unseen_member(begun.case, best)
+            if not wrong and agrees(check, first):
                 agreed = best, check
                 if gained < FORM_NATS + ln_of(check.p_value) - ln_of(1.0):
                     agreed = better_judged(best, check, rivals, begun, random)[:2]
                     break
-            wrong = contradicted(begun, best, check, random)
+            wrong = wrong or contradicted(begun, best, check, random)
             if wrong:
                 say(f"without {wrong}, which is not how positions are distributed")
                 members = tuple(one for one in members if one.name != wrong)
@@ -145,6 +148,11 @@ def several_causes(
             if gained < hopeful(check):
                 why = f"recording and simulation differ (p {check.p_value:.1g})"
                 best = weighed[best.names] = judged(best, check)
+                say("looking for what it lacks")
+                larger = lacked_by(best, check, without, TERMS, evidence, weighed)
+                if larger is not None:
+                    best, beam, rivals = larger, [larger], []
+                    continue
                 refused.append(Refused(best, check, why))
                 if agreed is not None or len(refused) == MOST_REFUSED:
                     break
@@ -281,7 +289,9 @@ def _exchanged(
     without = begun.case.fit
     objections: dict[frozenset[str], float] = {}
     while True:
-        places = [place_of(one, best.members, without, best.fit, effects) for one in best.members]
+        places = [
+            place_of(one, best.members, begun.case, best.fit, effects) for one in best.members
+        ]
         rivals = [
             causes_of(
                 tuple(other if each is one else each for each in best.members), other.fit, without

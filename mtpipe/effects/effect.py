@@ -14,6 +14,7 @@ from functools import partial
 
 from mtpipe.experiment.description import Experiment, ForceCourse
 from mtpipe.experiment.parameter import Change, Parameter
+from mtpipe.ground.types import FloatArray
 
 
 @dataclass(frozen=True)
@@ -105,6 +106,9 @@ class Effect:
         of it but the motion. Where that fits as well the effect is not named.
     events : for an effect of single events: how many of them the fitted experiment has, given
         force (pN) and duration (s) of each plateau. Of few, spectra are not like their mean.
+    single : for an effect of single events: how much more traces are like these than like Gaussian
+        noise of the same size (nats), given force (pN) of each plateau, the frame interval (s) and
+        the heights (frames,) of each (nm, NaN where lost). Simulations say how much it should be.
     read : a size of which its hypotheses are made.
     form, axes : of a term, which has no name but a form (FORMATS section 4), and the axes that it
         is about; empty for effects.
@@ -119,6 +123,9 @@ class Effect:
     shared: bool = False
     still: Callable[[Experiment], Hypothesis] | None = None
     events: Callable[[Experiment, Sequence[float], Sequence[float]], float] | None = None
+    single: Callable[[Experiment, Sequence[float], float, Sequence[FloatArray]], float] | None = (
+        None
+    )
     remedy: str = ""
     read: Read | None = None
     form: str = ""

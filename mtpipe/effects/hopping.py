@@ -21,6 +21,10 @@ from mtpipe.physics.camera import Camera
 STEP_NM, RATE_HZ = 20.0, 3.0
 # So fast that a frame sees the mean of both states.
 UNSEEN_HZ = 1e9
+# Heights are averaged over half a relaxation time before levels are looked for, and looked at where
+# there are eight such blocks at least. What is not of hops is one of these parts of their variance.
+BLOCK, FEWEST_BLOCKS = 0.5, 8
+PARTS_BESIDE = (0.02, 0.05, 0.1, 0.2, 0.35, 0.5, 0.65, 0.8, 1.0)
 # In simulations a state lasts at least this part of a frame.
 PARTS = 24
 
@@ -129,6 +133,41 @@ def _hops(experiment: Experiment, force_pN: Sequence[float], duration_s: Sequenc
     return hops
 
 
+def _two_levels(
+    experiment: Experiment,
+    force_pN: Sequence[float],
+    frame_s: float,
+    height_nm: Sequence[FloatArray],
+) -> float:
+    """How much more heights are like two levels than like Gaussian noise of the same size."""
+    hopping = step_of(experiment, Hopping)
+    if hopping is None or hopping.step_nm == 0:
+        return 0.0
+    from mtpipe.physics.telegraph import gaussian_nats, two_state_nats
+
+    nats = 0.0
+    for force, height in zip(force_pN, height_nm, strict=True):
+        moments = hopping.moments(force, experiment.fluid.thermal_energy_pN_nm)
+        variance, tau_s, mean = moments
+        frames = max(1, round(tau_s * BLOCK / frame_s))
+        blocks = height[: len(height) // frames * frames].reshape(-1, frames)
+        whole = blocks[~np.isnan(blocks).any(axis=1)].mean(axis=1)
+        share = mean / hopping.step_nm
+        hops = len(height) * frame_s * 2 * share * (1 - share) / tau_s
+        if len(whole) < FEWEST_BLOCKS or hops < 1:
+            continue
+        values = whole - whole.mean()
+        size, lasts = float(np.var(values)), frames * frame_s / tau_s
+        # variance of a mean over a block of what is correlated as e^(-t/tau)
+        of_hops = variance * 2 * (lasts - 1 + math.exp(-lasts)) / lasts**2
+        low, high, keeps = -mean, hopping.step_nm - mean, math.exp(-lasts)
+        # how many hops there were is left to chance, and with it what is beside them
+        noise = [part * size for part in PARTS_BESIDE]
+        nats += max(two_state_nats(values, low, high, share, keeps, one) for one in noise)
+        nats -= max(gaussian_nats(values, of_hops, keeps, one) for one in noise)
+    return nats
+
+
 def _set(field: str) -> Change:
     return partial(_change, field)
 
@@ -164,5 +203,12 @@ _REMEDY = (
     "the tether or the bead."
 )
 EFFECT = Effect(
-    "hopping", _hypotheses, _cause, _strengths, still=_still, events=_hops, remedy=_REMEDY
+    "hopping",
+    _hypotheses,
+    _cause,
+    _strengths,
+    still=_still,
+    events=_hops,
+    single=_two_levels,
+    remedy=_REMEDY,
 )

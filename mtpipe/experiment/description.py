@@ -53,14 +53,16 @@ class Bead:
     `turns`: its rotation about the field's axis couples to its motion. `offset_nm`: distance of the
     tether's attachment from the vertical through the bead's centre, at rest and towards the
     positive end of the field's axis, alike at all forces; 0: at its lowest point.
-    `z_per_turn_nm`: nm per radian by which the recorded height follows its rotation about the
-    field's axis, where its image turns with it (PHYSICS E25).
+    `z_per_turn_nm`, `aside_per_turn_nm`: nm per radian by which the recorded height, and the
+    recorded position across the field, follow its rotation about the field's axis, where its image
+    turns with it (PHYSICS E25).
     """
 
     radius_nm: float
     turns: bool = True
     offset_nm: float = 0.0
     z_per_turn_nm: float = 0.0
+    aside_per_turn_nm: float = 0.0
 
     @property
     def lever_nm(self) -> float:

@@ -120,11 +120,17 @@ def turned_nm(modes: NormalModes) -> FloatArray:
     return np.asarray(modes.amplitude_nm[..., 2, :] - modes.shape[..., UP, :])
 
 
-def with_turning(moved: RecordedModes, modes: NormalModes) -> RecordedModes:
-    """Motion through the whole potential with what the bead's rotation adds to heights, that as in
-    the linear motion."""
+def with_turning(moved: RecordedModes, modes: NormalModes, across: int) -> RecordedModes:
+    """Motion through the whole potential with what the bead's rotation adds to recorded positions,
+    that as in the linear motion.
+
+    Parameters
+    ----------
+    across : the camera's axis across the field.
+    """
     turned = turned_nm(modes)
-    there = np.flatnonzero(turned)
+    aside = modes.amplitude_nm[across] - modes.shape[ACROSS]
+    there = np.flatnonzero((turned != 0) | (aside != 0))
     if len(there) == 0:
         return moved
     amplitude = modes.amplitude_nm.T[there]
@@ -132,8 +138,8 @@ def with_turning(moved: RecordedModes, modes: NormalModes) -> RecordedModes:
     added = amplitude[:, :, None] * amplitude[:, None, :]
     # x and y are those of the whole potential: what these modes have of them is taken off again, by
     # modes of their own, as the power of two axes is looked for where both have some
-    sideways = added.copy()
-    sideways[:, 2], sideways[:, :, 2] = 0.0, 0.0
+    amplitude[:, across], amplitude[:, 2] = modes.shape[ACROSS][there], 0.0
+    sideways = amplitude[:, :, None] * amplitude[:, None, :]
     tau_s = modes.tau_s[there]
     return RecordedModes(
         np.concatenate([moved.tau_s, tau_s, tau_s]),

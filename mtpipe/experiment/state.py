@@ -188,6 +188,7 @@ def _held(
     readout[experiment.along, ALONG] = readout[1 - experiment.along, ACROSS] = readout[2, UP] = 1
     if experiment.bead.turns:
         readout[2, ANGLE] = experiment.bead.z_per_turn_nm
+        readout[1 - experiment.along, ANGLE] = experiment.bead.aside_per_turn_nm
     # heights where the bead spends its time; the outermost are not below the surface
     spread, middle = np.sqrt(variance)[:, None], extension_nm[:, None]
     heights = np.maximum(middle + spread * _HEIGHTS, LEAST_SHARE * middle)
@@ -211,7 +212,7 @@ def _held(
         if low > 0:
             lowest = by_expansion(of_one, bending[i], by_itself)
             if (moves := whole[i]) is not None:
-                lowest = with_turning(moves, of_one)
+                lowest = with_turning(moves, of_one, 1 - experiment.along)
             moved = lowest if low == 1 else _mixed(lowest, low, moved)
         if experiment.rocks:
             moved = with_rocking(moved, of_one, modes.of(i))

@@ -36,7 +36,8 @@ class BrownianBead:
     attachment_angle_rad : polar angle of the attachment from the lowest point, towards the
         positive axis of the field, where the field holds the bead; less than pi/2.
     upward_friction : factor on the friction away from the surface.
-    z_per_turn_nm : nm of recorded height per radian of the turn about the field.
+    z_per_turn_nm, aside_per_turn_nm : nm of recorded height, and of recorded position across the
+        field, per radian of the turn about the field.
     """
 
     chain: tether.Chain
@@ -51,6 +52,7 @@ class BrownianBead:
     attachment_angle_rad: float = 0.0
     upward_friction: float = 1.0
     z_per_turn_nm: float = 0.0
+    aside_per_turn_nm: float = 0.0
 
     def __post_init__(self) -> None:
         for name in ("radius_nm", "viscosity_mPa_s", "upward_friction"):
@@ -103,4 +105,5 @@ def brownian_bead(experiment: Experiment, force_pN: float | FloatArray) -> Brown
         attachment_angle_rad=angle,
         upward_friction=experiment.allowance.upward_friction,
         z_per_turn_nm=bead.z_per_turn_nm,
+        aside_per_turn_nm=bead.aside_per_turn_nm,
     )

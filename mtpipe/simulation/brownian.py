@@ -108,6 +108,7 @@ def simulate_bead(
         np.ascontiguousarray(np.broadcast_to(bead.holding_pN_nm, (frames,))),
         bead.sideways_per_nm,
         bead.z_per_turn_nm,
+        bead.aside_per_turn_nm,
         random,
     )
     order = [0, 1, 2] if bead.along == 0 else [1, 0, 2]

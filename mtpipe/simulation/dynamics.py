@@ -96,6 +96,7 @@ def advance(
     holds: FloatArray,
     sideways: float,
     z_per_turn: float,
+    aside_per_turn: float,
     random: np.random.Generator,
 ) -> tuple[FloatArray, FloatArray]:
     """Recorded positions, (frames, 3), from a start (`equilibrium.draw_state`), and the end.
@@ -107,7 +108,8 @@ def advance(
     frictions : `friction_table` for the time step.
     holds : (frames,) torque stiffness of the field, pN nm, where the bead tilts.
     sideways : lateral stiffness of the magnets over their force, per nm.
-    z_per_turn : nm of recorded height per radian of the bead's turn about the field.
+    z_per_turn, aside_per_turn : nm of recorded height, and of recorded position across the field,
+        per radian of the bead's turn about the field.
     """
     x, y, z, cos_phi, sin_phi, cos_psi, sin_psi = start
     cells = len(frictions) - 1
@@ -144,7 +146,7 @@ def advance(
                 half_cos_psi, half_sin_psi = _turned(cos_psi, sin_psi, kick_psi)
             if step < exposed:
                 recorded[frame, 0] += half_x
-                recorded[frame, 1] += half_y
+                recorded[frame, 1] += half_y - aside_per_turn * half_sin_phi
                 recorded[frame, 2] += half_z - z_per_turn * half_sin_phi
 
             arm_x, arm_y, arm_z = attachment(

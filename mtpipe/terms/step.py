@@ -1,4 +1,5 @@
-"""What is otherwise from some plateau on: the gain of an axis, its scatter, or how it wanders.
+"""What is otherwise from some plateau on: the gain of an axis, a share of one in another, its
+scatter, or how it wanders.
 
 The image of a bead changes as it turns, or as the focus is moved, and with it what is recorded of
 its motion. A stage settles, and beads in one field do not follow it alike.
@@ -16,10 +17,10 @@ from mtpipe.experiment.changes import with_step
 from mtpipe.experiment.description import Experiment
 from mtpipe.experiment.parameter import Parameter
 from mtpipe.experiment.step import NothingByItself, Place
-from mtpipe.terms.mixing import LARGEST, Gain
+from mtpipe.terms.mixing import LARGEST, Gain, Share
 from mtpipe.terms.power_law import LARGEST_NM as MOST_WANDERED_NM
 from mtpipe.terms.power_law import START_SLOPE, PowerLaw, times_of
-from mtpipe.terms.term import AXES, of_axis, of_square, set_to
+from mtpipe.terms.term import AXES, OneOrPair, axis_name, of_axis, of_square, set_to
 from mtpipe.terms.white import LARGEST_NM, START_NM, WhitePower
 
 # Bounds of a wander's power of the frequency: 2 is that of a random walk.
@@ -31,7 +32,7 @@ class _FromPlateau(NothingByItself):
     """Something that is so from a plateau on (an index), and not before."""
 
     form: ClassVar[str] = "step"
-    axis: int
+    axis: OneOrPair
     first: int
 
 
@@ -40,6 +41,7 @@ class GainFrom(_FromPlateau):
     """From a plateau on, motion along an axis is recorded e^ln_gain times as large."""
 
     place: ClassVar[Place] = "optics"
+    axis: int
     ln_gain: float = 0.0
 
     def in_plateau(self, plateau: int) -> Gain:
@@ -61,10 +63,38 @@ class GainFrom(_FromPlateau):
 
 
 @dataclass(frozen=True)
+class ShareFrom(_FromPlateau):
+    """From a plateau on, along an axis a share of the motion along another is recorded."""
+
+    place: ClassVar[Place] = "optics"
+    axis: tuple[int, int]
+    share: float = 0.0
+
+    def in_plateau(self, plateau: int) -> Share:
+        """What it is in one plateau."""
+        return Share(self.axis, 1.0, self.share if plateau >= self.first else 0.0)
+
+    @property
+    def words(self) -> str:
+        """Share, and since when."""
+        into, other = (AXES[i] for i in self.axis)
+        return (
+            f"{into} contains {self.share:+.3f} more of the motion along {other} from plateau "
+            f"{self.first + 1} of those fitted on"
+        )
+
+    @property
+    def sizes(self) -> list[tuple[str, float, str]]:
+        """Share, and the index of the plateau with which it begins."""
+        return [("share", self.share, ""), ("first_plateau", self.first, "")]
+
+
+@dataclass(frozen=True)
 class ScatterFrom(_FromPlateau):
     """From a plateau on, the record scatters along an axis by `size_nm` more."""
 
     place: ClassVar[Place] = "tracker"
+    axis: int
     size_nm: float = 0.0
 
     def in_plateau(self, plateau: int) -> WhitePower:
@@ -93,6 +123,7 @@ class WanderFrom(_FromPlateau):
     """
 
     place: ClassVar[Place] = "tether"
+    axis: int
     times_s: tuple[float, ...] = ()
     size_nm: float = 0.0
     slope: float = START_SLOPE
@@ -128,6 +159,13 @@ def gain_along(axis: int) -> Effect:
     return of_axis(f"gain_step_{AXES[axis]}", GainFrom, axis, partial(_gains, axis))
 
 
+def share_in(into: int, other: int) -> Effect:
+    """Another share of one axis in another."""
+    pair = (into, other)
+    name = f"share_step_{AXES[other]}_in_{AXES[into]}"
+    return of_axis(name, ShareFrom, pair, partial(_shares, pair))
+
+
 def scatter_along(axis: int) -> Effect:
     """More scatter of one axis."""
     return of_axis(f"scatter_step_{AXES[axis]}", ScatterFrom, axis, partial(_scatters, axis))
@@ -142,6 +180,12 @@ def _gains(axis: int, experiment: Experiment, evidence: Evidence) -> list[Hypoth
     name, change = f"ln of the later gain along {AXES[axis]}", set_to(GainFrom, axis, "ln_gain")
     size = plain(name, "", 0.0, (-LARGEST, LARGEST), 1e-3, change)
     return _each([with_step(experiment, GainFrom(axis, k)) for k in _later(evidence)], size)
+
+
+def _shares(pair: tuple[int, int], experiment: Experiment, evidence: Evidence) -> list[Hypothesis]:
+    name, change = f"later share of {axis_name(pair)}", set_to(ShareFrom, pair, "share")
+    size = plain(name, "", 0.0, (-LARGEST, LARGEST), 1e-3, change)
+    return _each([with_step(experiment, ShareFrom(pair, k)) for k in _later(evidence)], size)
 
 
 def _scatters(axis: int, experiment: Experiment, evidence: Evidence) -> list[Hypothesis]:
