@@ -1,7 +1,8 @@
 """Causes looked for in some of a bead's plateaus, and tried in all of them.
 
-The search takes time in proportion to the number of plateaus. A dozen that span the forces tell
-what dozens tell of what is left out; whether it is so in all plateaus is asked at the end.
+The search takes time in proportion to the number of plateaus. Eight that span the forces, as many
+as a usual staircase has, tell what dozens tell of what is left out; whether it is so in all
+plateaus is asked at the end.
 """
 
 from __future__ import annotations
@@ -25,8 +26,9 @@ from mtpipe.joint_fit.hypotheses import FittedEffect, together, try_effects
 from mtpipe.joint_fit.score_test import most_promising
 from mtpipe.recording.recording import Recording, States
 
-# Plateaus in which causes are looked for: half as many again as the eight of a usual staircase.
-MOST_PLATEAUS = 12
+# Plateaus in which causes are looked for: a bead with more of them than a usual staircase takes no
+# longer.
+MOST_PLATEAUS = 8
 
 
 def excerpt(recording: Recording, check: BeadCheck) -> Recording | None:

@@ -69,7 +69,7 @@ FORM_NATS = 7.0
 # Most members that are added; real recordings have up to six.
 MOST_STEPS = 12
 # Sets that may be refused before nothing is named: each costs as much as a step of the search.
-MOST_REFUSED = 4
+MOST_REFUSED = 2
 # Sets that are simulated, with another cause in the place of a named one, as they are likelier.
 MOST_RIVALS = 4
 # Numbers of simulations of a part of a set.
