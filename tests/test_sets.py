@@ -22,14 +22,14 @@ from mtpipe.diagnosis.causes import (
     objected,
 )
 from mtpipe.diagnosis.evidence import evidence_of
-from mtpipe.diagnosis.explanation import Explanation
+from mtpipe.diagnosis.explanation import Alternative, Explanation, Named
 from mtpipe.diagnosis.forces_to_quote import diagnosed_forces
 from mtpipe.diagnosis.mismatch import bead_content
 from mtpipe.diagnosis.sets import several_causes
 from mtpipe.drift import subtract_drift
 from mtpipe.effects.catalogue import OWN
 from mtpipe.experiment.changes import with_step
-from mtpipe.joint_fit.hypotheses import try_effects
+from mtpipe.joint_fit.hypotheses import FittedEffect, try_effects
 from mtpipe.simulation.setup_experiment import stated_experiment
 from mtpipe.simulation.simulate import simulate_experiment
 from mtpipe.terms.catalogue import TERMS
@@ -331,3 +331,28 @@ def test_what_simulations_object_to_pays_for_a_term_and_for_no_name(name, object
     """A term costs 10 nats more than a name, unless it is known that something is lacking."""
     beside = Causes((), None, 0.0, objection)
     assert allowed(beside, BY_NAME[name]) == pytest.approx(nats)
+
+
+@pytest.mark.parametrize(
+    ("name", "odds_against", "rival_nats", "told"),
+    [
+        ("lateral_scale", 0.02, None, "lateral_scale"),
+        ("lateral_scale", 50.0, None, "gain"),
+        ("lateral_scale", 1.5, 0.5, "lateral_scale"),
+        ("z_crosstalk", 1.5, None, "mixing"),
+        ("viscosity", 1.5, None, None),
+    ],
+)
+def test_a_name_that_is_less_likely_than_not_is_told_by_its_form(
+    name, odds_against, rival_nats, told
+):
+    """Of 1.5 against it, an alternative as likely as itself makes it likely again."""
+    one = FittedEffect(BY_NAME[name], None, None, 30.0, 10.0, None, 0)
+    rivals = () if rival_nats is None else (Alternative(one, rival_nats),)
+    named = Named(one, rivals, None, None, 5.0, odds_against=odds_against)
+    likely = alternatives.or_by_form(named)
+    if told is None:
+        assert likely is None
+    else:
+        assert (likely.form or likely.name) == told
+        assert likely.name == name

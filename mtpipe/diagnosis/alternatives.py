@@ -26,6 +26,8 @@ from mtpipe.terms.catalogue import TERMS
 # Held-out gains are compared of causes whose net gains differ by less than 20 nats: ordinates that
 # are not quite independent can make that much of a difference where they were fitted.
 NEAR_NATS = 20.0
+# A name is given that is likelier than not, alternatives with it.
+MOST_LIKELY = 0.5
 # Net gain from which an effect is seen by itself.
 SEEN_NATS = 4.0
 # Causes that are fitted in the place of a named one: those that promise most by the score test.
@@ -118,6 +120,19 @@ def with_alternatives(
     beside = {*names, *(other.found.effect.name for other in alternatives)}
     against = odds_against(place.own, place.tried, beside, place.without, left_smooth)
     return replace(one, alternatives=alternatives, odds_against=against + sets)
+
+
+def or_by_form(one: Named) -> Named | None:
+    """A named effect, or, where with all its alternatives it is less likely than not, a term that
+    says what it does; None where no term does.
+    """
+    if one.form or one.with_alternatives >= MOST_LIKELY or not isinstance(one.found, FittedEffect):
+        return one
+    form, axes = one.found.effect.unnamed
+    if not form:
+        return None
+    effect = replace(one.found.effect, form=form, axes=axes)
+    return replace(one, found=replace(one.found, effect=effect), alternatives=())
 
 
 def _foretold(case: PreparedBead, one: FittedEffect, other: FittedEffect) -> float:

@@ -89,6 +89,12 @@ class Named:
         return 1 / (1 + alternatives + self.odds_against)
 
     @property
+    def with_alternatives(self) -> float:
+        """How sure it is that it is this one or an alternative."""
+        nats = (min(other.nats, CERTAIN_NATS) for other in self.alternatives)
+        return self.probability * (1 + sum(math.exp(one / TEMPERATURE) for one in nats))
+
+    @property
     def form(self) -> str:
         """Of a term; empty for an effect."""
         return self.found.effect.form if isinstance(self.found, FittedEffect) else ""

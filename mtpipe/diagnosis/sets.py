@@ -21,7 +21,7 @@ from mtpipe.crosschecking.check import (
     BeadCheck,
     check_bead,
 )
-from mtpipe.diagnosis.alternatives import Place, place_of, with_alternatives
+from mtpipe.diagnosis.alternatives import Place, or_by_form, place_of, with_alternatives
 from mtpipe.diagnosis.causes import (
     BEAM,
     Causes,
@@ -240,7 +240,12 @@ def _named(
     told = []
     for one, place in zip(named, places, strict=True):
         sets = weight(unknown) + weight_without(one.name, best, others)
-        told.append(with_alternatives(one, best.names, place, check, sets, left_smooth))
+        one = with_alternatives(one, best.names, place, check, sets, left_smooth)
+        likely = or_by_form(one)
+        if likely is None:
+            why = f"something that has no name is likelier in the place of {one.name}"
+            return Weighed([], check, rejected(best, why))
+        told.append(likely)
     return Weighed(told, check)
 
 

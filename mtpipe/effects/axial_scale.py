@@ -34,4 +34,6 @@ _REMEDY = (
     "measure it again; if it is confirmed, correct the scale of z (focus scan, "
     "refractive index) in the setup."
 )
-EFFECT = Effect("axial_scale", _hypotheses, _cause, _strengths, remedy=_REMEDY)
+EFFECT = Effect(
+    "axial_scale", _hypotheses, _cause, _strengths, remedy=_REMEDY, unnamed=("gain", ("z",))
+)

@@ -53,4 +53,6 @@ def walks(experiment: Experiment) -> list[tuple[str, float, str]]:
 
 
 _REMEDY = "use a reference bead nearer to this one, or let the stage settle before recording."
-EFFECT = Effect("drift", _hypotheses, _cause, walks, remedy=_REMEDY)
+EFFECT = Effect(
+    "drift", _hypotheses, _cause, walks, remedy=_REMEDY, unnamed=("power_law", ("x", "y", "z"))
+)

@@ -110,6 +110,8 @@ class Effect:
         noise of the same size (nats), given force (pN) of each plateau, the frame interval (s) and
         the heights (frames,) of each (nm, NaN where lost). Simulations say how much it should be.
     read : a size of which its hypotheses are made.
+    unnamed : form and axes of a term that says what the effect does; empty where none does. As that
+        it is told where something that has no name is likelier in its place.
     form, axes : of a term, which has no name but a form (FORMATS section 4), and the axes that it
         is about; empty for effects.
     remedy : what a user can do about it, in words that continue "…: "; empty for physics that an
@@ -128,6 +130,7 @@ class Effect:
     )
     remedy: str = ""
     read: Read | None = None
+    unnamed: tuple[str, tuple[str, ...]] = ("", ())
     form: str = ""
     axes: tuple[str, ...] = ()
 

@@ -37,4 +37,12 @@ _REMEDY = (
     "measure it again; if it is confirmed, correct [field] direction, or the "
     "orientation of the camera, in the setup."
 )
-EFFECT = Effect("field_rotation", _hypotheses, _cause, _strengths, shared=True, remedy=_REMEDY)
+EFFECT = Effect(
+    "field_rotation",
+    _hypotheses,
+    _cause,
+    _strengths,
+    shared=True,
+    remedy=_REMEDY,
+    unnamed=("mixing", ("x", "y")),
+)

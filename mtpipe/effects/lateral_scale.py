@@ -55,4 +55,12 @@ _REMEDY = (
     "measure it again; if it is confirmed, correct [camera] pixel_size_nm (the "
     "scale of x and y) in the setup."
 )
-EFFECT = Effect("lateral_scale", _hypotheses, _cause, _strengths, shared=True, remedy=_REMEDY)
+EFFECT = Effect(
+    "lateral_scale",
+    _hypotheses,
+    _cause,
+    _strengths,
+    shared=True,
+    remedy=_REMEDY,
+    unnamed=("gain", ("x", "y")),
+)

@@ -97,4 +97,11 @@ def _strengths(experiment: Experiment) -> list[tuple[str, float, str]]:
 
 
 _REMEDY = "use another reference bead, or several: this one moves by itself."
-EFFECT = Effect("reference_noise", _hypotheses, _cause, _strengths, remedy=_REMEDY)
+EFFECT = Effect(
+    "reference_noise",
+    _hypotheses,
+    _cause,
+    _strengths,
+    remedy=_REMEDY,
+    unnamed=("power_law", ("x", "y", "z")),
+)

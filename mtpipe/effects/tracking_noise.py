@@ -27,4 +27,6 @@ def _strengths(experiment: Experiment) -> list[tuple[str, float, str]]:
     ]
 
 
-EFFECT = Effect("tracking_noise", _hypotheses, _cause, _strengths)
+EFFECT = Effect(
+    "tracking_noise", _hypotheses, _cause, _strengths, unnamed=("white", ("x", "y", "z"))
+)

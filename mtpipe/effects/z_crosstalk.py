@@ -85,4 +85,11 @@ def _strengths(experiment: Experiment) -> list[tuple[str, float, str]]:
 
 
 _REMEDY = "check the focus and the illumination: the image is tilted or lopsided."
-EFFECT = Effect("z_crosstalk", _hypotheses, _cause, _strengths, remedy=_REMEDY)
+EFFECT = Effect(
+    "z_crosstalk",
+    _hypotheses,
+    _cause,
+    _strengths,
+    remedy=_REMEDY,
+    unnamed=("mixing", ("z", "x", "y")),
+)
