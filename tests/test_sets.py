@@ -356,3 +356,12 @@ def test_a_name_that_is_less_likely_than_not_is_told_by_its_form(
     else:
         assert (likely.form or likely.name) == told
         assert likely.name == name
+
+
+@pytest.mark.parametrize(
+    ("worths", "stops"),
+    [((5.0,), False), ((5.0, 6.0), False), ((5.0, 4.0), True), ((5.0, 7.0, 6.0), True)],
+)
+def test_other_sets_are_tried_as_long_as_each_is_judged_better(worths, stops):
+    refused = [sets.Refused(Causes((), None, worth), None, "") for worth in worths]
+    assert sets.in_vain(refused) is stops

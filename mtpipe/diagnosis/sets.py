@@ -68,8 +68,9 @@ UNDISPUTED_NATS = 20.0
 FORM_NATS = 7.0
 # Most members that are added; real recordings have up to six.
 MOST_STEPS = 12
-# Sets that may be refused before nothing is named: each costs as much as a step of the search.
-MOST_REFUSED = 2
+# Sets that may be refused before nothing is named, each judged better than those before: one costs
+# as much as a step of the search.
+MOST_REFUSED = 4
 # Sets that are simulated, with another cause in the place of a named one, as they are likelier.
 MOST_RIVALS = 4
 # Numbers of simulations of a part of a set.
@@ -154,7 +155,7 @@ def several_causes(
                     best, beam, rivals = larger, [larger], []
                     continue
                 refused.append(Refused(best, check, why))
-                if agreed is not None or len(refused) == MOST_REFUSED:
+                if agreed is not None or len(refused) == MOST_REFUSED or in_vain(refused):
                     break
                 say("weighing other sets")
                 exchanged(best, without, members, evidence, weighed)
@@ -190,6 +191,12 @@ class Refused:
     causes: Causes
     check: BeadCheck
     why: str
+
+
+def in_vain(refused: Sequence[Refused]) -> bool:
+    """Whether the last of the sets is judged no better than those before."""
+    *before, last = (one.causes.worth for one in refused)
+    return bool(before) and last <= max(before)
 
 
 def _nearest(
