@@ -28,6 +28,7 @@ from mtpipe.diagnosis.mismatch import bead_content
 from mtpipe.diagnosis.sets import several_causes
 from mtpipe.drift import subtract_drift
 from mtpipe.effects.catalogue import OWN
+from mtpipe.effects.hopping import Hopping
 from mtpipe.experiment.changes import with_step
 from mtpipe.joint_fit.hypotheses import FittedEffect, try_effects
 from mtpipe.simulation.setup_experiment import stated_experiment
@@ -45,11 +46,6 @@ TERM = {
 }  # fmt: skip
 BY_NAME = {one.name: one for one in (*OWN, *TERMS)}
 NAMES = ("z_crosstalk", "lateral_scale", "viscosity", "axial_scale")
-
-
-def prepared(fit):
-    """Of a bead whose traces nobody asks for."""
-    return SimpleNamespace(fit=fit)
 
 
 def changed(matrix):
@@ -130,14 +126,12 @@ def test_a_member_that_gains_no_more_than_its_price_goes_whenever_it_was_found()
     (needed,) = try_effects(needless.fit, [BY_NAME["mixing_z_in_x"]], evidence, beside=True)
     both = causes_of((needless, needed), needed.fit, without)
     check = check_bead(replace(first.case, fit=both.fit), generator(6))
-    places = [place_of(one, both.members, prepared(without), both.fit, ()) for one in both.members]
+    places = [place_of(one, both.members, without, both.fit, ()) for one in both.members]
     fewer = sets._without_weakest(both, check, places, first, first, generator(7))
     assert fewer is not None
     assert fewer[0].names == {"mixing_z_in_x"}
     assert fewer[1].p_value > 0.01
-    (place,) = [
-        place_of(one, fewer[0].members, prepared(without), fewer[0].fit, ()) for one in [needed]
-    ]
+    (place,) = [place_of(one, fewer[0].members, without, fewer[0].fit, ()) for one in [needed]]
     assert sets._without_weakest(*fewer, [place], first, first, generator(8)) is None
 
 
@@ -210,7 +204,7 @@ def test_a_member_is_compared_with_others_as_its_set_has_it(monkeypatch):
     (found_well,) = try_effects(without, [BY_NAME["mixing_z_in_x"]], evidence)
     badly = replace(found_well, fit=without, gain=0.0)
     monkeypatch.setattr(alternatives, "try_effects", lambda *_, **__: [badly])
-    place = place_of(found_well, [found_well], prepared(without), found_well.fit, ())
+    place = place_of(found_well, [found_well], without, found_well.fit, ())
     assert place.own.fit is found_well.fit
     assert place.own.gain == pytest.approx(found_well.gain, abs=1.0)
 
@@ -321,6 +315,15 @@ def test_a_member_is_contradicted_by_what_likelihood_does_not_know(monkeypatch, 
     odd = SimpleNamespace(looks=(look,), p_values=np.array([1e-12]))
     begun, causes = SimpleNamespace(case=SimpleNamespace(fit=None)), Causes((member,), None, 9.0)
     assert judging.contradicted(begun, causes, odd, None) == gone
+
+
+@pytest.mark.parametrize("smooth", [False, True])
+def test_hops_are_named_where_they_are_seen_and_not_only_their_power(smooth):
+    experiment, _ = stated_experiment(setup(), FORCES_PN, 2 * FRAMES, noise_nm=NOISE_NM)
+    hopping = Hopping(15.0, FORCES_PN[1], 5.0, smooth)
+    recording = subtract_drift(simulate_experiment(with_step(experiment, hopping), setup(), 4))
+    _, named = found(recording, ("hopping", "drift", "viscosity"))
+    assert ("hopping" in {one.name for one in named}) is not smooth
 
 
 @pytest.mark.parametrize(

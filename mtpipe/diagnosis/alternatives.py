@@ -15,7 +15,6 @@ from mtpipe.diagnosis.explanation import ALIKE_NATS, Alternative, Named
 from mtpipe.diagnosis.heldout import heldout_gain
 from mtpipe.diagnosis.probability import odds_against
 from mtpipe.diagnosis.refit import begun_again
-from mtpipe.diagnosis.single_events import unseen
 from mtpipe.effects.effect import Effect
 from mtpipe.ground.errors import FitError
 from mtpipe.joint_fit.fit import ConfiguredFit
@@ -52,7 +51,7 @@ class Place:
 def place_of(
     one: FittedEffect,
     members: Sequence[FittedEffect],
-    case: PreparedBead,
+    without: ConfiguredFit,
     fit: ConfiguredFit,
     effects: Sequence[Effect],
 ) -> Place | None:
@@ -60,13 +59,13 @@ def place_of(
 
     Parameters
     ----------
-    members : of the set. case : with the fit without any of them. fit : with all of them.
+    members : of the set. without : fit without any of them. fit : with all of them.
     """
     others = [other for other in members if other is not one]
     try:
         # where it is far from the data its forces are found afresh: what it gains by these is no
         # matter of any effect, and all of them would be fitted to the end for it
-        rest = begun_again(together(case.fit, others, fit))
+        rest = begun_again(together(without, others, fit))
     except (FitError, ValueError):
         return None
     names = {other.effect.name for other in members}
@@ -80,7 +79,7 @@ def place_of(
     tried = [
         _as_in_set(each, fit, rest) if _is(each, one) else each
         for each in tried
-        if _is(each, one) or (happens(each) and not unseen(case, each.effect, each.fit))
+        if _is(each, one) or happens(each)
     ]
     return Place(next((each for each in tried if _is(each, one)), None), tried, rest)
 

@@ -132,7 +132,7 @@ def several_causes(
             except (FitError, ValueError) as error:
                 refused.append(Refused(best, check, f"the bead cannot be simulated ({error})"))
                 break
-            wrong = unseen_member(begun.case, best)
+            wrong = unseen_member(begun.case, best, random)
             if not wrong and agrees(check, first):
                 agreed = best, check
                 if gained < FORM_NATS + ln_of(check.p_value) - ln_of(1.0):
@@ -301,9 +301,7 @@ def _exchanged(
     without = begun.case.fit
     objections: dict[frozenset[str], float] = {}
     while True:
-        places = [
-            place_of(one, best.members, begun.case, best.fit, effects) for one in best.members
-        ]
+        places = [place_of(one, best.members, without, best.fit, effects) for one in best.members]
         rivals = [
             causes_of(
                 tuple(other if each is one else each for each in best.members), other.fit, without

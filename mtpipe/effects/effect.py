@@ -87,6 +87,22 @@ class Read:
 
 
 @dataclass(frozen=True)
+class SingleEvents:
+    """How traces show single events.
+
+    Attributes
+    ----------
+    nats : how much more a bead's heights are like the events than like Gaussian motion, given the
+        experiment, the force (pN) of each plateau, the frame interval (s) and the heights (frames,)
+        of each (nm, NaN where lost). What it is for either is for simulations to say.
+    smooth : the experiment with Gaussian motion of the same power in the place of the events.
+    """
+
+    nats: Callable[[Experiment, Sequence[float], float, Sequence[FloatArray]], float]
+    smooth: Callable[[Experiment], Experiment]
+
+
+@dataclass(frozen=True)
 class Effect:
     """One entry of the catalogue.
 
@@ -106,9 +122,7 @@ class Effect:
         of it but the motion. Where that fits as well the effect is not named.
     events : for an effect of single events: how many of them the fitted experiment has, given
         force (pN) and duration (s) of each plateau. Of few, spectra are not like their mean.
-    single : for an effect of single events: how much more traces are like these than like Gaussian
-        noise of the same size (nats), given force (pN) of each plateau, the frame interval (s) and
-        the heights (frames,) of each (nm, NaN where lost). Simulations say how much it should be.
+    single : for an effect of single events: how traces show these, and not only their power.
     read : a size of which its hypotheses are made.
     unnamed : form and axes of a term that says what the effect does; empty where none does. As that
         it is told where something that has no name is likelier in its place.
@@ -125,9 +139,7 @@ class Effect:
     shared: bool = False
     still: Callable[[Experiment], Hypothesis] | None = None
     events: Callable[[Experiment, Sequence[float], Sequence[float]], float] | None = None
-    single: Callable[[Experiment, Sequence[float], float, Sequence[FloatArray]], float] | None = (
-        None
-    )
+    single: SingleEvents | None = None
     remedy: str = ""
     read: Read | None = None
     unnamed: tuple[str, tuple[str, ...]] = ("", ())

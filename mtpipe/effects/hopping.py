@@ -9,21 +9,24 @@ from functools import partial
 from typing import ClassVar
 
 import numpy as np
+from scipy.ndimage import uniform_filter1d
 
-from mtpipe.effects.effect import Effect, Evidence, Hypothesis, logarithm, plain
+from mtpipe.effects.effect import Effect, Evidence, Hypothesis, SingleEvents, logarithm, plain
 from mtpipe.experiment.changes import step_of, with_step
 from mtpipe.experiment.description import Experiment
 from mtpipe.experiment.parameter import Change, Parameter
 from mtpipe.experiment.step import Place, Seen
 from mtpipe.ground.types import FloatArray
 from mtpipe.physics.camera import Camera
+from mtpipe.physics.langevin import simulate_mode
 
 STEP_NM, RATE_HZ = 20.0, 3.0
 # So fast that a frame sees the mean of both states.
 UNSEEN_HZ = 1e9
 # Heights are averaged over half a relaxation time before levels are looked for, and looked at where
-# there are eight such blocks at least. What is not of hops is one of these parts of their variance.
-BLOCK, FEWEST_BLOCKS = 0.5, 8
+# there are eight such blocks at least. What is slower than ten relaxation times is drift, and taken
+# off. What is not of hops is one of these parts of the variance.
+BLOCK, FEWEST_BLOCKS, SLOW_BLOCKS = 0.5, 8, 20
 PARTS_BESIDE = (0.02, 0.05, 0.1, 0.2, 0.35, 0.5, 0.65, 0.8, 1.0)
 # In simulations a state lasts at least this part of a frame.
 PARTS = 24
@@ -33,13 +36,15 @@ PARTS = 24
 class Hopping:
     """Two states of the tether that differ by a step in length, the longer one at high force.
 
-    Both are equally likely at `half_force_pN`, where each is left at `rate_hz`.
+    Both are equally likely at `half_force_pN`, where each is left at `rate_hz`. `smooth` : there is
+    Gaussian motion with the power of the hops in their place.
     """
 
     place: ClassVar[Place] = "tether"
     step_nm: float
     half_force_pN: float
     rate_hz: float
+    smooth: bool = False
 
     def moments(self, force_pN: float, thermal_energy_pN_nm: float) -> tuple[float, float, float]:
         """Variance (nm²), relaxation time (s) and mean (nm) at a force.
@@ -71,6 +76,8 @@ class Hopping:
         The state is drawn at equal parts of each frame by the exact probability to have changed
         since the last, so that the rates may be anything; within a part it counts as constant.
         """
+        if self.smooth:
+            return self._smoothly(position_nm, force_pN, camera, thermal_energy_pN_nm, random)
         frames = len(force_pN)
         exposed = max(1, round(PARTS * camera.exposure_s / camera.frame_s))
         part_s = camera.frame_s / PARTS
@@ -90,6 +97,22 @@ class Hopping:
         hopped = position_nm.copy()
         hopped[:, 2] += self.step_nm * mean_states(keeps, drawn, exposed)
         return hopped
+
+    def _smoothly(
+        self,
+        position_nm: FloatArray,
+        force_pN: FloatArray,
+        camera: Camera,
+        thermal_energy_pN_nm: float,
+        random: np.random.Generator,
+    ) -> FloatArray:
+        """z with Gaussian motion of the same variance and relaxation at each force."""
+        moved = position_nm.copy()
+        for force in np.unique(force_pN):
+            here = force_pN == force
+            variance, tau_s, mean = self.moments(float(force), thermal_energy_pN_nm)
+            moved[here, 2] += mean + simulate_mode(variance, tau_s, camera, int(here.sum()), random)
+        return moved
 
 
 def _hypotheses(experiment: Experiment, evidence: Evidence) -> list[Hypothesis]:
@@ -156,7 +179,7 @@ def _two_levels(
         hops = len(height) * frame_s * 2 * share * (1 - share) / tau_s
         if len(whole) < FEWEST_BLOCKS or hops < 1:
             continue
-        values = whole - whole.mean()
+        values = whole - uniform_filter1d(whole, min(SLOW_BLOCKS, len(whole)), mode="nearest")
         size, lasts = float(np.var(values)), frames * frame_s / tau_s
         # variance of a mean over a block of what is correlated as e^(-t/tau)
         of_hops = variance * 2 * (lasts - 1 + math.exp(-lasts)) / lasts**2
@@ -168,13 +191,19 @@ def _two_levels(
     return nats
 
 
+def _smooth(experiment: Experiment) -> Experiment:
+    hopping = step_of(experiment, Hopping)
+    return experiment if hopping is None else with_step(experiment, replace(hopping, smooth=True))
+
+
 def _set(field: str) -> Change:
     return partial(_change, field)
 
 
 def _change(field: str, experiment: Experiment, value: float) -> Experiment:
     hopping = step_of(experiment, Hopping) or Hopping(STEP_NM, 1.0, RATE_HZ)
-    return with_step(experiment, replace(hopping, **{field: value}))
+    changed = replace(hopping, **{field: value})  # type: ignore[arg-type]
+    return with_step(experiment, changed)
 
 
 def _cause(experiment: Experiment) -> str:
@@ -209,6 +238,6 @@ EFFECT = Effect(
     _strengths,
     still=_still,
     events=_hops,
-    single=_two_levels,
+    single=SingleEvents(_two_levels, _smooth),
     remedy=_REMEDY,
 )
