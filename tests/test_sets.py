@@ -10,7 +10,7 @@ import pytest
 from mtpipe.battery.statistic import Statistic
 from mtpipe.crosschecking.check import check_bead
 from mtpipe.crosschecking.prepared_bead import prepare
-from mtpipe.diagnosis import alternatives, judging, sets
+from mtpipe.diagnosis import alternatives, judging, sets, single_events
 from mtpipe.diagnosis.alternatives import place_of
 from mtpipe.diagnosis.causes import (
     Causes,
@@ -324,6 +324,29 @@ def test_hops_are_named_where_they_are_seen_and_not_only_their_power(smooth):
     recording = subtract_drift(simulate_experiment(with_step(experiment, hopping), setup(), 4))
     _, named = found(recording, ("hopping", "drift", "viscosity"))
     assert ("hopping" in {one.name for one in named}) is not smooth
+
+
+@pytest.mark.parametrize(
+    ("nats", "rival", "score", "left_out"),
+    [
+        (20.0, "wander_step_z", 55.0, ""),
+        (2.0, "wander_step_z", 55.0, "hopping"),
+        (2.0, "wander_step_z", 45.0, ""),
+        (2.0, "viscosity", 55.0, ""),
+        (-2.0, "viscosity", 0.0, "hopping"),
+    ],
+)
+def test_hops_that_are_not_clearly_seen_cost_as_much_as_a_form(
+    monkeypatch, nats, rival, score, left_out
+):
+    monkeypatch.setattr(single_events, "seen_nats", lambda case, single, random: nats)
+    drift, hopping, other = (
+        FittedEffect(BY_NAME[name], None, None, 0.0, 0.0, None, 0)
+        for name in ("drift", "hopping", rival)
+    )
+    best, instead = Causes((drift, hopping), None, 60.0), Causes((drift, other), None, score)
+    case = prepare(changed(np.eye(3)), "b1")
+    assert single_events.unseen_member(case, best, [best, instead], generator(1)) == left_out
 
 
 @pytest.mark.parametrize(

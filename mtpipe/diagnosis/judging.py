@@ -103,7 +103,7 @@ def better_judged(
     for rival in rivals:
         if rival.score + ln_of(1.0) <= best.score + ln_of(check.p_value):
             continue
-        if unseen_member(begun.case, rival, random):
+        if unseen_member(begun.case, rival, [best], random):
             objections[rival.names] = math.inf
             continue
         try:

@@ -132,7 +132,7 @@ def several_causes(
             except (FitError, ValueError) as error:
                 refused.append(Refused(best, check, f"the bead cannot be simulated ({error})"))
                 break
-            wrong = unseen_member(begun.case, best, random)
+            wrong = unseen_member(begun.case, best, weighed.values(), random)
             if not wrong and agrees(check, first):
                 agreed = best, check
                 if gained < FORM_NATS + ln_of(check.p_value) - ln_of(1.0):

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -11,9 +11,12 @@ from scipy import stats
 from mtpipe.crosschecking.prepared_bead import PreparedBead, described
 from mtpipe.crosschecking.twin import TwinMaker
 from mtpipe.diagnosis.causes import Causes
+from mtpipe.diagnosis.explanation import ALIKE_NATS
+from mtpipe.diagnosis.probability import CAUSE_NATS, TERM_NATS
 from mtpipe.effects.effect import SingleEvents
 from mtpipe.ground.errors import FitError
 from mtpipe.ground.types import FloatArray
+from mtpipe.joint_fit.hypotheses import FittedEffect
 
 # Simulations with events, and as many with Gaussian motion of their power: means and spreads of
 # what tells them apart are known to a fifth.
@@ -23,12 +26,20 @@ SIMULATIONS = 24
 UNSEEN_NATS = 1.0
 
 
-def unseen_member(case: PreparedBead, causes: Causes, random: np.random.Generator) -> str:
+def unseen_member(
+    case: PreparedBead,
+    causes: Causes,
+    weighed: Iterable[Causes],
+    random: np.random.Generator,
+) -> str:
     """The name of a member of a set whose events the traces do not show; empty: none.
+
+    Events that are not clearly seen fit as much as a form without a name does, and are to cost no
+    less: a set with such a form in their place is preferred if it is likelier then.
 
     Parameters
     ----------
-    case : of the bead, with any fit. random : of the simulations.
+    case : of the bead, with any fit. weighed : other sets. random : of the simulations.
     """
     there = replace(case, fit=causes.fit)
     for one in causes.members:
@@ -39,9 +50,22 @@ def unseen_member(case: PreparedBead, causes: Causes, random: np.random.Generato
             nats = seen_nats(there, single, random)
         except (FitError, ValueError):
             continue
-        if nats < -UNSEEN_NATS:
+        if nats < -UNSEEN_NATS or (nats < ALIKE_NATS and _formed(one, causes, weighed)):
             return one.effect.name
     return ""
+
+
+def _formed(one: FittedEffect, causes: Causes, weighed: Iterable[Causes]) -> bool:
+    """Whether a set with a form in a member's place is likelier, were the member as dear."""
+    rest = causes.names - {one.effect.name}
+    dearer = causes.score - (TERM_NATS - CAUSE_NATS)
+    return any(
+        other.score > dearer
+        and rest < other.names
+        and one.effect.name not in other.names
+        and all(member.effect.form for member in other.members if member.effect.name not in rest)
+        for other in weighed
+    )
 
 
 def seen_nats(case: PreparedBead, single: SingleEvents, random: np.random.Generator) -> float:
