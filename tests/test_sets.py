@@ -20,6 +20,7 @@ from mtpipe.diagnosis.causes import (
     grown,
     likeliest_left,
     objected,
+    worth_in_any,
 )
 from mtpipe.diagnosis.evidence import evidence_of
 from mtpipe.diagnosis.explanation import Alternative, Explanation, Named
@@ -391,3 +392,14 @@ def test_a_name_that_is_less_likely_than_not_is_told_by_its_form(
 def test_other_sets_are_tried_as_long_as_each_is_judged_better(worths, stops):
     refused = [sets.Refused(Causes((), None, worth), None, "") for worth in worths]
     assert sets.in_vain(refused) is stops
+
+
+def test_a_likelier_set_with_more_causes_speaks_for_those_of_a_smaller_one():
+    drift, hopping, viscosity = (
+        FittedEffect(BY_NAME[name], None, None, 0.0, 0.0, None, 0)
+        for name in ("drift", "hopping", "viscosity")
+    )
+    best = Causes((drift,), None, 20.0)
+    others = [Causes((drift, hopping), None, 24.0, 3.0), Causes((viscosity,), None, 40.0)]
+    assert worth_in_any(best, others) == pytest.approx(21.0)
+    assert worth_in_any(best, others[1:]) == pytest.approx(20.0)

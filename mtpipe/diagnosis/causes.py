@@ -103,6 +103,13 @@ def leads(best: Causes, others: Sequence[Causes]) -> bool:
     )
 
 
+def worth_in_any(best: Causes, others: Sequence[Causes]) -> float:
+    """What is said for the causes of a set: its score, or what a set is worth that has more
+    besides. One more may gain too little to be named, and is no reason against the others.
+    """
+    return max([best.score, *(one.worth for one in others if one.names > best.names)])
+
+
 def weight_without(name: str, best: Causes, others: Sequence[Causes]) -> float:
     """Weight of the sets without a cause, over the best set's.
 

@@ -35,6 +35,7 @@ from mtpipe.diagnosis.causes import (
     price,
     settled,
     weight_without,
+    worth_in_any,
 )
 from mtpipe.diagnosis.evidence import evidence_of
 from mtpipe.diagnosis.explanation import ALIKE_NATS, Named, agrees, ln_of
@@ -233,7 +234,7 @@ def _named(
         best, check = fewer
         best, check, places = _exchanged(best, begun, check, random, effects)
     left_smooth = smooth_gain(best.fit)
-    unknown = unknown_nats(begun.case.fit, left_smooth, best.score)
+    unknown = unknown_nats(begun.case.fit, left_smooth, worth_in_any(best, others))
     if unknown > 0:
         why = "something smooth that has no name explains as much"
         return Weighed([], check, rejected(best, why))

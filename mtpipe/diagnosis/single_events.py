@@ -41,13 +41,12 @@ def unseen_member(
     ----------
     case : of the bead, with any fit. weighed : other sets. random : of the simulations.
     """
-    there = replace(case, fit=causes.fit)
     for one in causes.members:
         single = one.effect.single
         if single is None:
             continue
         try:
-            nats = seen_nats(there, single, random)
+            nats = seen_nats(replace(case, fit=causes.fit), single, random)
         except (FitError, ValueError):
             continue
         if nats < -UNSEEN_NATS or (nats < ALIKE_NATS and _formed(one, causes, weighed)):
