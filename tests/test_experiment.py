@@ -73,6 +73,26 @@ def test_lateral_motion_has_the_variances_and_modes_of_the_literature(force, alo
     assert single == pytest.approx([friction * end / force], rel=1e-9)
 
 
+@pytest.mark.parametrize("along", [0, 1])
+@pytest.mark.parametrize("force", FORCES)
+def test_an_image_that_turns_with_the_bead_has_the_covariances_of_the_literature(force, along):
+    """PHYSICS E25, with kT/Fa the variance of the turn and kT/F its covariance with the motion."""
+    described = experiment(along=along)
+    turning = dataclasses.replace(
+        described,
+        bead=dataclasses.replace(described.bead, z_per_turn_nm=80.0, aside_per_turn_nm=-150.0),
+    )
+    round_one, seen = (
+        bead_state(one, force).modes.covariance_nm2() for one in (described, turning)
+    )
+    energy, across, lever = described.fluid.thermal_energy_pN_nm, 1 - along, 500.0
+    aside = 2 * -150 * energy / force + 150**2 * energy / (force * lever)
+    assert seen[across, across] - round_one[across, across] == pytest.approx(aside, rel=1e-9)
+    both = 80 * energy / force + 80 * -150 * energy / (force * lever)
+    assert seen[across, 2] == pytest.approx(both, rel=1e-9)
+    assert seen[along, 2] == pytest.approx(0, abs=1e-6)
+
+
 @pytest.mark.parametrize("force", FORCES)
 def test_friction_is_that_of_the_heights_a_bead_visits(force):
     """The inverse of the mean mobility over a normal distribution of heights, by plain sums."""

@@ -125,7 +125,7 @@ def or_by_form(one: Named) -> Named | None:
     """A named effect, or, where with all its alternatives it is less likely than not, a term that
     says what it does; None where no term does.
     """
-    if one.form or one.with_alternatives >= MOST_LIKELY or not isinstance(one.found, FittedEffect):
+    if one.form or one.probability_of_any >= MOST_LIKELY or not isinstance(one.found, FittedEffect):
         return one
     form, axes = one.found.effect.unnamed
     if not form:

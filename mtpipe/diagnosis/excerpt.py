@@ -26,8 +26,7 @@ from mtpipe.joint_fit.hypotheses import FittedEffect, together, try_effects
 from mtpipe.joint_fit.score_test import most_promising
 from mtpipe.recording.recording import Recording, States
 
-# Plateaus in which causes are looked for: a bead with more of them than a usual staircase takes no
-# longer.
+# Plateaus in which causes are looked for: as many as a usual staircase has.
 MOST_PLATEAUS = 8
 
 

@@ -84,15 +84,18 @@ class Named:
     @property
     def probability(self) -> float:
         """How sure the name is, beside all that was weighed."""
-        nats = (min(other.nats, CERTAIN_NATS) for other in self.alternatives)
-        alternatives = sum(math.exp(one / TEMPERATURE) for one in nats)
-        return 1 / (1 + alternatives + self.odds_against)
+        return 1 / (1 + self._weight_of_alternatives + self.odds_against)
 
     @property
-    def with_alternatives(self) -> float:
+    def probability_of_any(self) -> float:
         """How sure it is that it is this one or an alternative."""
+        return self.probability * (1 + self._weight_of_alternatives)
+
+    @property
+    def _weight_of_alternatives(self) -> float:
+        """Of all together, over this one's."""
         nats = (min(other.nats, CERTAIN_NATS) for other in self.alternatives)
-        return self.probability * (1 + sum(math.exp(one / TEMPERATURE) for one in nats))
+        return sum(math.exp(one / TEMPERATURE) for one in nats)
 
     @property
     def form(self) -> str:

@@ -21,8 +21,8 @@ from mtpipe.joint_fit.hypotheses import FittedEffect
 # Simulations with events, and as many with Gaussian motion of their power: means and spreads of
 # what tells them apart are known to a fifth.
 SIMULATIONS = 24
-# Events that e times as likely are Gaussian motion are not seen. Where traces do not tell, neither
-# is the likelier by so much.
+# Nats by which Gaussian motion has to be likelier for events to count as unseen: traces that cannot
+# tell the two apart give about 0.
 UNSEEN_NATS = 1.0
 
 

@@ -9,9 +9,27 @@ from __future__ import annotations
 from mtpipe.effects.effect import Effect, Evidence, Hypothesis, plain
 from mtpipe.experiment.changes import with_bead
 from mtpipe.experiment.description import Experiment
+from mtpipe.experiment.parameter import Change
 
 # Real beads have 40 to 390 nm per radian; the height of a bead's centre is at most its radius away.
 STARTS_NM, LARGEST_NM = (-100.0, 100.0), 1000.0
+
+
+def per_turn(experiment: Experiment, name: str, change: Change) -> list[Hypothesis]:
+    """That something recorded follows the bead's turning, to either side; none of a bead that does
+    not turn.
+
+    Parameters
+    ----------
+    change : of the experiment by the nm per radian.
+    """
+    if not experiment.bead.turns:
+        return []
+    bounds = (-LARGEST_NM, LARGEST_NM)
+    return [
+        Hypothesis(experiment, (plain(name, "nm", start, bounds, 0.5, change),))
+        for start in STARTS_NM
+    ]
 
 
 def _change(experiment: Experiment, nm_per_rad: float) -> Experiment:
@@ -19,13 +37,7 @@ def _change(experiment: Experiment, nm_per_rad: float) -> Experiment:
 
 
 def _hypotheses(experiment: Experiment, evidence: Evidence) -> list[Hypothesis]:
-    if not experiment.bead.turns:
-        return []
-    bounds = (-LARGEST_NM, LARGEST_NM)
-    return [
-        Hypothesis(experiment, (plain("z per turn", "nm", start, bounds, 0.5, _change),))
-        for start in STARTS_NM
-    ]
+    return per_turn(experiment, "z per turn", _change)
 
 
 def _cause(experiment: Experiment) -> str:

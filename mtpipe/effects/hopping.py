@@ -57,6 +57,11 @@ class Hopping:
         rate = 2 * self.rate_hz * math.cosh(half)
         return self.step_nm**2 * share * (1 - share), 1 / rate, self.step_nm * share
 
+    def hops(self, force_pN: float, duration_s: float, thermal_energy_pN_nm: float) -> float:
+        """How many are expected at a force."""
+        variance, tau_s, _ = self.moments(force_pN, thermal_energy_pN_nm)
+        return duration_s * 2 * variance / self.step_nm**2 / tau_s if self.step_nm else 0.0
+
     def expected(self, seen: Seen, force_pN: float, thermal_energy_pN_nm: float) -> Seen:
         """One more mode of z, and the mean of the two lengths."""
         variance, tau_s, mean = self.moments(force_pN, thermal_energy_pN_nm)
@@ -71,48 +76,35 @@ class Hopping:
         thermal_energy_pN_nm: float,
         random: np.random.Generator,
     ) -> FloatArray:
-        """z with the hops, averaged over each exposure.
+        """z with the hops, or with their Gaussian motion, averaged over each exposure.
 
         The state is drawn at equal parts of each frame by the exact probability to have changed
         since the last, so that the rates may be anything; within a part it counts as constant.
         """
-        if self.smooth:
-            return self._smoothly(position_nm, force_pN, camera, thermal_energy_pN_nm, random)
         frames = len(force_pN)
         exposed = max(1, round(PARTS * camera.exposure_s / camera.frame_s))
         part_s = camera.frame_s / PARTS
         stay = np.empty(frames)
         share = np.empty(frames)
+        hopped = position_nm.copy()
         for force in np.unique(force_pN):
             here = force_pN == force
-            _, tau_s, mean = self.moments(float(force), thermal_energy_pN_nm)
+            variance, tau_s, mean = self.moments(float(force), thermal_energy_pN_nm)
+            if self.smooth:
+                motion = simulate_mode(variance, tau_s, camera, int(here.sum()), random)
+                hopped[here, 2] += mean + motion
             stay[here] = math.exp(-part_s / tau_s)
             share[here] = mean / self.step_nm if self.step_nm else 0.0
+        if self.smooth:
+            return hopped
         keeps = random.random((frames, PARTS)) < stay[:, None]
         drawn = random.random((frames, PARTS)) < share[:, None]
         keeps[0, 0] = False
         # numba is loaded where there are hops only
         from mtpipe.physics.telegraph import mean_states
 
-        hopped = position_nm.copy()
         hopped[:, 2] += self.step_nm * mean_states(keeps, drawn, exposed)
         return hopped
-
-    def _smoothly(
-        self,
-        position_nm: FloatArray,
-        force_pN: FloatArray,
-        camera: Camera,
-        thermal_energy_pN_nm: float,
-        random: np.random.Generator,
-    ) -> FloatArray:
-        """z with Gaussian motion of the same variance and relaxation at each force."""
-        moved = position_nm.copy()
-        for force in np.unique(force_pN):
-            here = force_pN == force
-            variance, tau_s, mean = self.moments(float(force), thermal_energy_pN_nm)
-            moved[here, 2] += mean + simulate_mode(variance, tau_s, camera, int(here.sum()), random)
-        return moved
 
 
 def _hypotheses(experiment: Experiment, evidence: Evidence) -> list[Hypothesis]:
@@ -145,15 +137,11 @@ def _still(experiment: Experiment) -> Hypothesis:
 
 def _hops(experiment: Experiment, force_pN: Sequence[float], duration_s: Sequence[float]) -> float:
     """How many hops are expected in all plateaus."""
-    hopping = step_of(experiment, Hopping)
-    if hopping is None or hopping.step_nm == 0:
+    hopping, energy = step_of(experiment, Hopping), experiment.fluid.thermal_energy_pN_nm
+    if hopping is None:
         return 0.0
-    hops = 0.0
-    for force, duration in zip(force_pN, duration_s, strict=True):
-        _, tau_s, mean = hopping.moments(force, experiment.fluid.thermal_energy_pN_nm)
-        share = mean / hopping.step_nm
-        hops += duration * 2 * share * (1 - share) / tau_s
-    return hops
+    each = zip(force_pN, duration_s, strict=True)
+    return sum(hopping.hops(force, duration, energy) for force, duration in each)
 
 
 def _two_levels(
@@ -162,28 +150,28 @@ def _two_levels(
     frame_s: float,
     height_nm: Sequence[FloatArray],
 ) -> float:
-    """How much more heights are like two levels than like Gaussian noise of the same size."""
-    hopping = step_of(experiment, Hopping)
-    if hopping is None or hopping.step_nm == 0:
+    """How much more heights are like two levels than like Gaussian motion of the same power."""
+    hopping, energy = step_of(experiment, Hopping), experiment.fluid.thermal_energy_pN_nm
+    if hopping is None:
         return 0.0
     from mtpipe.physics.telegraph import gaussian_nats, two_state_nats
 
     nats = 0.0
     for force, height in zip(force_pN, height_nm, strict=True):
-        moments = hopping.moments(force, experiment.fluid.thermal_energy_pN_nm)
-        variance, tau_s, mean = moments
+        if hopping.hops(force, len(height) * frame_s, energy) < 1:
+            continue
+        variance, tau_s, mean = hopping.moments(force, energy)
         frames = max(1, round(tau_s * BLOCK / frame_s))
         blocks = height[: len(height) // frames * frames].reshape(-1, frames)
         whole = blocks[~np.isnan(blocks).any(axis=1)].mean(axis=1)
-        share = mean / hopping.step_nm
-        hops = len(height) * frame_s * 2 * share * (1 - share) / tau_s
-        if len(whole) < FEWEST_BLOCKS or hops < 1:
+        if len(whole) < FEWEST_BLOCKS or np.ptp(whole) == 0:
             continue
         values = whole - uniform_filter1d(whole, min(SLOW_BLOCKS, len(whole)), mode="nearest")
         size, lasts = float(np.var(values)), frames * frame_s / tau_s
         # variance of a mean over a block of what is correlated as e^(-t/tau)
         of_hops = variance * 2 * (lasts - 1 + math.exp(-lasts)) / lasts**2
         low, high, keeps = -mean, hopping.step_nm - mean, math.exp(-lasts)
+        share = mean / hopping.step_nm
         # how many hops there were is left to chance, and with it what is beside them
         noise = [part * size for part in PARTS_BESIDE]
         nats += max(two_state_nats(values, low, high, share, keeps, one) for one in noise)

@@ -6,12 +6,10 @@ E25), and as well sideways.
 
 from __future__ import annotations
 
-from mtpipe.effects.effect import Effect, Evidence, Hypothesis, plain
+from mtpipe.effects.bead_turning import per_turn
+from mtpipe.effects.effect import Effect, Evidence, Hypothesis
 from mtpipe.experiment.changes import with_bead
 from mtpipe.experiment.description import Experiment
-
-# What the heights of real beads move by per radian is 40 to 600 nm: starts of the fit, and bound.
-STARTS_NM, LARGEST_NM = (-100.0, 100.0), 1000.0
 
 
 def aside() -> Effect:
@@ -24,13 +22,8 @@ def _change(experiment: Experiment, nm_per_rad: float) -> Experiment:
 
 
 def _hypotheses(experiment: Experiment, evidence: Evidence) -> list[Hypothesis]:
-    if not experiment.bead.turns or experiment.bead.aside_per_turn_nm != 0:
-        return []
-    bounds = (-LARGEST_NM, LARGEST_NM)
-    return [
-        Hypothesis(experiment, (plain("aside per turn", "nm", start, bounds, 0.5, _change),))
-        for start in STARTS_NM
-    ]
+    there = experiment.bead.aside_per_turn_nm != 0
+    return [] if there else per_turn(experiment, "aside per turn", _change)
 
 
 def _words(experiment: Experiment) -> str:
