@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from mtpipe.corrections import pixel_locking, surface_sticking
+from mtpipe.corrections import bent_table, pixel_locking, surface_sticking
 from mtpipe.corrections.catalogue import CORRECTIONS
 from mtpipe.corrections.correction import Correction
 from mtpipe.corrections.surface_sticking import bound_stretches
@@ -31,6 +31,10 @@ def unchecked(recording):
     nothing = np.empty(0)
     found = small_case.case(recording)
     return BeadCheck(found, (), nothing, nothing[None], nothing, Together(0.0, (), False, nothing))
+
+
+def checked(recording):
+    return check_bead(small_case.case(recording), small_case.generator(2), rounds=(48,))
 
 
 def p_value(case):
@@ -243,6 +247,52 @@ def test_other_effects_are_not_taken_for_these(effect):
     raw = small_case.raw(11, lost_share=0.02)
     check = unchecked(effect(raw, small_case.generator(11, 1)))
     assert [find(check) for find in CORRECTIONS] == [None, None]
+
+
+def with_bent_table(raw, plateau, slope):
+    """z of one plateau by a table whose slope changes by this over one standard deviation."""
+    xyz = raw.positions_nm["b1"].copy()
+    rows = slice(raw.plateaus[plateau].start, raw.plateaus[plateau].stop)
+    u = xyz[rows, 2] - np.nanmean(xyz[rows, 2])
+    sigma = np.nanstd(u)
+    xyz[rows, 2] += slope / (2 * sigma) * (u**2 - sigma**2)
+    return replace(raw, positions_nm=raw.positions_nm | {"b1": xyz})
+
+
+@pytest.mark.parametrize("slope", [0.3, -0.3])
+def test_a_bent_table_is_found_measured_and_undone(slope):
+    raw = small_case.raw(21, lost_share=0.02)
+    straight, check = unchecked(raw).case, checked(with_bent_table(raw, 1, slope))
+    found = bent_table.find(check, small_case.generator(22))
+    assert found is not None
+    assert found.name == "z_response"
+    (size,) = found.strengths
+    # means of simulations scatter too; a bead is not quite Gaussian
+    assert abs(size.value - abs(slope)) < 0.1
+    assert ("larger" if slope > 0 else "smaller") in found.cause
+    for number, (truth, bad, mended) in enumerate(
+        zip(straight.positions_nm, check.case.positions_nm, found.case.positions_nm, strict=True)
+    ):
+        off, left = (np.nanstd((x - truth)[:, 2]) for x in (bad, mended))
+        assert left < 0.4 * off if number == 1 else left == off
+        np.testing.assert_array_equal(mended[:, :2], bad[:, :2])
+
+
+def test_a_bend_is_undone_exactly():
+    u = np.linspace(-40, 40, 1001)
+    for curvature in (0.004, -0.004, 0.0):
+        recorded = 900 + u + curvature * (u**2 - np.mean(u**2))
+        np.testing.assert_allclose(bent_table.unbent(recorded, curvature), 900 + u, atol=1e-6)
+
+
+@pytest.mark.parametrize(
+    "effect",
+    [as_it_was, drifting, vibrating, hopping, weakening, scaled, dropping, mistracked],
+)
+def test_other_effects_are_not_taken_for_a_bent_table(effect):
+    raw = small_case.raw(11, lost_share=0.02)
+    check = checked(effect(raw, small_case.generator(11, 1)))
+    assert bent_table.find(check, small_case.generator(23)) is None
 
 
 @pytest.mark.parametrize(

@@ -248,14 +248,17 @@ def test_nothing_is_found_where_nothing_is_concealed():
         ([0.0005, 0.2], [240]),
         ([0.0005, 0.0005], [240]),
         ([1e-7], []),
+        ([1e-7, 0.02], [240]),
     ],
-    ids=["agrees", "agrees by many", "does not", "clearly not"],
+    ids=["agrees", "agrees by many", "does not", "clearly not", "by its skewness alone"],
 )
 def test_whether_something_is_left_is_not_left_to_the_chance_of_few_simulations(
     monkeypatch, p_values, simulations
 ):
     """p-values, and numbers of simulations beyond the usual ones."""
     checks = [SimpleNamespace(p_value=p_value, case="the bead with it") for p_value in p_values]
+    but_moments = p_values[0] if len(p_values) == 1 else 0.01
+    monkeypatch.setattr(judging, "p_value_but_moments", lambda check: but_moments)
     asked = list(checks)
     rounds_asked = []
 

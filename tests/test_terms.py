@@ -1,5 +1,6 @@
 """Terms of known form: none at strength zero, simulated as expected, recovered, and said."""
 
+import itertools
 import math
 from dataclasses import dataclass
 
@@ -18,10 +19,11 @@ pytestmark = pytest.mark.slow
 @dataclass(frozen=True)
 class KnownTerm(effects.Known):
     """A term at a strength that shows; `weak` : share of its size that is hardly seen, of a square
-    or of a size.
+    or of a size. `most` : times its gain that it may promise there.
     """
 
     weak: float | None = None
+    most: float = 3.0
 
     @property
     def effect(self):
@@ -38,6 +40,13 @@ KNOWN = [
     KnownTerm("scatter_step_y", (40.0,), (0.0,), which=2),
     KnownTerm("wander_step_y", (900.0, 1.2), (0.0, 1.0), which=1, weak=1e-4),
     KnownTerm("wander_step_x", (1500.0, 1.4), (0.0, 1.0), which=3, weak=1e-4),
+    KnownTerm(
+        "wander_by_plateau_z",
+        (*np.square([3.0, 30.0, 8.0, 20.0, 12.0])[: len(effects.FORCES_PN)], 1.3),
+        (*np.zeros(len(effects.FORCES_PN)), 1.0),
+        weak=1e-5,
+        most=8.0,
+    ),
     KnownTerm("share_step_y_in_z", (0.15,), (0.0,), which=1),
     KnownTerm("turning_aside", (150.0,), (0.0,)),
     KnownTerm("gain_y", (0.15, 0.3), (0.0, 0.0)),
@@ -103,16 +112,20 @@ def test_what_a_term_promises_is_not_much_less_than_it_gains(known):
     hypothesis = known.hypothesis
     first = hypothesis.parameters[0]
     share = known.weak or (0.02 if first.lower == 0 else 0.1)
-    weak = (share * known.strength[0], *(p.start for p in hypothesis.parameters[1:]))
+    sizes = [p is first or 0 == first.lower == p.lower for p in hypothesis.parameters]
+    weak = [
+        share * strength if is_size else p.start
+        for p, is_size, strength in zip(hypothesis.parameters, sizes, known.strength, strict=True)
+    ]
     model, _ = effects.model_of(effects.changed(hypothesis, weak), np.random.default_rng(4))
     silent = fit_configured(effects.replace(model, experiment=known.base))
     size = effects.replace(
         hypothesis,
         experiment=effects.changed(hypothesis, weak),
-        parameters=(first,),
+        parameters=tuple(itertools.compress(hypothesis.parameters, sizes)),
     )
     gain = with_hypothesis(silent, size).log_likelihood - silent.log_likelihood
-    assert 0.6 * gain - 1 < promised_gain(silent, hypothesis) < 3 * gain + 1
+    assert 0.6 * gain - 1 < promised_gain(silent, hypothesis) < known.most * gain + 1
     if gain < 2:
         return  # too little to be told from none
     chosen = most_promising(silent, [known.effect], known.evidence, 3)

@@ -11,7 +11,8 @@ from mtpipe.corrections import pixel_locking, surface_sticking
 from mtpipe.corrections.correction import Correction
 from mtpipe.crosschecking.check import BeadCheck
 
-CORRECTIONS: tuple[Callable[[BeadCheck], Correction | None], ...] = (
+Find = Callable[[BeadCheck], Correction | None]
+CORRECTIONS: tuple[Find, ...] = (
     surface_sticking.find,
     pixel_locking.find,
 )

@@ -14,6 +14,7 @@ from mtpipe.crosschecking.check import (
     BeadCheck,
     check_bead,
     comparable_p_values,
+    p_value_but_moments,
 )
 from mtpipe.diagnosis.causes import Causes, by_score, grown
 from mtpipe.diagnosis.explanation import AGREES_P, agrees, ln_of
@@ -38,10 +39,12 @@ def checked_with(
     best: Causes, begun: BeadCheck, first: BeadCheck, random: np.random.Generator
 ) -> BeadCheck:
     """A set compared with simulations of all of it: by more of them where few speak against it, as
-    it is left to chance by few.
+    it is left to chance by few, and how far skewness and kurtosis may scatter is not known by few.
     """
     check = check_bead(replace(begun.case, fit=best.fit), random)
-    if check.p_value >= CLEARLY_NOT and not agrees(check, first):
+    if agrees(check, first):
+        return check
+    if max(check.p_value, p_value_but_moments(check)) >= CLEARLY_NOT:
         check = check_bead(check.case, random, rounds=(SURE_SIMULATIONS,), begun=check)
     return check
 

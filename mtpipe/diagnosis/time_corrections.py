@@ -5,10 +5,12 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import replace
+from functools import partial
 
 import numpy as np
 
-from mtpipe.corrections.catalogue import CORRECTIONS
+from mtpipe.corrections import bent_table
+from mtpipe.corrections.catalogue import CORRECTIONS, Find
 from mtpipe.corrections.correction import Correction
 from mtpipe.corrections.retraced import with_positions
 from mtpipe.crosschecking.check import BeadCheck, check_bead, comparable_p_values, foreseen_p_value
@@ -21,13 +23,17 @@ from mtpipe.diagnosis.explanation import ALARM_P, Named
 MOST_OF_THE_ODDITY, HARDLY_LESS_ODD = 0.5, 0.8
 
 
-def corrected(check: BeadCheck, random: np.random.Generator) -> tuple[list[Named], BeadCheck]:
+def corrected(
+    check: BeadCheck,
+    random: np.random.Generator,
+    looked_for: Sequence[Find] = CORRECTIONS,
+) -> tuple[list[Named], BeadCheck]:
     """Take off what is seen in time and not in spectra, as far as the battery objects less then.
 
     What is found has passed a test of its own, so the battery need not have objected before.
     """
     named = []
-    for find in CORRECTIONS:
+    for find in looked_for:
         found = find(check)
         if found is None or (found.chance_p is None and _hardly_helps(check, found)):
             continue
@@ -54,14 +60,16 @@ def _hardly_helps(check: BeadCheck, found: Correction) -> bool:
 def late_corrections(
     check: BeadCheck, corrections: Sequence[Named], case: PreparedBead, random: np.random.Generator
 ) -> list[Named]:
-    """Corrections that are of use once effects are there, as they are without these.
+    """Corrections that are of use once effects are there, as they are without these; with them a
+    bend of the heights' table, as a skewness of z means nothing beside simulations without.
 
     Parameters
     ----------
     check : with effects. case : without them.
     """
     taken = {one.name for one in corrections}
-    found = [one for one in corrected(check, random)[0] if one.name not in taken]
+    looked_for: tuple[Find, ...] = (*CORRECTIONS, partial(bent_table.find, random=random))
+    found = [one for one in corrected(check, random, looked_for)[0] if one.name not in taken]
     named: list[Named] = []
     for one in found:
         before = named[-1].after if named else check_bead(case, random)
