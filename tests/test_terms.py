@@ -47,6 +47,7 @@ KNOWN = [
         weak=1e-5,
         most=8.0,
     ),
+    KnownTerm("gain_by_plateau_z", (0.1, -0.2, 0.2, -0.15), (0.0,) * len(effects.FORCES_PN)),
     KnownTerm("share_step_y_in_z", (0.15,), (0.0,), which=1),
     KnownTerm("turning_aside", (150.0,), (0.0,)),
     KnownTerm("gain_y", (0.15, 0.3), (0.0, 0.0)),

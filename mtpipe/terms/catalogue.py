@@ -5,7 +5,7 @@ from __future__ import annotations
 import itertools
 
 from mtpipe.effects.effect import Effect
-from mtpipe.terms import course, lorentzian, power_law, step, turning, wander, white
+from mtpipe.terms import by_plateau, course, lorentzian, power_law, step, turning, white
 from mtpipe.terms.mixing import gain_along, share_in
 
 TERMS: tuple[Effect, ...] = (
@@ -17,7 +17,8 @@ TERMS: tuple[Effect, ...] = (
     *(step.share_in(2, other) for other in (0, 1)),
     *(step.scatter_along(axis) for axis in range(3)),
     *(step.wander_along(axis) for axis in range(3)),
-    wander.along(2),
+    by_plateau.wander_along(2),
+    by_plateau.gain_along(2),
     *(share_in(*pair) for pair in itertools.permutations(range(3), 2)),
     turning.aside(),
     course.of_friction(),
