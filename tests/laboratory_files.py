@@ -131,6 +131,40 @@ class Laboratory:
             lines.append(f"14:0{int(minutes)}:{comma(seconds, 3):0>6} ; {comma(magnet, 3)}")
         (folder / "manip_07_moteurs.log").write_text("\n".join([*lines, ""]))
 
+    def spanish(self, folder):
+        """Tabs below remarks, Windows' letters, and a log in times of day."""
+        heads = {"ref": "Perla 1", "b1": "Perla 2", "b2": "Perla 3"}
+        names = [f"{head} {axis} (µm)" for head in heads.values() for axis in "XYZ"]
+        lines = [
+            "% Frecuencia de imagen: 100 fps",
+            "% Tiempo de exposición: 8 ms",
+            "\t".join(["Imagen", "Tiempo (ms)", *names]),
+        ]
+        table = np.hstack([self.positions_nm[bead] for bead in heads]) / 1e3
+        for k, row in enumerate(table):
+            cells = ["--" if np.isnan(v) else f"{v:.5f}" for v in row]
+            lines.append("\t".join([str(k + 5201), f"{1e3 * self.time_s[k] + 12e3:.1f}", *cells]))
+        (folder / "medida 7.dat").write_bytes("\r\n".join([*lines, ""]).encode("latin-1"))
+        lines = ["Hora\tPosición imanes (mm)\tGiro (vueltas)"]
+        for at, magnet in zip(*self.log(), strict=True):
+            minutes, seconds = divmod(at - LOG_BEFORE_S, 60)
+            lines.append(f"16:2{int(minutes)}:{seconds:06.3f}\t{magnet:.4f}\t0.0000")
+        (folder / "medida 7 imanes.dat").write_bytes("\n".join([*lines, ""]).encode("latin-1"))
+
+    def dutch(self, path):
+        """A struct of MATLAB with rows of beads, and what the camera was set to."""
+        from scipy.io import savemat
+
+        x, y, z = np.stack([*self.positions_nm.values()]).transpose(2, 0, 1)
+        read = {
+            "tijd": self.time_s[:, None],
+            "kraal": {"X": x / 93.5, "Y": y / 93.5, "Z": z / 1e3},
+            "magneetpos": self.magnet_mm[:, None],
+            "pixel_nm": 93.5,
+            "belichting_ms": 8.0,
+        }
+        savemat(path, {"meting": read})
+
     def columns(self, path, rows):
         """One table with names, in nm, the magnets among them."""
         names = [f"{bead}.{axis}" for bead in self.positions_nm for axis in "xyz"]

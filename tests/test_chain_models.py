@@ -244,6 +244,8 @@ def test_faults_are_told_in_a_sentence():
         mtpipe.fit_together(model, made, shared=["kuhn"])
     with pytest.raises(FitError, match="3 forces do not determine 3 parameters"):
         mtpipe.fit_together(model + mtpipe.extension_offset(), made)
+    with pytest.raises(FitError, match=r"0 forces .* \(freely jointed.*\) holds from 10 to 60"):
+        mtpipe.fit_together(mtpipe.molecule("ssDNA", 500, temperature_K=KELVIN), made)
     with pytest.raises(MtpipeError, match="Known: dsDNA"):
         mtpipe.molecule("PNA", 10, temperature_K=KELVIN)
 

@@ -13,6 +13,7 @@ from mtpipe.cli.commands import app
 from mtpipe.ground.errors import NoSetupError, RecordingError, SetupError
 from mtpipe.ingest import load
 from mtpipe.proposal.bead_columns import names_of
+from mtpipe.proposal.magnet_log import clock_offset
 from mtpipe.proposal.proposal import checked, propose
 from mtpipe.proposal.questions import as_setup_part, parsed
 from mtpipe.proposal.surface import surface_of
@@ -70,6 +71,50 @@ def test_french_text_with_a_log_called_log(laboratory, tmp_path):
         assert any(guess.startswith("source.scale.z") for guess in proposal.guesses)
         assert "beads.radius_nm" in proposal.unknown
         assert "camera.exposure_s" not in proposal.unknown
+
+
+def test_spanish_text_with_a_log_in_times_of_day(laboratory, tmp_path):
+    laboratory.spanish(tmp_path)
+    _, recording = proposed(tmp_path)
+    laboratory.holds(recording, {"b1": "ref", "b2": "b1", "b3": "b2"})
+    assert recording.setup.camera.frame_rate_hz.value == RATE
+    assert recording.setup.camera.exposure_s.value == pytest.approx(0.008)
+    # the first frame is at 12 s, and 3 s after the log's first entry
+    assert recording.setup.source.magnet.clock_offset_s == pytest.approx(9.0, abs=1.0)
+    laboratory.rests(recording)
+
+
+def test_matlab_in_dutch(laboratory, tmp_path):
+    laboratory.dutch(tmp_path / "meting.mat")
+    _, recording = proposed(tmp_path)
+    laboratory.holds(recording, {"b1": "ref", "b2": "b1", "b3": "b2"})
+    assert recording.setup.camera.pixel_size_nm.value == 93.5
+    assert recording.setup.camera.exposure_s.value == pytest.approx(0.008)
+    laboratory.rests(recording)
+
+
+def staircase(at_s, dwell_s=20.0, steps=5):
+    """Which of equally long dwells, one after the other, a time is in."""
+    return np.clip(np.floor(at_s / dwell_s), 0, steps - 1)
+
+
+@pytest.mark.parametrize("before_s", [0.0, 60.0])
+def test_a_staircase_of_equal_steps_fits_one_step_later_too(before_s):
+    """Its log is laid over all of the recording; if it is longer, both ways are told."""
+    time_s = np.arange(0, 100, 0.02)
+    random = np.random.default_rng(2)
+    step = staircase(time_s)
+    # what moves most and follows the magnets least comes first: without it they explain more
+    heights = [900 + 60 * np.sqrt(step) + 300 / (1 + 4 * step) * random.normal(size=len(step))]
+    log_s = np.arange(3.0 - before_s, 100.0 + before_s, 0.1)
+    magnet = 8 - staircase(log_s + before_s, steps=20)
+    found = clock_offset(log_s - 740.0, magnet, time_s, heights, related=False)
+    if before_s == 0:
+        assert found.seconds == pytest.approx(740.0, abs=1.0)
+        assert found.rival is None
+    else:
+        assert found.rival is not None
+        assert abs(found.rival - found.seconds) > 15
 
 
 def test_no_magnets_are_told(laboratory, tmp_path):
@@ -417,7 +462,7 @@ def film_below(folder):
     return as_setup_part({"frame_rate_hz": 20.0, "pixel_size_nm": 100.0}, "answers")
 
 
-@pytest.mark.parametrize("given", [["."], ["Pos0", "motors.log"]])
+@pytest.mark.parametrize("given", [["."], ["Pos0", "motors.log"], ["Pos0"]])
 def test_film_in_a_folder_below_the_log(tmp_path, given):
     answers = film_below(tmp_path)
     setup = tmp_path / "setup.toml"
@@ -431,6 +476,14 @@ def test_film_in_a_folder_below_the_log(tmp_path, given):
     # two clocks that hardly overlap are taken to begin together
     assert read.tracking.magnet.clock_offset_s == pytest.approx(-8.23)
     assert any("mtpipe run checks it" in guess for guess in proposal.guesses)
+
+
+def test_a_focus_scan_beside_a_film_is_not_taken_for_it(tmp_path):
+    answers = film_below(tmp_path)
+    tifffile.imwrite(tmp_path / "scan.tif", draw((81, 162), [(40.0, 40.0, np.arange(9.0))]))
+    np.savetxt(tmp_path / "scan_z.csv", np.arange(400.0), header="z_um", comments="")
+    with pytest.raises(RecordingError, match=r"several films or focus scans \(scan.tif, Pos0\)"):
+        propose([tmp_path], tmp_path / "setup.toml", answers=answers)
 
 
 def test_look_up_tables_are_no_recording(tmp_path):

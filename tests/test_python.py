@@ -88,6 +88,9 @@ def test_the_steps_of_readme_give_what_run_gives(folder, readme):
     assert repr(run).startswith("Run of recording.csv: 1 ")
     assert len(run.plot().data) == 1
     assert len(run.table) == 1
+    assert re.fullmatch(
+        r"Plateau 0: rows 0 to \d+, magnets at [\d.]+ mm", repr(readme["recording"].plateaus[0])
+    )
     for part in (*run.calibration.beads, *run.calibration.beads[0].plateaus):
         assert len(repr(part)) < MOST_LETTERS
     assert "statistics" in repr(run.checked.beads["b1"])

@@ -7,6 +7,7 @@ import inspect
 import re
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 ROOT = Path(__file__).parents[1]
@@ -77,6 +78,7 @@ def test_links_between_documents_lead_to_files():
 PHYSICS = (ROOT / "docs" / "physics.md").read_text(encoding="utf-8")
 # a link to the file, and in it the name of what holds the formula
 HOLDER = re.compile(r"\[`(mtpipe(?:\.\w+)+)`\]\(\.\./(mtpipe/[\w/]+\.py)\)")
+NUMBER = re.compile(r"-?\d+\.?\d*")
 SAYS_WHERE = re.compile(r"^(In the code|Not in the code): ", re.MULTILINE)
 
 
@@ -124,6 +126,21 @@ def test_every_formula_says_where_in_the_code_it_is():
     for line in PHYSICS.splitlines():
         if line.startswith("In the code: "):
             assert HOLDER.search(line), line
+
+
+def test_the_table_of_biases_is_what_its_command_prints(monkeypatch):
+    """Some of its rows: one mode, two, aliases."""
+    folder = ROOT / "workflows" / "physics"
+    monkeypatch.syspath_prepend(str(folder))
+    biases = importlib.import_module("biases")
+    names = [name for name in biases.EFFECTS if name.startswith(("y rotation", "x exposure"))]
+    rows = biases.biases({name: biases.EFFECTS[name] for name in names}).splitlines()[2:6]
+    for name, row in zip(names, rows, strict=True):
+        (printed,) = [line for line in PHYSICS.splitlines() if line.startswith(f"| {name} |")]
+        found, kept = (
+            [float(n) for n in NUMBER.findall(one.replace("−", "-"))] for one in (row, printed)
+        )
+        np.testing.assert_allclose(found, kept, atol=0.11)
 
 
 def test_a_formula_without_code_is_noticed():

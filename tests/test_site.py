@@ -18,6 +18,7 @@ LINK = re.compile(r"\]\((?!https?:|mailto:)([^)\s#]*)(#[^)\s]*)?\)")
 TOCTREE = re.compile(r"```\{toctree\}\n(.*?)```", re.S)
 INCLUDE = re.compile(r'```\{include\} (\S+)\n:start-after: "(.+)"\n:end-before: "(.+)"\n```')
 CELL = re.compile(r"```\{code-cell\}\n(.*?)```", re.S)
+FORMULA = re.compile(r"\$\$(.+?)\$\$|\$([^$\n]+)\$", re.S)
 NUMBER = re.compile(r"-?\d+\.?\d*(?:e[-+]\d+)?")
 
 
@@ -72,6 +73,15 @@ def test_the_gallery_is_up_to_date():
         # another processor's last digits move a point by less than a pixel
         numbers = [[float(each) for each in NUMBER.findall(one)] for one in (drawn, kept)]
         np.testing.assert_allclose(*numbers, atol=0.5)
+
+
+def test_formulas_stand_as_the_site_can_show_them():
+    """A command that is unknown is left in the page as it is written, and stops the site."""
+    convert = pytest.importorskip("latex2mathml.converter").convert
+    assert "\\" in convert(r"\unheard x")
+    for path in PAGES.values():
+        for shown, inline in FORMULA.findall(text_of(path)):
+            assert "\\" not in convert((shown or inline).strip()), shown or inline
 
 
 NOTEBOOKS = [path.stem for path in (DOCS / "notebooks").glob("*.md") if path.stem != "index"]

@@ -267,7 +267,11 @@ def _fit(
     free = sum(one.vary for name, one in start.items() if "_stage" not in name)
     total = sum(map(len, points.values()))
     if total <= free:
-        raise FitError(f"{total} forces do not determine {free} parameters")
+        low, high = valid_for(model).force_range_pN
+        raise FitError(
+            f"{total} forces do not determine {free} parameters: the model ({name_of(model)}) "
+            f"holds from {number(low)} to {number(high)} pN"
+        )
 
     def split(parameters: Any) -> tuple[dict[str, FloatArray], list[FloatArray]]:
         values = parameters.valuesdict()

@@ -11,7 +11,7 @@ def walk_variance_s(frequency_hz: FloatArray, frame_s: float) -> FloatArray:
     """Variance per frame, at each frequency, of a random walk of 1 nm²/s: Δ/(4 sin²(π f Δ)).
 
     White noise of variance σ² has σ² at all of them. Its steps from frame to frame are white with a
-    variance of Δ, and are the walk times |1 − exp(2πi f Δ)|² (PHYSICS E7b).
+    variance of Δ, and are the walk times |1 − exp(2πi f Δ)|² (PHYSICS E7).
 
     Parameters
     ----------

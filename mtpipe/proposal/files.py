@@ -80,41 +80,48 @@ def film_of(paths: Sequence[Path]) -> GivenFilm | None:
     RecordingError : there are several, or there is no such file.
     """
     given = [one for path in paths for one in _named(path)]
-    films = [path for path in given if _has_images(path)]
+    films = [film for path in given for film in _films_at(path)]
+    if len(given) == 1 and given[0].is_dir() and films != given and _holds_recording(given[0]):
+        return None
     if len(films) > 1:
+        names = ", ".join(as_text(film.name) for film in films[:6])
         raise RecordingError(
-            "several image files are given",
-            where=str(films[0]),
-            mend="Give their folder, or a pattern of their names in quotes.",
+            f"there are images of several films or focus scans ({names})",
+            where=str(films[0].parent),
+            mend="Give the film, or a pattern of its images' names in quotes. A focus scan becomes "
+            "a look-up table first: mtpipe lut",
         )
-    if films:
-        (film,) = films
-        home = film if film.is_dir() else film.parent
-        apart = [file for path in given if path != film for file in _files_of(path)]
-        return GivenFilm(film, (*dict.fromkeys([*apart, *files_and_logs(home)]),))
-    if len(given) != 1 or not given[0].is_dir():
+    if not films:
         return None
+    (film,) = films
+    apart = [file for path in given if path != film for file in _files_of(path)]
     # camera programs put the images into a folder of their own, below the one of the experiment
-    (home,) = given
-    below = [p for p in home.iterdir() if p.is_dir() and _has_images(p)]
-    if len(below) != 1 or _holds_recording(home):
-        return None
-    return GivenFilm(below[0], (*files_and_logs(home), *files_and_logs(below[0])))
+    homes = [film, film.resolve().parent] if film.is_dir() else [film.parent]
+    around = [file for home in homes for file in files_and_logs(home)]
+    return GivenFilm(film, (*dict.fromkeys([*apart, *around]),))
 
 
-def _has_images(path: Path) -> bool:
-    if path.is_dir():
-        return any(p.suffix.lower() in SUFFIXES for p in path.iterdir())
-    with path.open("rb") as stream:
-        return stream.read(4) in TIFF_MAGICS
+def _films_at(path: Path) -> list[Path]:
+    """Films at a path: itself, or those in a folder, of which names that begin alike are one."""
+    if path.is_file():
+        with path.open("rb") as stream:
+            return [path] if stream.read(4) in TIFF_MAGICS else []
+    names = {_first_word(p.name): p for p in sorted(path.iterdir()) if p.suffix.lower() in SUFFIXES}
+    below = [p for p in sorted(path.iterdir()) if p.is_dir() and _has_images(p)]
+    return [path] if len(names) == 1 and not below else [*names.values(), *below]
+
+
+def _has_images(folder: Path) -> bool:
+    return any(p.suffix.lower() in SUFFIXES for p in folder.iterdir())
 
 
 def _holds_recording(folder: Path) -> bool:
+    """Whether a folder of images holds a recording in numbers, and not just a scan's positions."""
     try:
-        find_files([folder])
+        found = find_files([folder])
     except RecordingError:
         return False
-    return True
+    return any("x" in bead.axes for bead in found.columns.beads)
 
 
 def _files_of(path: Path) -> list[Path]:
@@ -211,6 +218,12 @@ def _named(path: Path) -> list[Path]:
     if not found:
         raise RecordingError("there is no such file or folder", where=str(path))
     return found
+
+
+def _first_word(name: str) -> str:
+    """The first letters of a name: files of one film share them, whatever number follows."""
+    found = re.search(r"[^\W\d_]+", name)
+    return found[0] if found else ""
 
 
 def _skeleton(path: Path) -> str:

@@ -57,19 +57,23 @@ REMARKS = (
         "camera.frame_rate_hz",
         r"frame\s*rate|frames?\s*(?:per|/)\s*s\w*|\bfps|bildrate|abtastrate|"
         r"sampl\w*\s*(?:rate|freq\w*)|cadence|images?\s*(?:par|/)\s*s\w*|"
-        r"fr[ée]quence\s*(?:d['’ ]\s*)?(?:images?|acquisition|[ée]chantillonnage)",
+        r"fr[ée]quence\s*(?:d['’ ]\s*)?(?:images?|acquisition|[ée]chantillonnage)|"
+        r"im[aá]genes\s*(?:por|/)\s*s\w*|frecuencia\s*de\s*(?:im\w+|muestreo|adquisici[oó]n)|"
+        r"beeld(?:snelheid|frequentie)|beelden\s*(?:per|/)\s*s\w*|bemonsteringsfrequentie",
         (1.0, 1e5),
         bare=True,
     ),
     Remark(
         "camera.exposure_s",
-        r"exposure(?:\s*time)?|belichtung\w*|shutter(?:\s*time)?|integration\s*time|"
-        r"temps\s*(?:de\s*pose|d['’ ]\s*(?:exposition|int[ée]gration))|exposition",
+        r"exposure(?:\s*time)?|belicht[iu]ng\w*|shutter(?:\s*time)?|integration\s*time|"
+        r"temps\s*(?:de\s*pose|d['’ ]\s*(?:exposition|int[ée]gration))|"
+        r"exposition|exposici[oó]n|sluitertijd",
         (1e-6, 1.0),
     ),
     Remark(
         "camera.pixel_size_nm",
-        r"pixel\s*(?:size|width|calibration)|pixelgr\w+|taille\s*(?:de|du|d['’ ]un)?\s*pixels?",
+        r"pixel\s*(?:size|width|calibration)|pixelgr\w+|taille\s*(?:de|du|d['’ ]un)?\s*pixels?|"
+        r"p[ií]xels?(?=[^\d,;\n]*[:=])",
         (10.0, 1000.0),
     ),
     Remark("camera.pixel_size_nm", r"nm\s*(?:per|/)\s*(?:px|pixel)", (10.0, 1000.0), bare=True),

@@ -157,6 +157,8 @@ def _offset(log: Log, recording: Recording, clock: Column | None) -> tuple[float
         how = f"then the beads' heights follow the magnets best ({100 * found.explains:.0f} %)"
     else:
         how = "both are taken to begin together"
+    if found.rival is not None:
+        how += f". They follow them as well with {found.rival:g} s: which of the two is right?"
     return found.seconds, f"{name}; {found.seconds:g} s are added to its clock, as {how}"
 
 

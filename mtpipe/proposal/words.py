@@ -17,16 +17,29 @@ from mtpipe.ingest.units import unit_of
 Role = Literal["time", "frame", "magnet", "rotation", "other"]
 # In this order: a magnet's rotation is a rotation, a magnet's z is no bead's.
 ROLES: tuple[tuple[Role, re.Pattern[str]], ...] = (
-    ("rotation", re.compile(r"rot|turn|dreh|winkel|angle|revol|windung|theta$|phi$")),
+    (
+        "rotation",
+        re.compile(
+            r"rot|turn|dreh|winkel|angle|revol|windung|giro|vuelta|draai|omwent|theta$|phi$"
+        ),
+    ),
     (
         "magnet",
-        re.compile(r"z?mag(?!nif|nit|scope|track)|motor|mot$|aimant|translation|actuator|aktuator"),
+        re.compile(
+            r"z?mag(?!nif|nit|scope|track)|motor|mot$|aimant|im[aá]n|translation|actuator|aktuator"
+        ),
     ),
     (
         "time",
-        re.compile(r"time|zeit|t$|ts$|temps|tiempo|stamp|clock|uhr|second|sekund|elapsed|dat"),
+        re.compile(
+            r"time|zeit|t$|ts$|temps|tiempo|tijd|hora$|heure|stamp|clock|uhr|second|sekund|segundo|"
+            r"elapsed|dat"
+        ),
     ),
-    ("frame", re.compile(r"frame|bild|img|image|index|idx|nr$|no$|number|nummer|imagen")),
+    (
+        "frame",
+        re.compile(r"frame|bild|img|image|index|idx|nr$|no$|number|nummer|imagen|cuadro|beeld"),
+    ),
     (
         "other",
         re.compile(
@@ -36,7 +49,7 @@ ROLES: tuple[tuple[Role, re.Pattern[str]], ...] = (
     ),
 )
 AXIS = re.compile(r"(?:pos|position|coord|centroid|cent(?:er|re)|c)?([xyz])(?:pos|position|coord)?")
-HEIGHT = re.compile(r"height|höhe|hoehe|hauteur")
+HEIGHT = re.compile(r"height|höhe|hoehe|hauteur|altura|hoogte")
 # Words beside an axis that say nothing of whose it is.
 FILLERS = {"pos", "position", "coord", "coordinate", "koordinate", "of", "axis", "achse"}
 REFERENCE = re.compile(r"ref\w*|r|fid\w*|fix\w*|stuck\w*|surface|fest\w*")

@@ -37,6 +37,10 @@ class Plateau:
     stop: int
     magnet_mm: float | None
 
+    def __repr__(self) -> str:
+        magnets = "" if self.magnet_mm is None else f", magnets at {self.magnet_mm:.4g} mm"
+        return f"Plateau {self.number}: rows {self.start} to {self.stop - 1}{magnets}"
+
 
 @dataclass(frozen=True)
 class ReferenceUse:
