@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import ast
 import re
 from pathlib import Path
 
@@ -11,6 +12,7 @@ from latex2mathml.converter import convert
 from mtpipe.ground.version import VERSION
 
 HERE = Path(__file__).parent
+PACKAGE = HERE.parent / "mtpipe"
 project = "mtpipe"
 author = "the mtpipe developers"
 copyright = author  # noqa: A001 (Sphinx's own name)
@@ -48,15 +50,54 @@ _FUNCTION = re.compile(r"(<mi>[a-z]{2,}</mi>)(?=<mi>|<mfrac>)")
 _LINK = re.compile(r"\[([^\]]+)\]\((\.\./[^)]+)\)")
 
 
-def without_links_to_the_repository(app, page, source):
-    """A link that leaves docs/ works in the repository, but not on the site: its words stay."""
+def links_to_the_repository(app, page, source):
+    """A link that leaves docs/ works in the repository, but not on the site.
+
+    One to mtpipe's code leads to a page with it, at the line of what the link names; of others the
+    words stay.
+    """
     folder = (HERE / page).parent
 
     def kept(link):
         target = (folder / link[2]).resolve()
-        return link[0] if target.is_relative_to(HERE) else link[1]
+        if target.is_relative_to(HERE):
+            return link[0]
+        if target.suffix != ".py" or not target.is_relative_to(PACKAGE):
+            return link[1]
+        module = _module(target)
+        names = link[1].strip("`").removeprefix(f"{module}.").split(".")
+        up = "../" * page.count("/")
+        url = f"{up}code/{module}.html#line-{_line_of(target, names)}"
+        return f'<a href="{url}"><code>{link[1].strip("`")}</code></a>'
 
     source[0] = _LINK.sub(kept, source[0])
+
+
+def pages_of_code(app):
+    """A page for each file of the package."""
+    if app.builder.format != "html":
+        return
+    for path in sorted(PACKAGE.rglob("*.py")):
+        text = path.read_text(encoding="utf-8")
+        body = app.builder.highlighter.highlight_block(text, "python", lineanchors="line")
+        name = _module(path)
+        yield f"code/{name}", {"title": name, "body": f"<h1>{name}</h1>{body}"}, "page.html"
+
+
+def _module(path):
+    return ".".join(path.relative_to(PACKAGE.parent).with_suffix("").parts)
+
+
+def _line_of(path, names):
+    """Where a name of a file is defined; of what is not found, where the class around it is."""
+    line, body = 1, ast.parse(path.read_text(encoding="utf-8")).body
+    for name in names:
+        for node in body:
+            targets = [*getattr(node, "targets", []), getattr(node, "target", None), node]
+            if name in {getattr(one, "name", getattr(one, "id", None)) for one in targets}:
+                line, body = node.lineno, getattr(node, "body", [])
+                break
+    return line
 
 
 def as_napoleon_reads(app, what, name, obj, options, lines):
@@ -86,4 +127,5 @@ def setup(app):
     """Sphinx's hook."""
     app.add_html_math_renderer("mathml", (mathml, None), (mathml, None))
     app.connect("autodoc-process-docstring", as_napoleon_reads, priority=400)
-    app.connect("source-read", without_links_to_the_repository)
+    app.connect("source-read", links_to_the_repository)
+    app.connect("html-collect-pages", pages_of_code)

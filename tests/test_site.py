@@ -84,6 +84,18 @@ def test_formulas_stand_as_the_site_can_show_them():
             assert "\\" not in convert((shown or inline).strip()), shown or inline
 
 
+def test_formulas_lead_to_the_line_of_the_function_that_holds_them():
+    """On the site, which has a page for each file of the package."""
+    pytest.importorskip("latex2mathml")
+    from docs import conf
+
+    source = ["in [`mtpipe.physics.camera.Camera.nyquist_hz`](../mtpipe/physics/camera.py) it is"]
+    conf.links_to_the_repository(None, "physics", source)
+    (line,) = re.findall(r'href="code/mtpipe\.physics\.camera\.html#line-(\d+)"', source[0])
+    code = text_of(ROOT / "mtpipe" / "physics" / "camera.py").splitlines()
+    assert code[int(line) - 1].strip().startswith("def nyquist_hz")
+
+
 NOTEBOOKS = [path.stem for path in (DOCS / "notebooks").glob("*.md") if path.stem != "index"]
 
 
