@@ -8,6 +8,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from scipy import signal
 
 import mtpipe
 from mtpipe.experiment.description import Rest
@@ -17,7 +18,9 @@ from mtpipe.setup.setup import parse_setup
 from mtpipe.simulation.setup_experiment import stated_experiment
 from mtpipe.simulation.simulate import simulate_experiment
 from mtpipe.states import with_states
-from mtpipe.states.level import step_scores
+from mtpipe.states.change import strongest_change
+from mtpipe.states.level import _eigenvalues, step_scores
+from mtpipe.states.motion import Motion
 from tests.simulated import setup_content
 
 CASES = Path(__file__).resolve().parents[2] / "shared" / "cases" / "plateaus"
@@ -212,6 +215,79 @@ def test_a_step_is_found_at_its_place_and_size():
     assert place == 59
     assert found.size[place] == pytest.approx(4.0, abs=1.0)
     assert found.score[place] > 8
+
+
+@pytest.mark.parametrize("relaxation", [0.125, 0.5, 1.0])
+def test_noise_that_relaxes_has_the_power_of_its_modes(relaxation):
+    """Against the covariance of block means of an exponential correlation, by brute force."""
+    n, fine = 400, 200
+    lag = np.arange((n + 1) * fine) / fine
+    correlation = np.exp(-lag / relaxation)
+    width = np.arange(-fine + 1, fine)
+    falls = (fine - np.abs(width)) / fine**2
+    covariance = np.array(
+        [np.sum(falls * correlation[np.abs(k * fine + width)]) for k in range(n + 1)]
+    )
+    of_differences = 2 * covariance[:n] - covariance[1:]
+    of_differences[1:] -= covariance[: n - 1]
+    of_differences[0] -= covariance[1]
+    slow = covariance[0] + 2 * covariance[1:].sum()
+    angle = np.pi * np.arange(1, n + 1) / (n + 1)
+    series = np.cos(np.outer(angle, np.arange(1, n)))
+    power = of_differences[0] + 2 * series @ of_differences[1:]
+    np.testing.assert_allclose(_eigenvalues(n, relaxation), power / slow, rtol=0.01, atol=1e-4)
+
+
+@pytest.mark.parametrize("relaxation", [0.5, 1.0])
+def test_motion_that_relaxes_within_a_block_makes_no_steps(relaxation):
+    """Of 200 series, by chance 0.02 with a score beyond 5; taken for white, a few."""
+    random = np.random.default_rng(8)
+    fine, count = 20, 60
+    falls = math.exp(-1 / (relaxation * fine))
+    frames = random.normal(size=(200, count * fine))
+    for i in range(1, count * fine):
+        frames[:, i] = falls * frames[:, i - 1] + math.sqrt(1 - falls**2) * frames[:, i]
+    levels = frames.reshape(200, count, fine).mean(axis=-1)
+    assert max(float(np.abs(step_scores(level).score).max()) for level in levels) < 5
+
+
+def test_heights_are_looked_at_as_finely_as_they_relax():
+    """Sideways motion leaves 24 blocks, in which two of ten such steps are found."""
+    found = [_found(seed, step_nm=100.0) for seed in range(10)]
+    seen = [one for one in found if one is not None]
+    assert len(seen) >= 8
+    assert all(one.low - 60 <= 3000 <= one.high + 60 for one in seen)
+
+
+@pytest.mark.parametrize("others", [0.0, -1.0])
+def test_a_height_that_steps_alone_or_against_another_is_no_force(others):
+    for seed in range(5):
+        assert _found(seed, step_nm=100.0, stepping=1, others=others) is None
+
+
+def _found(seed, **steps):
+    motion = _slow_sideways(np.random.default_rng(seed), **steps)
+    return strongest_change(motion, 0, 6000, math.log(1e-4))
+
+
+def _slow_sideways(random, *, step_nm, stepping=2, others=0.0):
+    """Two beads that relax within 10 frames along z, 200 sideways; heights step in the middle."""
+    frames = 6000
+    after = np.arange(frames) >= frames // 2
+
+    def relaxing(within, spread):
+        falls = math.exp(-1 / within)
+        kicks = spread * math.sqrt(1 - falls**2) * random.normal(size=frames + 2000)
+        return signal.lfilter([1.0], [1.0, -falls], kicks)[2000:]
+
+    position_nm = {}
+    for number in range(2):
+        size = step_nm * (1.0 if number < stepping else others)
+        z = 900 + relaxing(10, 100.0) + size * after
+        position_nm[f"b{number}"] = np.stack(
+            [relaxing(200, 150.0), relaxing(200, 150.0), z], axis=1
+        )
+    return Motion(np.arange(frames) * FRAME_S, FRAME_S, position_nm, np.zeros(frames))
 
 
 @pytest.mark.skipif(not CASES.exists(), reason="the shared cases are not here")

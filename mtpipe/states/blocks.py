@@ -22,7 +22,7 @@ SLOW_BLOCKS = 8
 
 @dataclass(frozen=True)
 class Blocks:
-    """Block means of a stretch, (n,) each: height, x and y in nm, and sideways motion.
+    """Block means of a stretch: height in nm, and sideways motion, whose blocks may be wider.
 
     `motion` is the cube root (Wilson and Hilferty 1931: nearly normal) of the mean square of x and
     y about where they slowly are, over that of the whole stretch. None without positions.
@@ -32,16 +32,17 @@ class Blocks:
     motion: FloatArray | None
 
 
-def blocks_of(position_nm: FloatArray, width: int) -> Blocks:
-    """Block means of a stretch, (n_frames, 3) nm with NaN where lost; blocks of `width` frames.
+def blocks_of(position_nm: FloatArray, width: int, lateral: int | None = None) -> Blocks:
+    """Block means of a stretch, (n_frames, 3) nm with NaN where lost; blocks of `width` frames,
+    those of sideways motion of `lateral` frames where that is given.
 
     What is left over at the end belongs to no block. Blocks without a position are interpolated.
     """
+    height = block_means(position_nm[: len(position_nm) // width * width, 2], width)
+    width = width if lateral is None else lateral
     count = len(position_nm) // width
-    whole = position_nm[: count * width]
-    height = block_means(whole[:, 2], width)
     squares = []
-    for column in whole[:, :2].T:
+    for column in position_nm[: count * width, :2].T:
         known = np.isfinite(column)
         if known.sum() < 2 * count:
             continue

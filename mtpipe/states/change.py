@@ -19,10 +19,10 @@ from mtpipe.ground.types import FloatArray
 from mtpipe.states.blocks import LEAST_BLOCKS, Blocks, block_width, blocks_of
 from mtpipe.states.edges import LEAST_FRAMES, sides_of
 from mtpipe.states.level import FEWEST_BLOCKS, StepScores, step_scores
-from mtpipe.states.motion import Motion, slowest_relaxation
+from mtpipe.states.motion import Motion, height_relaxation, slowest_relaxation
 
 # Probability that a step of one bead is taken for one that the others show too.
-SUPPORT_P = 1e-3
+SUPPORT_P = 1e-2
 # Nats below the best place of a change, a factor of 1000, from which others are ruled out.
 LIKELY_NATS = 7.0
 # Longest move of the magnets that passes for a step, and how many durations are tried.
@@ -30,6 +30,13 @@ LONGEST_MOVE_S = 3.0
 DURATIONS = 12
 # Each width of blocks is this many times the one before.
 WIDER = 4
+# Heights relax several times faster than sideways motion does along the slower axis, so that finer
+# blocks tell their noise better: this many times `block_width` of their own relaxation, two
+# relaxations a block. What is left of them from block to block is part of the noise.
+HEIGHT_SHARE = 0.5
+# A step nearer to an end than this share of a stretch, by a factor of up to 3.5, moves its force by
+# less than 5 %. Beads that still follow the move before make such steps.
+EDGE_SHARE = 0.02
 # A step is at most this many blocks off where the blocks place it.
 NEAR_BLOCKS = 2
 
@@ -56,7 +63,9 @@ class _Scan:
 
     Attributes
     ----------
-    blocks, scored : by bead. focus_nm : (places,) how far the focus moves about each.
+    width : frames per block of heights. blocks, scored : by bead. focus_nm : (places,) how far the
+        focus moves about each. nearest : (places,) place of sideways motion, whose blocks may be
+        wider, that is nearest to each. within : (places,) whether a step is looked for there.
     together : scores of all beads together.
     """
 
@@ -64,33 +73,43 @@ class _Scan:
     blocks: dict[str, Blocks]
     scored: dict[str, list[StepScores]]
     focus_nm: FloatArray
+    nearest: NDArray[np.int64]
+    within: NDArray[np.bool_]
     together: list[StepScores]
 
     @property
-    def most(self) -> list[tuple[float, int]]:
-        """Strength and place of the strongest step of all beads together, and of each."""
-        looked = [self.together, *(one for one in self.scored.values() if len(self.scored) > 1)]
-        strengths = [_strength(one) for one in looked]
-        return [(float(each.max()), int(np.argmax(each))) for each in strengths]
+    def most(self) -> list[tuple[bool, float, int]]:
+        """Of all beads together and of each: which, strength and place of the strongest step."""
+        alone = self.scored.values() if len(self.scored) > 1 else ()
+        looked = [(True, self.together), *((False, one) for one in alone)]
+        strengths = [(which, np.where(self.within, _strength(one), -1.0)) for which, one in looked]
+        return [(which, float(each.max()), int(np.argmax(each))) for which, each in strengths]
 
 
 def strongest_change(motion: Motion, start: int, stop: int, log_p: float) -> Change | None:
     """The most certain change common to beads in rows [start, stop), less likely than exp(log_p) by
     chance; None where there is none.
 
-    Changes take their time: blocks of several widths are looked at.
+    Changes take their time: blocks of several widths are looked at, from that of the sideways
+    motion on; heights also in finer ones. The chance counts all places of both: half of it is for
+    all beads together, half for those of each.
     """
-    width = block_width(slowest_relaxation(motion, start, stop), stop - start)
-    scans: list[_Scan] = []
-    while (stop - start) // width >= (LEAST_BLOCKS if scans else FEWEST_BLOCKS):
-        scan = _scanned(motion, start, stop, width)
-        if scan is not None:
-            scans.append(scan)
-        width *= WIDER
-    found = [(most, place, scan) for scan in scans for most, place in scan.most]
-    tried = sum(len(scan.focus_nm) * len(scan.most) for scan in scans)
-    for most, place, scan in sorted(found, key=lambda one: -one[0]):
-        chance = math.log(tried) - most
+    frames = stop - start
+    lateral = block_width(slowest_relaxation(motion, start, stop), frames)
+    fine = block_width(HEIGHT_SHARE * height_relaxation(motion, start, stop), frames)
+    ladders = [
+        _ladder(motion, start, stop, fine, lateral // 2, lateral),
+        _ladder(motion, start, stop, lateral, frames, lateral),
+    ]
+    found = []
+    for scans in ladders:
+        places = sum(int(np.count_nonzero(scan.within)) for scan in scans)
+        among = sum(1 for one in ladders if one)
+        for scan in scans:
+            for together, most, place in scan.most:
+                looks = 1 if len(scan.scored) == 1 else 2 if together else 2 * len(scan.scored)
+                found.append((math.log(among * places * looks) - most, place, scan))
+    for chance, place, scan in sorted(found, key=lambda one: one[0]):
         if chance > log_p:
             return None
         if _common(scan, place):
@@ -100,25 +119,59 @@ def strongest_change(motion: Motion, start: int, stop: int, log_p: float) -> Cha
     return None
 
 
-def _scanned(motion: Motion, start: int, stop: int, width: int) -> _Scan | None:
+def _ladder(
+    motion: Motion, start: int, stop: int, width: int, widest: int, lateral: int
+) -> list[_Scan]:
+    """Scans at a width of blocks and at wider ones."""
+    scans: list[_Scan] = []
+    while width <= widest and (stop - start) // width >= (LEAST_BLOCKS if scans else FEWEST_BLOCKS):
+        scan = _scanned(motion, start, stop, width, max(width, lateral))
+        if scan is not None and scan.within.any():
+            scans.append(scan)
+        width *= WIDER
+    return scans
+
+
+def _scanned(motion: Motion, start: int, stop: int, width: int, lateral: int) -> _Scan | None:
+    """Heights by blocks of `width` frames; sideways motion by blocks of `lateral`, no less."""
     count = (stop - start) // width
     focus = motion.focus_nm[start + width : start + count * width : width][: count - 1]
-    every = {bead: blocks_of(xyz[start:stop], width) for bead, xyz in motion.position_nm.items()}
-    scored = {bead: _scores(one, focus) for bead, one in every.items()}
+    every = {
+        bead: blocks_of(xyz[start:stop], width, lateral) for bead, xyz in motion.position_nm.items()
+    }
+    nearest = _nearest_places(width, count - 1, lateral, (stop - start) // lateral - 1)
+    scored = {bead: _scores(one, focus, nearest) for bead, one in every.items()}
     scored = {bead: one for bead, one in scored.items() if one}
     if not scored:
         return None
     blocks = {bead: every[bead] for bead in scored}
-    together = _together(list(blocks.values()), list(scored.values()), focus)
-    return _Scan(width, blocks, scored, focus, together)
+    together = _together(list(blocks.values()), list(scored.values()), focus, nearest)
+    rows = (np.arange(count - 1) + 1) * width
+    least = max(lateral, EDGE_SHARE * (stop - start))
+    within = (rows >= least) & (rows <= stop - start - least)
+    return _Scan(width, blocks, scored, focus, nearest, within, together)
 
 
-def _scores(blocks: Blocks, focus_nm: FloatArray) -> list[StepScores]:
+def _nearest_places(width: int, places: int, wider: int, there: int) -> NDArray[np.int64]:
+    """(places,) the nearest of `there` places between wider blocks."""
+    rows = (np.arange(places) + 1) * width
+    return np.clip(np.rint(rows / wider).astype(np.int64) - 1, 0, there - 1)
+
+
+def _scores(blocks: Blocks, focus_nm: FloatArray, nearest: NDArray[np.int64]) -> list[StepScores]:
     """Scores of height and sideways motion; a height that the focus may have moved has none."""
-    found = [step_scores(one) for one in (blocks.height_nm, blocks.motion) if one is not None]
+    found = []
     if blocks.height_nm is not None:
-        found[0] = _unless(np.abs(found[0].size) < focus_nm, found[0])
+        height = step_scores(blocks.height_nm)
+        found.append(_unless(np.abs(height.size) < focus_nm, height))
+    if blocks.motion is not None:
+        found.append(_at(step_scores(blocks.motion), nearest))
     return found
+
+
+def _at(scores: StepScores, places: NDArray[np.int64]) -> StepScores:
+    """The scores of some places, each as often as it is asked for."""
+    return replace(scores, size=scores.size[places], score=scores.score[places])
 
 
 def _unless(excused: NDArray[np.bool_], scores: StepScores) -> StepScores:
@@ -126,7 +179,10 @@ def _unless(excused: NDArray[np.bool_], scores: StepScores) -> StepScores:
 
 
 def _together(
-    blocks: Sequence[Blocks], scored: Sequence[list[StepScores]], focus_nm: FloatArray
+    blocks: Sequence[Blocks],
+    scored: Sequence[list[StepScores]],
+    focus_nm: FloatArray,
+    nearest: NDArray[np.int64],
 ) -> list[StepScores]:
     """Scores of the sum over beads, each over its noise; noise that they share is the sum's too."""
     sizes = [s[0].size for b, s in zip(blocks, scored, strict=True) if b.height_nm is not None]
@@ -144,7 +200,9 @@ def _together(
         if total is None:
             continue
         of_sum = step_scores(total)
-        if name == "height_nm" and excused is not None:
+        if name == "motion":
+            of_sum = _at(of_sum, nearest)
+        elif excused is not None:
             of_sum = _unless(excused, of_sum)
         sums.append(of_sum)
     return sums
@@ -157,7 +215,11 @@ def _strength(scores: Sequence[StepScores]) -> FloatArray:
 
 
 def _common(scan: _Scan, place: int) -> bool:
-    """Whether beads beside the one that shows a step most show it too, and the same way."""
+    """Whether beads beside the one that shows a step most show it too, as the same force would.
+
+    Which way the force goes is known from that bead, so only steps of this direction count: of
+    height, of sideways motion, or of both, at the place and the ones about it.
+    """
     scored = scan.scored
     if len(scored) == 1:
         return True
@@ -165,18 +227,26 @@ def _common(scan: _Scan, place: int) -> bool:
     most = max(scored, key=lambda bead: float(_strength(scored[bead])[near].max()))
     others = [bead for bead in scored if bead != most]
     rest = _together(
-        [scan.blocks[bead] for bead in others], [scored[bead] for bead in others], scan.focus_nm
+        [scan.blocks[bead] for bead in others],
+        [scored[bead] for bead in others],
+        scan.focus_nm,
+        scan.nearest,
     )
-    strength = _strength(rest)[near]
-    at = int(np.argmax(strength))
-    lead = int(np.argmax([abs(one.score[near][at]) for one in rest]))
-    same = rest[lead].score[near][at] * _nearest(scored[most], lead, near) > 0
-    return bool(same and strength[at] > math.log((2 * NEAR_BLOCKS + 1) / SUPPORT_P))
+    signs = _as_force(scored[most], [scan.blocks[most]], near)
+    first = float(signs.flat[int(np.argmax(np.abs(signs)))])
+    second = math.copysign(1, first) * _as_force(rest, [scan.blocks[bead] for bead in others], near)
+    chance = second.size * stats.norm.sf(float(second.max()))
+    return bool(chance < SUPPORT_P)
 
 
-def _nearest(scores: Sequence[StepScores], quantity: int, near: slice) -> float:
-    score = scores[min(quantity, len(scores) - 1)].score[near]
-    return float(score[int(np.argmax(np.abs(score)))])
+def _as_force(scores: Sequence[StepScores], blocks: Sequence[Blocks], near: slice) -> FloatArray:
+    """(3, places) scores of a rising force: by height, by sideways motion, which is less then, and
+    by both.
+    """
+    each = [one.score[near] for one in scores]
+    height = each[0] if any(one.height_nm is not None for one in blocks) else 0 * each[0]
+    motion = -each[-1] if any(one.motion is not None for one in blocks) else 0 * each[0]
+    return np.stack([height, motion, (height + motion) / math.sqrt(2)])
 
 
 def _placed(motion: Motion, start: int, stop: int, cut: int, width: int) -> tuple[int, int, int]:

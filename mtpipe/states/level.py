@@ -1,15 +1,17 @@
-"""Steps of a level under white noise and a random walk: where, how large, how certain.
+"""Steps of a level under thermal noise and a random walk: where, how large, how certain.
 
-A series of block means u is a level that steps, white noise of each block, and what drifts (drift
-left over, slow motion of a bead). Its differences d have the covariance white·(tridiagonal −1, 2,
-−1) + walk·1, which the sine transform diagonalises; a step is a pulse in d. So noise is fitted by
-exact likelihood, and each step is its best linear unbiased estimate; slow drift makes no steps, as
-the walk fitted to it widens their errors.
+A series of block means u is a level that steps, noise of each block, and what drifts (drift left
+over, slow motion of a bead). Its differences d have the covariance white·(tridiagonal −1, 2, −1) +
+walk·1, which the sine transform diagonalises; a step is a pulse in d. So noise is fitted by
+likelihood, and each step is its best linear unbiased estimate; slow drift makes no steps, as the
+walk fitted to it widens their errors. Where blocks are as short as a bead's relaxation, neighbours
+are alike; the transform is then a good approximation, but for the ends.
 """
 
 from __future__ import annotations
 
 import functools
+import math
 from dataclasses import dataclass
 
 import numpy as np
@@ -19,6 +21,10 @@ from mtpipe.ground.types import FloatArray
 
 # Ratios tried: variance of the random walk per block over that of the white noise; 0: no walk.
 WALKS = np.concatenate([[0.0], np.geomspace(1e-4, 1e2, 19)])
+# Blocks within which a coordinate may relax; 0: blocks are independent of one another.
+RELAXATIONS = (0.0, 0.125, 0.25, 0.35, 0.5, 0.7, 1.0)
+# Where blocks are wide, that is all.
+WHITE = (0.0,)
 # Likelihood over the best one's below which a noise is left out.
 UNLIKELY = 1e-3
 # Shorter series leave too little to tell noise from steps.
@@ -27,10 +33,15 @@ FEWEST_BLOCKS = 8
 
 @dataclass(frozen=True)
 class Noise:
-    """Variance of the white noise of a block, and the walk's per block over it."""
+    """Noise of block means: what relaxes, and a walk.
+
+    `white` : variance of a block, as slow noise has it. `walk_share` : the walk's per block over
+    it. `relaxation` : blocks within which the rest relaxes, 0 for white noise.
+    """
 
     white: float
     walk_share: float
+    relaxation: float = 0.0
 
 
 @dataclass(frozen=True)
@@ -54,7 +65,8 @@ def step_scores(level: FloatArray) -> StepScores:
     level : (n,), n at least FEWEST_BLOCKS, without NaN.
 
     How much of the noise is a walk is uncertain in a short series, and a walk that is taken for too
-    small makes steps: errors are those of all walks, each weighted by its likelihood.
+    small makes steps: errors are those of all walks and relaxations, each weighted by its
+    likelihood.
     """
     d = np.diff(level)
     noises, weights = _likely_noises(_without_step(d))
@@ -72,54 +84,82 @@ def step_scores(level: FloatArray) -> StepScores:
 
 
 def fit_noise_about_step(level: FloatArray) -> Noise:
-    """Noise of a series of block means (n,) without its strongest step."""
-    return fit_noise(_without_step(np.diff(level)))
+    """White noise and walk of a series of block means (n,) without its strongest step."""
+    return fit_noise(_without_step(np.diff(level), WHITE), WHITE)
 
 
-def _without_step(d: FloatArray) -> FloatArray:
+def _without_step(d: FloatArray, relaxations: tuple[float, ...] = RELAXATIONS) -> FloatArray:
     """Differences without the strongest step, which would pass as a walk."""
-    size, stderr = _steps(d, fit_noise(d))
+    noise = fit_noise(d, relaxations)
+    size, stderr = _steps(d, noise)
     strongest = int(np.argmax(np.abs(size / stderr)))
     without = d.copy()
     without[strongest] -= size[strongest]
     # a block within which the level steps shares the step with its neighbour
     near = [k for k in (strongest - 1, strongest + 1) if 0 <= k < len(d)]
-    size, stderr = _steps(without, fit_noise(d))
+    size, stderr = _steps(without, noise)
     second = max(near, key=lambda k: abs(size[k] / stderr[k]))
     without[second] -= size[second]
     return without
 
 
-def fit_noise(differences: FloatArray) -> Noise:
-    """White noise and random walk of most likelihood, from differences of block means (n,)."""
-    noises, weights = _likely_noises(differences)
+def fit_noise(differences: FloatArray, relaxations: tuple[float, ...] = RELAXATIONS) -> Noise:
+    """Noise of most likelihood, from differences of block means (n,)."""
+    noises, weights = _likely_noises(differences, relaxations)
     return noises[int(np.argmax(weights))]
 
 
-def _likely_noises(differences: FloatArray) -> tuple[list[Noise], FloatArray]:
-    """Noises by their share of the walk, and their likelihoods, which sum to 1."""
+def _likely_noises(
+    differences: FloatArray, relaxations: tuple[float, ...] = RELAXATIONS
+) -> tuple[list[Noise], FloatArray]:
+    """Noises by walk and relaxation, and their likelihoods, which sum to 1."""
     n = len(differences)
     power = fft.dst(differences, type=1, norm="ortho") ** 2
-    shape = WALKS[:, None] + _white_eigenvalues(n)
+    shape = _shapes(n, relaxations)
     white = np.maximum((power / shape).mean(axis=1), 1e-300)
     cost = n * np.log(white) + np.log(shape).sum(axis=1)
     weights = np.exp((cost.min() - cost) / 2)
     likely = np.flatnonzero(weights > UNLIKELY)
-    noises = [Noise(float(white[i]), float(WALKS[i])) for i in likely]
+    noises = [
+        Noise(float(white[i]), float(WALKS[i % len(WALKS)]), relaxations[i // len(WALKS)])
+        for i in likely
+    ]
     return noises, np.asarray(weights[likely] / weights[likely].sum())
 
 
 def _steps(d: FloatArray, noise: Noise) -> tuple[FloatArray, FloatArray]:
     """Size and standard error of a step at each place (generalised least squares)."""
-    eigen = noise.white * (noise.walk_share + _white_eigenvalues(len(d)))
+    eigen = noise.white * (noise.walk_share + _eigenvalues(len(d), noise.relaxation))
     solved = fft.dst(fft.dst(d, type=1, norm="ortho") / eigen, type=1, norm="ortho")
     precision = _squared_sines(len(d)) @ (1 / eigen)
     return solved / precision, precision**-0.5
 
 
-@functools.lru_cache(maxsize=64)
-def _white_eigenvalues(n: int) -> FloatArray:
-    return np.asarray(2 - 2 * np.cos(np.pi * np.arange(1, n + 1) / (n + 1)))
+@functools.lru_cache(maxsize=16)
+def _shapes(n: int, relaxations: tuple[float, ...]) -> FloatArray:
+    """(relaxations x walks, n) variances of the modes of all noises, over that of slow noise."""
+    each = np.array([_eigenvalues(n, relaxation) for relaxation in relaxations])
+    return np.asarray((each[:, None] + WALKS[:, None]).reshape(-1, n))
+
+
+@functools.lru_cache(maxsize=256)
+def _eigenvalues(n: int, relaxation: float) -> FloatArray:
+    """(n,) of differences of block means, over the variance of slow noise.
+
+    What relaxes exponentially has block means whose covariances fall by exp(-1 / relaxation) from
+    block to block; their spectrum is that of neighbours and of a geometric series.
+    """
+    angle = np.pi * np.arange(1, n + 1) / (n + 1)
+    white = 2 - 2 * np.cos(angle)
+    if relaxation == 0:
+        return np.asarray(white)
+    long = 1 / relaxation
+    falls = math.exp(-long)
+    own = 2 * (long - 1 + falls) / long**2
+    next_one = ((1 - falls) / long) ** 2
+    series = (np.cos(angle) - falls) / (1 - 2 * falls * np.cos(angle) + falls**2)
+    slow = own + 2 * next_one / (1 - falls)
+    return np.asarray(white * (own + 2 * next_one * series) / slow)
 
 
 @functools.lru_cache(maxsize=8)

@@ -88,6 +88,12 @@ def slowest_relaxation(motion: Motion, start: int, stop: int) -> float:
     return float(np.median(found)) if found else 0.0
 
 
+def height_relaxation(motion: Motion, start: int, stop: int) -> float:
+    """Frames within which the heights of all beads of a stretch relax."""
+    found = [relaxation_frames(middle(xyz[start:stop, 2])) for xyz in motion.position_nm.values()]
+    return max(found, default=0.0)
+
+
 def independent_share(column: FloatArray) -> float:
     """Independent values per frame of a stretch of one coordinate, as far as its mean goes.
 

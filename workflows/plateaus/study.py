@@ -6,7 +6,8 @@ Each recording is drawn: beads, tether, frame rate, forces, dwells, moves, noise
 spoiled: late or early by 0.2 to 15 s, on another clock, wrong at its first move alone, silent about
 a step of 5 to 40 %, or not at all. No calibration: final plateaus are compared with the true course
 of the force. Prints how many plateaus that mix forces are left as sound, how many sound ones are
-cut or refused, and lags beside their errors. docs/plateaus.md has the figures.
+cut or refused, and lags beside their errors. Beside plateaus whose force is off, it says how many
+are off by more than the force's own standard error. docs/plateaus.md has the figures.
 """
 
 from __future__ import annotations
@@ -32,9 +33,10 @@ from mtpipe.setup.usual_errors import exact
 from mtpipe.simulation.setup_experiment import stated_experiment
 from mtpipe.simulation.simulate import simulate_experiment, timetable
 from mtpipe.states import with_states
+from mtpipe.states.blocks import relaxation_frames
 from mtpipe.states.edges import edges_of
 from mtpipe.states.lag import find_lag
-from mtpipe.states.motion import motion_of
+from mtpipe.states.motion import middle, motion_of
 
 KINDS = ("sound", "lag", "hidden", "clock", "first edge")
 SHARES = (0.35, 0.27, 0.27, 0.055, 0.055)
@@ -67,13 +69,15 @@ class Outcome:
     Attributes
     ----------
     biased, mixed : plateaus that read ok and whose force is off by more than MIXED, or of which
-        more than that share of frames have another force. ok : plateaus that read ok.
+        more than that share of frames have another force. beyond : those of `biased` that are off
+        by more than the standard error of one bead's force. ok : plateaus that read ok.
     sound, harmed : logged plateaus of one force, and those of them that were cut or refused.
     lag_pull : error of the lag over its stated error; nan where there is none.
     """
 
     kind: str
     biased: int
+    beyond: int
     mixed: int
     ok: int
     sound: int
@@ -257,6 +261,7 @@ def examined(case: Drawn) -> Outcome:
     return Outcome(
         case.kind,
         sum(abs(_bias(case, p)) > MIXED for p in left),
+        sum(abs(_bias(case, p)) > max(MIXED, _error(tested, p)) for p in left),
         sum(_spread(case, p) > MIXED for p in left),
         len(left),
         len(sound),
@@ -282,6 +287,22 @@ def _bias(case: Drawn, plateau: Plateau) -> float:
     return float(1 / np.mean(1 / force) / np.median(force) - 1)
 
 
+def _error(recording: Recording, plateau: Plateau) -> float:
+    """Relative standard error of one bead's force in a plateau, at best.
+
+    A coordinate that relaxes within τ, of known friction, followed for a time T tells its stiffness
+    with a relative variance of 2 τ / T at best (Cramér and Rao); x and y together have half of it.
+    Of several beads the median.
+    """
+    errors = []
+    for bead in recording.tethered:
+        xyz = recording.trace_nm(bead, plateau)
+        slow = [max(relaxation_frames(middle(column)), 1.0) for column in xyz.T[:2]]
+        told = sum(len(xyz) / (2 * one) for one in slow)
+        errors.append(told**-0.5)
+    return float(np.median(errors))
+
+
 def _spread(case: Drawn, plateau: Plateau) -> float:
     """Share of a plateau's frames whose force is off by more than MIXED from that of most."""
     force = case.force_pN[plateau.start : plateau.stop]
@@ -291,17 +312,18 @@ def _spread(case: Drawn, plateau: Plateau) -> float:
 def table(outcomes: list[Outcome]) -> list[str]:
     """Figures by kind and of all, with 95 % intervals (Clopper and Pearson)."""
     lines = [
-        "kind | recordings | read ok | force off > 5 % | > 5 % of frames off | sound | "
-        "cut or refused"
+        "kind | recordings | read ok | force off > 5 % | and > its standard error | "
+        "> 5 % of frames off | sound | cut or refused"
     ]
     for kind in (*KINDS, "all"):
         ones = [one for one in outcomes if kind in ("all", one.kind)]
         total = {
             name: sum(getattr(one, name) for one in ones)
-            for name in ("biased", "mixed", "ok", "sound", "harmed")
+            for name in ("biased", "beyond", "mixed", "ok", "sound", "harmed")
         }
         lines.append(
             f"{kind} | {len(ones)} | {total['ok']} | {_counted(total['biased'], total['ok'])} | "
+            f"{total['beyond']} | "
             f"{_counted(total['mixed'], total['ok'])} | {total['sound']} | "
             f"{_counted(total['harmed'], total['sound'])}"
         )
