@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from mtpipe.corrections import bent_table, pixel_locking, surface_sticking
+from mtpipe.corrections import pixel_locking, surface_sticking, z_response
 from mtpipe.corrections.catalogue import CORRECTIONS
 from mtpipe.corrections.correction import Correction
 from mtpipe.corrections.surface_sticking import bound_stretches
@@ -263,7 +263,7 @@ def with_bent_table(raw, plateau, slope):
 def test_a_bent_table_is_found_measured_and_undone(slope):
     raw = small_case.raw(21, lost_share=0.02)
     straight, check = unchecked(raw).case, checked(with_bent_table(raw, 1, slope))
-    found = bent_table.find(check, small_case.generator(22))
+    found = z_response.find(check, small_case.generator(22))
     assert found is not None
     assert found.name == "z_response"
     (size,) = found.strengths
@@ -282,7 +282,7 @@ def test_a_bend_is_undone_exactly():
     u = np.linspace(-40, 40, 1001)
     for curvature in (0.004, -0.004, 0.0):
         recorded = 900 + u + curvature * (u**2 - np.mean(u**2))
-        np.testing.assert_allclose(bent_table.unbent(recorded, curvature), 900 + u, atol=1e-6)
+        np.testing.assert_allclose(z_response.unbent(recorded, curvature), 900 + u, atol=1e-6)
 
 
 @pytest.mark.parametrize(
@@ -292,7 +292,7 @@ def test_a_bend_is_undone_exactly():
 def test_other_effects_are_not_taken_for_a_bent_table(effect):
     raw = small_case.raw(11, lost_share=0.02)
     check = checked(effect(raw, small_case.generator(11, 1)))
-    assert bent_table.find(check, small_case.generator(23)) is None
+    assert z_response.find(check, small_case.generator(23)) is None
 
 
 @pytest.mark.parametrize(

@@ -9,7 +9,7 @@ from functools import partial
 
 import numpy as np
 
-from mtpipe.corrections import bent_table
+from mtpipe.corrections import z_response
 from mtpipe.corrections.catalogue import CORRECTIONS, Find
 from mtpipe.corrections.correction import Correction
 from mtpipe.corrections.retraced import with_positions
@@ -26,14 +26,18 @@ MOST_OF_THE_ODDITY, HARDLY_LESS_ODD = 0.5, 0.8
 def corrected(
     check: BeadCheck,
     random: np.random.Generator,
-    looked_for: Sequence[Find] = CORRECTIONS,
+    beside: Sequence[Find] = (),
 ) -> tuple[list[Named], BeadCheck]:
     """Take off what is seen in time and not in spectra, as far as the battery objects less then.
 
     What is found has passed a test of its own, so the battery need not have objected before.
+
+    Parameters
+    ----------
+    beside : corrections that are looked for besides.
     """
     named = []
-    for find in looked_for:
+    for find in (*CORRECTIONS, *beside):
         found = find(check)
         if found is None or (found.chance_p is None and _hardly_helps(check, found)):
             continue
@@ -68,8 +72,8 @@ def late_corrections(
     check : with effects. case : without them.
     """
     taken = {one.name for one in corrections}
-    looked_for: tuple[Find, ...] = (*CORRECTIONS, partial(bent_table.find, random=random))
-    found = [one for one in corrected(check, random, looked_for)[0] if one.name not in taken]
+    bend = partial(z_response.find, random=random)
+    found = [one for one in corrected(check, random, (bend,))[0] if one.name not in taken]
     named: list[Named] = []
     for one in found:
         before = named[-1].after if named else check_bead(case, random)

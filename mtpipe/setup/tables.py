@@ -15,14 +15,17 @@ from pydantic import BaseModel, ConfigDict, Field, model_validator
 
 from mtpipe.setup.measured import Finite, Measured, Positive, Section, within
 
-# An effect is one file, called as it is; the files beside them are these.
+# An effect is one file, called as it is (a correction may have its name, for what is seen in time
+# only); the files beside them are these.
 PACKAGE, ROOMS = Path(__file__).parents[1], ("effects", "corrections")
 NO_EFFECTS = ("__init__", "catalogue", "effect", "setup_sizes", "correction", "retraced")
 EFFECTS = tuple(
-    path.stem
-    for room in ROOMS
-    for path in sorted((PACKAGE / room).glob("*.py"))
-    if path.stem not in NO_EFFECTS
+    dict.fromkeys(
+        path.stem
+        for room in ROOMS
+        for path in sorted((PACKAGE / room).glob("*.py"))
+        if path.stem not in NO_EFFECTS
+    )
 )
 # The slowest time lapse and the fastest detector with which anybody has followed a tethered bead.
 FRAME_RATES_HZ = (0.1, 1e6)

@@ -20,11 +20,11 @@ from mtpipe.corrections.retraced import with_positions
 from mtpipe.crosschecking.check import CLEARLY_NOT, BeadCheck, p_value_but_moments
 from mtpipe.crosschecking.prepared_bead import PreparedBead
 from mtpipe.crosschecking.twin import TwinMaker
-from mtpipe.effects import z_response
+from mtpipe.effects.z_response import EFFECT
 from mtpipe.ground.errors import FitError
 from mtpipe.ground.types import FloatArray
 
-NAME = z_response.EFFECT.name
+NAME = EFFECT.name
 # Simulations without a bend: means and spreads of both signs are known to a fifth.
 SIMULATIONS = 24
 # Of both signs, in any plateau: the skewness tells that there is something, the growth what it is.
