@@ -239,10 +239,13 @@ def as_it_was(raw, random):
     return raw
 
 
-@pytest.mark.parametrize(
+each_other = pytest.mark.parametrize(
     "effect",
     [as_it_was, drifting, vibrating, hopping, weakening, scaled, dropping, mistracked],
 )
+
+
+@each_other
 def test_other_effects_are_not_taken_for_these(effect):
     raw = small_case.raw(11, lost_share=0.02)
     check = unchecked(effect(raw, small_case.generator(11, 1)))
@@ -285,10 +288,7 @@ def test_a_bend_is_undone_exactly():
         np.testing.assert_allclose(z_response.unbent(recorded, curvature), 900 + u, atol=1e-6)
 
 
-@pytest.mark.parametrize(
-    "effect",
-    [as_it_was, drifting, vibrating, hopping, weakening, scaled, dropping, mistracked],
-)
+@each_other
 def test_other_effects_are_not_taken_for_a_bent_table(effect):
     raw = small_case.raw(11, lost_share=0.02)
     check = checked(effect(raw, small_case.generator(11, 1)))

@@ -45,7 +45,6 @@ class Bend:
     ----------
     plateau : its index. spread_nm : σ of the recorded z. slope : 2cσ, by how much the table's slope
         changes over one standard deviation, and its standard error.
-    p_value : of the skewness.
     """
 
     plateau: int

@@ -9,8 +9,7 @@ from functools import partial
 
 import numpy as np
 
-from mtpipe.corrections import z_response
-from mtpipe.corrections.catalogue import CORRECTIONS, Find
+from mtpipe.corrections.catalogue import CORRECTIONS, LATE_CORRECTIONS, Find
 from mtpipe.corrections.correction import Correction
 from mtpipe.corrections.retraced import with_positions
 from mtpipe.crosschecking.check import BeadCheck, check_bead, comparable_p_values, foreseen_p_value
@@ -24,9 +23,7 @@ MOST_OF_THE_ODDITY, HARDLY_LESS_ODD = 0.5, 0.8
 
 
 def corrected(
-    check: BeadCheck,
-    random: np.random.Generator,
-    beside: Sequence[Find] = (),
+    check: BeadCheck, random: np.random.Generator, beside: Sequence[Find] = ()
 ) -> tuple[list[Named], BeadCheck]:
     """Take off what is seen in time and not in spectra, as far as the battery objects less then.
 
@@ -64,16 +61,15 @@ def _hardly_helps(check: BeadCheck, found: Correction) -> bool:
 def late_corrections(
     check: BeadCheck, corrections: Sequence[Named], case: PreparedBead, random: np.random.Generator
 ) -> list[Named]:
-    """Corrections that are of use once effects are there, as they are without these; with them a
-    bend of the heights' table, as a skewness of z means nothing beside simulations without.
+    """Corrections that are of use once effects are there, as they are without these.
 
     Parameters
     ----------
     check : with effects. case : without them.
     """
     taken = {one.name for one in corrections}
-    bend = partial(z_response.find, random=random)
-    found = [one for one in corrected(check, random, (bend,))[0] if one.name not in taken]
+    late = [partial(find, random=random) for find in LATE_CORRECTIONS]
+    found = [one for one in corrected(check, random, late)[0] if one.name not in taken]
     named: list[Named] = []
     for one in found:
         before = named[-1].after if named else check_bead(case, random)

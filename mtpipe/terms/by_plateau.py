@@ -24,17 +24,24 @@ from mtpipe.terms.term import AXES, of_axis, set_to
 
 
 @dataclass(frozen=True)
-class WanderByPlateau(NothingByItself):
+class _ByPlateau(NothingByItself):
+    """Something of an axis that has a value of its own in each plateau, `each` (plateaus,)."""
+
+    place: ClassVar[Place]
+    form: ClassVar[str] = "course"
+    axis: int
+    each: tuple[float, ...]
+
+
+@dataclass(frozen=True)
+class WanderByPlateau(_ByPlateau):
     """Power along an axis that goes as f^−slope, in each plateau of a size of its own.
 
-    `each` : (plateaus,) sizes in nm, as of `PowerLaw`.
+    `each` : sizes in nm, as of `PowerLaw`, with its `times_s`.
     """
 
     place: ClassVar[Place] = "tether"
-    form: ClassVar[str] = "course"
-    axis: int
-    times_s: tuple[float, ...]
-    each: tuple[float, ...]
+    times_s: tuple[float, ...] = ()
     slope: float = START_SLOPE
 
     def in_plateau(self, plateau: int) -> PowerLaw:
@@ -58,16 +65,13 @@ class WanderByPlateau(NothingByItself):
 
 
 @dataclass(frozen=True)
-class GainByPlateau(NothingByItself):
+class GainByPlateau(_ByPlateau):
     """Motion along an axis is recorded too large, in each plateau by a factor of its own.
 
-    `each` : (plateaus,) ln of the factors.
+    `each` : ln of the factors.
     """
 
     place: ClassVar[Place] = "optics"
-    form: ClassVar[str] = "course"
-    axis: int
-    each: tuple[float, ...]
 
     def in_plateau(self, plateau: int) -> Gain:
         """What it is in one plateau."""
@@ -105,7 +109,7 @@ def _wanders(axis: int, experiment: Experiment, evidence: Evidence) -> list[Hypo
     if plateaus < 2:
         return []
     name = f"wandering along {AXES[axis]}"
-    begun = WanderByPlateau(axis, times_of(experiment), (START_NM,) * plateaus)
+    begun = WanderByPlateau(axis, (START_NM,) * plateaus, times_of(experiment))
     sizes = [
         variance(_in(name, k), "nm", START_NM, LARGEST_NM, partial(_of_square, axis, k))
         for k in range(plateaus)
@@ -120,17 +124,14 @@ def _gains(axis: int, experiment: Experiment, evidence: Evidence) -> list[Hypoth
     plateaus = len(evidence.force_pN)
     if plateaus < 2:
         return []
-    begun = GainByPlateau(axis, (0.0,) * plateaus)
-    each = (
-        plain(
-            _in(f"ln of the gain along {AXES[axis]}", k), "", 0.0, (-LARGEST, LARGEST), 1e-3,
-            partial(_with_one, GainByPlateau, axis, k),
-        )
+    name = f"ln of the gain along {AXES[axis]}"
+    each = [
+        plain(_in(name, k), "", 0.0, (-LARGEST, LARGEST), 1e-3, partial(_with_gain, axis, k))
         for k in range(plateaus)
-    )  # fmt: skip
+    ]
     return [
         Hypothesis(
-            with_step(experiment, begun),
+            with_step(experiment, GainByPlateau(axis, (0.0,) * plateaus)),
             tuple(replace(one, prior=(0.0, SLOPE)) for one in each),
             given=plateaus,
             # a table is no straight line within a plateau: its slope is not known better than that
@@ -148,15 +149,15 @@ def _of_square(axis: int, plateau: int, experiment: Experiment, square: float) -
     return _with_one(WanderByPlateau, axis, plateau, experiment, math.sqrt(max(square, 0.0)))
 
 
+def _with_gain(axis: int, plateau: int, experiment: Experiment, ln_gain: float) -> Experiment:
+    """With another gain in one plateau."""
+    return _with_one(GainByPlateau, axis, plateau, experiment, ln_gain)
+
+
 def _with_one(
-    kind: type[WanderByPlateau] | type[GainByPlateau],
-    axis: int,
-    plateau: int,
-    experiment: Experiment,
-    value: float,
+    kind: type[_ByPlateau], axis: int, plateau: int, experiment: Experiment, value: float
 ) -> Experiment:
-    """With another value in one plateau."""
-    step: WanderByPlateau | GainByPlateau | None = step_of(experiment, kind, axis)
+    step = step_of(experiment, kind, axis)
     assert step is not None
     each = (*step.each[:plateau], value, *step.each[plateau + 1 :])
     return with_step(experiment, replace(step, each=each))
