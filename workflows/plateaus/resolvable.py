@@ -61,9 +61,9 @@ def line(seed: int, count: int) -> str:
     sd = float(np.sqrt((with_step.var(ddof=1) + without.var(ddof=1)) / 2))
     return (
         f"seed {seed}: {100 * case.step:+.0f} % of {force:.2f} pN, "
-        f"{len(recording.tethered)} beads: heights change by {expected:+.0f} nm, standard deviation {sd:.0f} nm, log-likelihood "
-        f"ratio {(expected / sd) ** 2 / 2:.1f}; in the recording by "
-        f"{height_change(recording, plateau, parts):+.0f} nm"
+        f"{len(recording.tethered)} beads: heights change by {expected:+.0f} nm, "
+        f"standard deviation {sd:.0f} nm, log-likelihood ratio {(expected / sd) ** 2 / 2:.1f}; "
+        f"in the recording by {height_change(recording, plateau, parts):+.0f} nm"
     )
 
 
