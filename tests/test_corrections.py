@@ -296,11 +296,9 @@ def test_a_curve_is_undone_exactly():
 
 
 @each_other
-def test_other_effects_are_not_taken_for_a_curved_table(effect, monkeypatch):
-    """Looked for in any case, and not only where skewness and kurtosis object."""
+def test_other_effects_are_not_taken_for_a_curved_table(effect):
     raw = small_case.raw(11, lost_share=0.02)
     check = checked(effect(raw, small_case.generator(11, 1)))
-    monkeypatch.setattr(z_response, "WORTH_LOOKING_P", 1.1)
     assert z_response.find(check, small_case.generator(23)) is None
 
 

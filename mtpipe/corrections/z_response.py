@@ -32,8 +32,6 @@ NAME = EFFECT.name
 SIMULATIONS = 24
 # Shares of the heights below each point of the curve: outside, few frames say how it goes on.
 SHARES = np.linspace(0.02, 0.98, 13)
-# p-value of skewness or kurtosis of z in any plateau with which a curve is looked for.
-WORTH_LOOKING_P = 1e-4
 # p-values of the distribution and of how fast motion depends on height: of each, and of both.
 EACH_P, BOTH_P = 1e-2, 1e-5
 # With the curve of the distribution, half or less is left of how fast motion depends on height.
@@ -91,8 +89,6 @@ def find(check: BeadCheck, random: np.random.Generator) -> Correction | None:
     ----------
     check : with all other effects. random : of the simulations.
     """
-    if not _oddly_distributed(check):
-        return None
     # or else a tether that is softer than simulated
     clear = p_value_but_moments(check) >= CLEARLY_NOT
     seen = [one for one in curves(check.case, random) if clear or one.following > FOLLOWING]
@@ -172,15 +168,6 @@ def curves(case: PreparedBead, random: np.random.Generator) -> list[Bend]:
         stderr = float(np.std(own, ddof=1))
         seen.append(Bend(i, curve, slope, stderr, p_value, _following(z)))
     return seen
-
-
-def _oddly_distributed(check: BeadCheck) -> bool:
-    """Whether skewness or kurtosis of z is in any plateau not as simulated."""
-    return any(
-        look.statistic in ("skewness", "kurtosis") and look.axis == "z"
-        for look, p_value in zip(check.looks, check.p_values, strict=True)
-        if p_value < WORTH_LOOKING_P
-    )
 
 
 def _odd_p(recorded: FloatArray, simulated: FloatArray) -> float:
