@@ -84,6 +84,32 @@ def test_spanish_text_with_a_log_in_times_of_day(laboratory, tmp_path):
     laboratory.rests(recording)
 
 
+@pytest.mark.parametrize("clock", ["Tempo [s]", "Czas [s]"])
+def test_italian_text_with_a_log_in_times_of_day(laboratory, tmp_path, clock):
+    """A clock is known by its word, or in a language that is not known by values and unit."""
+    laboratory.italian(tmp_path, clock)
+    _, recording = proposed(tmp_path, name="misura_03.txt")
+    laboratory.holds(recording, {"b2": "ref", "b1": "b1", "b3": "b2"})
+    assert recording.references == ("b2",)
+    assert recording.setup.source.time.column == clock
+    assert recording.setup.camera.frame_rate_hz.value == RATE
+    assert recording.setup.camera.exposure_s.value == pytest.approx(0.008)
+    assert recording.setup.source.magnet.clock_offset_s == pytest.approx(LOG_BEFORE_S, abs=1.0)
+    laboratory.rests(recording)
+
+
+def test_hdf5_in_dutch(laboratory, tmp_path):
+    """`eenheid` is a unit as `unit` is; so nothing about units is a guess."""
+    laboratory.hdf5_in_dutch(tmp_path / "opname.h5")
+    proposal, recording = proposed(tmp_path)
+    laboratory.holds(recording, {"b1": "ref", "b2": "b1", "b3": "b2"})
+    assert recording.setup.source.magnet.unit == "um"
+    assert not [guess for guess in proposal.guesses if guess.startswith("source.units")]
+    told = next(guess for guess in proposal.guesses if guess.startswith("source.magnet"))
+    assert "unit as the file says" in told
+    laboratory.rests(recording)
+
+
 def test_matlab_in_dutch(laboratory, tmp_path):
     laboratory.dutch(tmp_path / "meting.mat")
     _, recording = proposed(tmp_path)
@@ -504,6 +530,11 @@ def test_look_up_tables_are_no_recording(tmp_path):
     proposal = propose([tmp_path], tmp_path / "setup.toml", answers=answers)
     assert proposal.film == tmp_path / "Pos0"
     assert 'look_up_table_of = { bead1 = "bead1.npz", bead2 = "bead2.npz" }' in proposal.text
+    assert "one for each bead by its name" in proposal.text
+    (tmp_path / "bead1.npz").unlink()
+    alone = propose([tmp_path / "Pos0"], tmp_path / "setup.toml", answers=answers)
+    assert 'look_up_table = "bead2.npz"' in alone.text
+    assert "of one bead, and beads differ" in alone.text
 
 
 @pytest.mark.skipif(not SHARED.is_dir(), reason="../shared is not beside this checkout")

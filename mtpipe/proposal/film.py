@@ -203,15 +203,16 @@ def _first_positions(
     if film.tables and not draft.states_some("tracking"):
         names = {bead: os.path.relpath(path, home) for bead, path in film.tables.items()}
         first = next(iter(names.values()))
-        tries: list[dict[str, Any]] = [{"look_up_table_of": names}] if len(names) > 1 else []
-        for keys in [*tries, {"look_up_table": first}]:
+        own = {"look_up_table_of": names}, "found beside the film, one for each bead by its name"
+        of_one = {"look_up_table": first}, "found beside the film; of one bead, and beads differ"
+        tries: list[tuple[dict[str, Any], str]] = [own] if len(names) > 1 else []
+        for keys, why in [*tries, of_one]:
             one = trial.copied()
             one.put("tracking", keys)
             try:
                 found = first_positions(film, home, parse_setup(one.content), progress)
             except MtpipeError:
                 continue  # tables of beads that are not found
-            why = "found beside the film; made of one bead, and beads differ"
             for key, value in keys.items():
                 draft.put(f"tracking.{key}", value, why, guess=True)
             return found
