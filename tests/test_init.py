@@ -2,6 +2,7 @@
 
 import dataclasses
 import shutil
+import tomllib
 from pathlib import Path
 
 import numpy as np
@@ -18,6 +19,7 @@ from mtpipe.proposal.proposal import checked, propose
 from mtpipe.proposal.questions import as_setup_part, parsed
 from mtpipe.proposal.surface import surface_of
 from mtpipe.setup.setup import read_setup
+from mtpipe.setup.source_signals import ZZero
 from mtpipe.tracking.scan import table_from_scan
 from tests.laboratory_files import LENGTH_NM, LOG_BEFORE_S, RATE, Laboratory
 from tests.stack_images import draw
@@ -531,6 +533,10 @@ def test_look_up_tables_are_no_recording(tmp_path):
     assert proposal.film == tmp_path / "Pos0"
     assert 'look_up_table_of = { bead1 = "bead1.npz", bead2 = "bead2.npz" }' in proposal.text
     assert "one for each bead by its name" in proposal.text
+    # only the beginning was seen: how to say where beads lie on the surface is a line to copy
+    (line,) = [guess for guess in proposal.guesses if guess.startswith("source.z_zero")]
+    table = tomllib.loads(line[line.index("z_zero = {", 1) :])["z_zero"]
+    assert ZZero.model_validate(table).no_plateau
     (tmp_path / "bead1.npz").unlink()
     alone = propose([tmp_path / "Pos0"], tmp_path / "setup.toml", answers=answers)
     assert 'look_up_table = "bead2.npz"' in alone.text

@@ -125,7 +125,12 @@ def _put_surface(draft: Draft, heights_nm: Sequence[FloatArray]) -> None:
     """Put where z = 0 is, by the heights of the reference beads in the look-up table."""
     known = [float(np.nanmedian(z)) for z in heights_nm if np.isfinite(z).any()]
     if known:
-        why = "a guess: reference beads have this height in the look-up table"
+        # only the film's beginning was tracked, so that no stretch is known to be one of touch
+        why = (
+            "a guess: reference beads have this height in the look-up table. If beads lie on the "
+            "surface for some time, say when instead, as such a stretch has no force: "
+            "z_zero = { touch_time_s = [0.0, 30.0], no_plateau = true }"
+        )
         draft.put("source.z_zero.value_nm", float(f"{np.mean(known):.5g}"), why, guess=True)
         return
     low = "the stretch in which beads touch the surface: touch_time_s = [0.0, 30.0]"
