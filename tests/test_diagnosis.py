@@ -161,7 +161,7 @@ def test_the_sentence_says_cause_consequence_and_agreement(concealed):
     size = r"[\d.]+ ± [\d.]+"
     assert re.search(f"Ignoring it {consequence.replace('SIZE', size)}", sentence)
     assert "With it the recording agrees with its simulation" in sentence
-    place = r"It shows most (along the field \(x\)|across the field \(y\)|in height \(z\))"
+    place = r"This shows most (along the field \(x\)|across the field \(y\)|in height \(z\))"
     where = rf"{place}.*(at [\d.–]+ pN \(plateaus? [\d, ]+\)|at all forces)\. Ignoring"
     assert re.search(where, sentence)
     assert not re.search(r"\b(nan|inf|none)\b", sentence, re.IGNORECASE)

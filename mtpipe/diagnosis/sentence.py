@@ -28,7 +28,7 @@ def sentence(found: Explanation, one: Named) -> str:
     if isinstance(one.found, FittedEffect):
         place = _mended(one)
         where = _where(one.before, place, fit.force_pN) if place is not None else ""
-        where = f"It shows most {where}. " if where else ""
+        where = f"This shows most {where}. " if where else ""
         cause = one.found.effect.cause(fit.model.described(fit.theta))
     else:
         where, cause = "", one.found.cause
