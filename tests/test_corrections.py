@@ -17,6 +17,7 @@ from mtpipe.diagnosis import time_corrections as corrected_module
 from mtpipe.recording.plateaus import find_plateaus
 from mtpipe.recording.recording import Recording
 from tests import small_case
+from tests.bent_table import with_bent_table
 
 pytestmark = pytest.mark.slow
 
@@ -252,16 +253,6 @@ def test_other_effects_are_not_taken_for_these(effect):
     assert [find(check) for find in CORRECTIONS] == [None, None]
 
 
-def with_bent_table(raw, plateau, slope):
-    """z of one plateau by a table whose slope changes by this over one standard deviation."""
-    xyz = raw.positions_nm["b1"].copy()
-    rows = slice(raw.plateaus[plateau].start, raw.plateaus[plateau].stop)
-    u = xyz[rows, 2] - np.nanmean(xyz[rows, 2])
-    sigma = np.nanstd(u)
-    xyz[rows, 2] += slope / (2 * sigma) * (u**2 - sigma**2)
-    return replace(raw, positions_nm=raw.positions_nm | {"b1": xyz})
-
-
 @pytest.mark.parametrize("slope", [0.3, -0.3])
 def test_a_bent_table_is_found_measured_and_undone(slope):
     raw = small_case.raw(21, lost_share=0.02)
@@ -269,6 +260,9 @@ def test_a_bent_table_is_found_measured_and_undone(slope):
     found = z_response.find(check, small_case.generator(22))
     assert found is not None
     assert found.name == "z_response"
+    # a test of its own, of five plateaus and 24 simulations, tells it
+    assert found.chance_p is not None
+    assert found.chance_p < z_response.SKEWED_P
     (size,) = found.strengths
     # means of simulations scatter too; a bead is not quite Gaussian
     assert abs(size.value - abs(slope)) < 0.1

@@ -23,6 +23,7 @@ from mtpipe.diagnosis.causes import (
     worth_in_any,
 )
 from mtpipe.diagnosis.evidence import evidence_of
+from mtpipe.diagnosis.explain import explain
 from mtpipe.diagnosis.explanation import Alternative, Explanation, Named
 from mtpipe.diagnosis.forces_to_quote import diagnosed_forces
 from mtpipe.diagnosis.mismatch import bead_content
@@ -36,6 +37,7 @@ from mtpipe.simulation.setup_experiment import stated_experiment
 from mtpipe.simulation.simulate import simulate_experiment
 from mtpipe.terms.catalogue import TERMS
 from mtpipe.terms.course import FrictionCourse
+from tests.bent_table import with_bent_table
 from tests.small_case import FORCES_PN, FRAMES, NOISE_NM, generator, raw, setup
 
 pytestmark = pytest.mark.slow
@@ -90,6 +92,20 @@ def test_two_causes_are_named_together_with_their_sizes(seen):
     assert all(one.heldout_gain > 0 for one in named)
     # nothing was fitted in their place yet, which makes no name certain
     assert all(one.probability < 0.99 for one in named)
+
+
+@pytest.mark.parametrize("slope", [0.3, -0.3])
+def test_what_a_bent_table_does_is_not_held_against_causes(seen, slope):
+    """Heights are distributed by the table, and the causes beside it are right all the same."""
+    bent = with_bent_table(seen, 1, slope)
+    effects = [BY_NAME[name] for name in (*NAMES, "hopping", "extensible_tether")]
+    check = check_bead(prepare(bent, "b1"), generator(5), rounds=(24,))
+    steps = []
+    told = explain(check, generator(6), effects=effects, progress=steps.append)
+    assert {one.name for one in told.named} == {"z_response", "z_crosstalk", "lateral_scale"}
+    assert told.verdict == "explained"
+    assert not any(step.startswith("without") for step in steps)
+    assert not any(step == "weighing other sets" for step in steps)
 
 
 def test_a_cause_without_a_name_is_described_by_its_form(seen):

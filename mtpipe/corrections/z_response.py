@@ -44,13 +44,15 @@ class Bend:
     Attributes
     ----------
     plateau : its index. spread_nm : σ of the recorded z. slope : 2cσ, by how much the table's slope
-        changes over one standard deviation, and its standard error.
+        changes over one standard deviation, and its standard error. p_value : of the more certain
+        of both signs, of all plateaus.
     """
 
     plateau: int
     spread_nm: float
     slope: float
     stderr: float
+    p_value: float
 
 
 def find(check: BeadCheck, random: np.random.Generator) -> Correction | None:
@@ -83,7 +85,8 @@ def find(check: BeadCheck, random: np.random.Generator) -> Correction | None:
         f" {where})"
     )
     strength = Strength("slope_error", abs(most.slope), most.stderr, "")
-    return Correction(NAME, corrected, (strength,), cause)
+    chance_p = min(one.p_value for one in seen)
+    return Correction(NAME, corrected, (strength,), cause, chance_p)
 
 
 def signs(z_nm: FloatArray) -> tuple[float, float]:
@@ -133,7 +136,7 @@ def _seen(case: PreparedBead, random: np.random.Generator) -> list[Bend]:
     score = more * np.sign(more[:, :1]) / error
     p_value = len(recorded) * stats.t.sf(score, SIMULATIONS - 1)
     return [
-        Bend(i, float(np.nanstd(position[:, 2])), more[i, 0] / 3, error[i, 0] / 3)
+        Bend(i, float(np.nanstd(position[:, 2])), more[i, 0] / 3, error[i, 0] / 3, min(p_value[i]))
         for i, position in enumerate(case.positions_nm)
         if p_value[i, 0] < SKEWED_P and p_value[i, 1] < GROWS_P
     ]

@@ -134,7 +134,8 @@ def grown(
     causes that were tried the one that was most nearly worth its price.
 
     One that has grown from each set comes before any second: what is likelier now may be a dead
-    end.
+    end. Where the likeliest has a term, the likeliest of causes alone is followed beside it: a term
+    of many numbers can do what several causes do together, and leaves none of them a gain.
 
     Parameters
     ----------
@@ -153,10 +154,11 @@ def grown(
         tried = try_effects(one.fit, able, evidence, beside=bool(one.members), only=promising)
         lacking = {other: price(other) - allowed(one, other.effect) - other.gain for other in tried}
         by_net = sorted(tried, key=lambda other: lacking[other])
-        strongest += [other for other in by_net if not other.effect.form][:1]
-        for other in by_net[:BEAM]:
+        by_cause = [other for other in by_net if not other.effect.form][:1]
+        strongest += by_cause
+        for other in dict.fromkeys([*by_net[:BEAM], *by_cause]):
             if lacking[other] >= 0:
-                break
+                continue
             if not happens(other) or gained_by_motion(other) < ALIKE_NATS:
                 continue  # or all of it but its motion fits as well
             larger = _needed(without, (*one.members, other), other.fit)
@@ -171,9 +173,17 @@ def grown(
     firsts.sort(key=by_score, reverse=True)
     seconds.sort(key=by_score, reverse=True)
     # what is tried is not fitted to the end, and lineages are compared by what they come to
-    beam = [settled(one) for one in [*firsts, *seconds][:BEAM]]
+    beam = [settled(one) for one in _followed([*firsts, *seconds])]
     weighed |= {one.names: one for one in beam}
     return beam, max(strongest, key=lambda other: other.gain - price(other), default=None)
+
+
+def _followed(grown_sets: Sequence[Causes]) -> list[Causes]:
+    """The sets that are grown further, of those in the order in which they are to be."""
+    of_causes = [one for one in grown_sets if not any(each.effect.form for each in one.members)]
+    if grown_sets and of_causes and grown_sets[0] not in of_causes:
+        return [grown_sets[0], max(of_causes, key=by_score)]
+    return list(grown_sets[:BEAM])
 
 
 def exchanged(

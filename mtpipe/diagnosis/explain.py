@@ -53,7 +53,7 @@ def explain(
     effects = catalogue() if effects is None else effects
     say("looking for sticking and pixel locking")
     corrections, begun = corrected(before, random)
-    found = several_causes(before, begun, effects, random, say)
+    found = several_causes(before, begun, effects, random, say, to_the_end=False)
     if not found.named and found.check is not begun:
         # what is seen in time has a test of its own, and effects of the spectrum may have hidden it
         say("looking for sticking and pixel locking again")
@@ -61,6 +61,8 @@ def explain(
         again = several_causes(before, late[-1].after, effects, random, say) if late else None
         if again is not None and (again.named or agrees(late[-1].after, before)):
             corrections, begun, found = [*corrections, *late], late[-1].after, again
+        elif found.cut_short:
+            found = several_causes(before, begun, effects, random, say)
     verdict, named, after, nearest = concluded(before, begun, corrections, found, random)
     return Explanation(before, after, tuple(named), verdict, nearest)
 

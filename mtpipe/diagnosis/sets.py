@@ -51,6 +51,7 @@ from mtpipe.diagnosis.judging import (
 )
 from mtpipe.diagnosis.probability import smooth_gain, unknown_nats, weight
 from mtpipe.diagnosis.single_events import unseen_member
+from mtpipe.diagnosis.time_corrections import seen_late
 from mtpipe.diagnosis.unexplained import Rejected
 from mtpipe.diagnosis.why_not import gains_in_words, too_little
 from mtpipe.effects.effect import Effect
@@ -88,11 +89,13 @@ class Weighed:
         found; none where they do not, or where others weigh as much.
     check : with the last set that was compared with simulations; where none was, without any.
     nearest : the cause that came nearest where none is named, and why; None if none could be tried.
+    cut_short : whether it ended before its time, as a correction is seen beside the causes.
     """
 
     named: list[Named]
     check: BeadCheck
     nearest: Rejected | None = None
+    cut_short: bool = False
 
 
 def several_causes(
@@ -101,12 +104,15 @@ def several_causes(
     effects: Sequence[Effect],
     random: np.random.Generator,
     say: Callable[[str], None],
+    to_the_end: bool = True,
 ) -> Weighed:
     """Weigh causes as sets.
 
     Parameters
     ----------
     first : the bead's first check. begun : with what was taken off the traces in time, if anything.
+    to_the_end : also where a correction is seen beside the causes. What is the correction's would
+        be held against causes.
     """
     without = begun.case.fit
     nothing = Causes((), without, 0.0)
@@ -139,6 +145,8 @@ def several_causes(
                 if gained < FORM_NATS + ln_of(check.p_value) - ln_of(1.0):
                     agreed = better_judged(best, check, rivals, begun, random)[:2]
                     break
+            if not (wrong or agreed or to_the_end) and seen_late(check, random):
+                return Weighed([], check, cut_short=True)
             wrong = wrong or contradicted(begun, best, check, random)
             if wrong:
                 say(f"without {wrong}, which is not how positions are distributed")

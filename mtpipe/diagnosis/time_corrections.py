@@ -58,6 +58,16 @@ def _hardly_helps(check: BeadCheck, found: Correction) -> bool:
     return foreseen < min(ALARM_P, math.pow(check.p_value, HARDLY_LESS_ODD))
 
 
+def seen_late(check: BeadCheck, random: np.random.Generator) -> bool:
+    """Whether there is a correction that is of use once effects are there.
+
+    Parameters
+    ----------
+    check : with effects.
+    """
+    return any(find(check, random) is not None for find in LATE_CORRECTIONS)
+
+
 def late_corrections(
     check: BeadCheck, corrections: Sequence[Named], case: PreparedBead, random: np.random.Generator
 ) -> list[Named]:
