@@ -96,7 +96,10 @@ def test_italian_text_with_a_log_in_times_of_day(laboratory, tmp_path, clock):
     assert recording.setup.source.time.column == clock
     assert recording.setup.camera.frame_rate_hz.value == RATE
     assert recording.setup.camera.exposure_s.value == pytest.approx(0.008)
-    assert recording.setup.source.magnet.clock_offset_s == pytest.approx(LOG_BEFORE_S, abs=1.0)
+    offset_s = recording.setup.source.magnet.clock_offset_s
+    assert offset_s == pytest.approx(LOG_BEFORE_S, abs=1.0)
+    (told,) = [notice.message for notice in recording.notices if notice.code == "log_clock"]
+    assert f"first entry is taken to be at {offset_s:g} s of the recording" in told
     laboratory.rests(recording)
 
 
