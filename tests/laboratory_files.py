@@ -151,6 +151,28 @@ class Laboratory:
             lines.append(f"16:2{int(minutes)}:{seconds:06.3f}\t{magnet:.4f}\t0.0000")
         (folder / "medida 7 imanes.dat").write_bytes("\n".join([*lines, ""]).encode("latin-1"))
 
+    def italian(self, folder, clock="Tempo [s]"):
+        """Semicolons and decimal commas below remarks, and a log in times of day."""
+        heads = {"ref": "Sfera 2", "b1": "Sfera 1", "b2": "Sfera 3"}
+        names = [f"{head} {axis} (µm)" for head in heads.values() for axis in "XYZ"]
+        lines = [
+            "Pinzette magnetiche, acquisizione del 12/03/2025",
+            "Frequenza dei fotogrammi: 100,0 Hz",
+            "Tempo di esposizione: 8,0 ms",
+            "",
+            ";".join(["Fotogramma", clock, *names]),
+        ]
+        table = np.hstack([self.positions_nm[bead] for bead in heads]) / 1e3
+        for k, row in enumerate(table):
+            cells = ["NaN" if np.isnan(v) else comma(v, 4) for v in row]
+            lines.append(";".join([str(k), comma(self.time_s[k], 4), *cells]))
+        (folder / "misura_03.txt").write_bytes("\r\n".join([*lines, ""]).encode("latin-1"))
+        lines = ["Ora;Posizione magneti [mm]"]
+        for at, magnet in zip(*self.log(), strict=True):
+            minutes, seconds = divmod(at - LOG_BEFORE_S, 60)
+            lines.append(f"10:4{int(minutes)}:{comma(seconds, 2):0>5};{comma(magnet, 4)}")
+        (folder / "misura_03_motore.txt").write_bytes("\r\n".join([*lines, ""]).encode("latin-1"))
+
     def dutch(self, path):
         """A struct of MATLAB with rows of beads, and what the camera was set to."""
         from scipy.io import savemat
@@ -221,6 +243,25 @@ class Laboratory:
                 group["snr"] = np.linspace(19, 21, len(xyz))
             file["stage/magnets/timestamp"], file["stage/magnets/height"] = 1e3 * time_s, magnet
             file["stage/magnets/timestamp"].attrs["unit"] = "ms"
+
+    def hdf5_in_dutch(self, path):
+        """Beads × frames for each axis, units as `eenheid`; the log a table of records."""
+        import h5py
+
+        with h5py.File(path, "w") as file:
+            positions = np.stack([*self.positions_nm.values()])
+            for axis, (unit, nm) in enumerate((("pixels", 71.5), ("pixels", 71.5), ("µm", 1e3))):
+                file[f"opname/kralen/{'xyz'[axis]}"] = positions[:, :, axis] / nm
+                file[f"opname/kralen/{'xyz'[axis]}"].attrs["eenheid"] = unit
+            file["opname/tijd"] = 1e3 * self.time_s
+            file["opname/tijd"].attrs["eenheid"] = "ms"
+            file["opname"].attrs["pixelgrootte_nm"] = 71.5
+            time_s, magnet = self.log()
+            kinds = [("tijd", "f8"), ("positie", "f8"), ("rotatie", "f8")]
+            log = np.zeros(len(time_s), dtype=kinds)
+            log["tijd"], log["positie"] = 1e3 * time_s, 1e3 * magnet
+            file["opname/magneten"] = log
+            file["opname/magneten"].attrs["eenheid"] = ["ms", "µm", "omwentelingen"]
 
     def tdms(self, path):
         """Groups of the tracker and of the motor, units in the names."""

@@ -250,7 +250,9 @@ def test_faults_are_told_in_a_sentence():
         mtpipe.molecule("PNA", 10, temperature_K=KELVIN)
 
 
-def test_the_page_names_what_is_there_and_its_example_runs(monkeypatch):
+@pytest.mark.parametrize("zero_stderr_nm", [0.0, 3.0])
+def test_the_page_names_what_is_there_and_its_example_runs(monkeypatch, zero_stderr_nm):
+    """Of a recording in which z = 0 is exact, and of one in which the beads' touch told it."""
     text = PAGE.read_text(encoding="utf-8")
     for name, kind in MOLECULES.items():
         (row,) = re.findall(rf"^\| `{name}` \| .*$", text, re.MULTILINE)
@@ -259,8 +261,9 @@ def test_the_page_names_what_is_there_and_its_example_runs(monkeypatch):
     (example,) = re.findall(r"```python\n(.*?)```", text, re.DOTALL)
     force = np.geomspace(0.3, 9.0, 8)
     truth = mean_extension_nm(Chain(1190.0, 50.0, KELVIN), force)
+    assay = Assay(KELVIN, zero_stderr_nm=zero_stderr_nm)
     made = {
-        bead: curve(bead, points(truth, force, seed=i))
+        bead: curve(bead, points(truth, force, seed=i), assay)
         for i, bead in enumerate(("b1", "b2"))
     }  # fmt: skip
     recording = mtpipe.simulate(

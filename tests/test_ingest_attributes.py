@@ -463,6 +463,18 @@ def test_units_as_they_are_written():
     ]  # fmt: skip
 
 
+@pytest.mark.parametrize("name", ["units", "Einheit", "unité", "unidad", "Unità", "eenheid"])
+def test_units_are_said_in_the_languages_that_laboratories_write(name):
+    assert stated_by({name: "µm"}).unit == "µm"
+
+
+@pytest.mark.parametrize(
+    ("written", "unit"), [("omwentelingen", "turn"), ("Secondi", "s"), ("[Grad]", "degree")]
+)
+def test_units_are_written_out_in_these_languages(written, unit):
+    assert unit_of(written) == unit
+
+
 def test_attributes_of_any_type_raise_nothing():
     odd = {
         "units": b"nm", "scale_factor": np.array([[2.0]]), "dt": "soon", "fps": np.nan, "x": None,

@@ -2,6 +2,7 @@
 
 import dataclasses
 import shutil
+import tomllib
 from pathlib import Path
 
 import numpy as np
@@ -18,6 +19,7 @@ from mtpipe.proposal.proposal import checked, propose
 from mtpipe.proposal.questions import as_setup_part, parsed
 from mtpipe.proposal.surface import surface_of
 from mtpipe.setup.setup import read_setup
+from mtpipe.setup.source_signals import ZZero
 from mtpipe.tracking.scan import table_from_scan
 from tests.laboratory_files import LENGTH_NM, LOG_BEFORE_S, RATE, Laboratory
 from tests.stack_images import draw
@@ -81,6 +83,35 @@ def test_spanish_text_with_a_log_in_times_of_day(laboratory, tmp_path):
     assert recording.setup.camera.exposure_s.value == pytest.approx(0.008)
     # the first frame is at 12 s, and 3 s after the log's first entry
     assert recording.setup.source.magnet.clock_offset_s == pytest.approx(9.0, abs=1.0)
+    laboratory.rests(recording)
+
+
+@pytest.mark.parametrize("clock", ["Tempo [s]", "Czas [s]"])
+def test_italian_text_with_a_log_in_times_of_day(laboratory, tmp_path, clock):
+    """A clock is known by its word, or in a language that is not known by values and unit."""
+    laboratory.italian(tmp_path, clock)
+    _, recording = proposed(tmp_path, name="misura_03.txt")
+    laboratory.holds(recording, {"b2": "ref", "b1": "b1", "b3": "b2"})
+    assert recording.references == ("b2",)
+    assert recording.setup.source.time.column == clock
+    assert recording.setup.camera.frame_rate_hz.value == RATE
+    assert recording.setup.camera.exposure_s.value == pytest.approx(0.008)
+    offset_s = recording.setup.source.magnet.clock_offset_s
+    assert offset_s == pytest.approx(LOG_BEFORE_S, abs=1.0)
+    (told,) = [notice.message for notice in recording.notices if notice.code == "log_clock"]
+    assert f"first entry is taken to be at {offset_s:g} s of the recording" in told
+    laboratory.rests(recording)
+
+
+def test_hdf5_in_dutch(laboratory, tmp_path):
+    """`eenheid` is a unit as `unit` is; so nothing about units is a guess."""
+    laboratory.hdf5_in_dutch(tmp_path / "opname.h5")
+    proposal, recording = proposed(tmp_path)
+    laboratory.holds(recording, {"b1": "ref", "b2": "b1", "b3": "b2"})
+    assert recording.setup.source.magnet.unit == "um"
+    assert not [guess for guess in proposal.guesses if guess.startswith("source.units")]
+    told = next(guess for guess in proposal.guesses if guess.startswith("source.magnet"))
+    assert "unit as the file says" in told
     laboratory.rests(recording)
 
 
@@ -504,6 +535,15 @@ def test_look_up_tables_are_no_recording(tmp_path):
     proposal = propose([tmp_path], tmp_path / "setup.toml", answers=answers)
     assert proposal.film == tmp_path / "Pos0"
     assert 'look_up_table_of = { bead1 = "bead1.npz", bead2 = "bead2.npz" }' in proposal.text
+    assert "one for each bead by its name" in proposal.text
+    # only the beginning was seen: how to say where beads lie on the surface is a line to copy
+    (line,) = [guess for guess in proposal.guesses if guess.startswith("source.z_zero")]
+    table = tomllib.loads(line[line.index("z_zero = {", 1) :])["z_zero"]
+    assert ZZero.model_validate(table).no_plateau
+    (tmp_path / "bead1.npz").unlink()
+    alone = propose([tmp_path / "Pos0"], tmp_path / "setup.toml", answers=answers)
+    assert 'look_up_table = "bead2.npz"' in alone.text
+    assert "of one bead, and beads differ" in alone.text
 
 
 @pytest.mark.skipif(not SHARED.is_dir(), reason="../shared is not beside this checkout")

@@ -143,6 +143,14 @@ def test_the_table_of_biases_is_what_its_command_prints(monkeypatch):
         np.testing.assert_allclose(found, kept, atol=0.11)
 
 
+def test_the_tables_of_closed_forms_are_what_their_command_prints(monkeypatch):
+    monkeypatch.syspath_prepend(str(ROOT / "workflows" / "physics"))
+    blocks = importlib.import_module("closed_forms").blocks()
+    assert set(blocks) == {"interpolation", "stretching", "aliases", "averages"}
+    for name, block in blocks.items():
+        assert f"<!-- study: {name} -->\n{block}\n<!-- end -->" in PHYSICS
+
+
 def test_a_formula_without_code_is_noticed():
     page = "## 1. One\n\n$$\nx\n$$\n\n### E1 Two\n\nwords\n\n## 3. Three\n\nIn the code: it\n\n$$\n"
     assert without_code(page) == ["## 1. One", "### E1 Two"]

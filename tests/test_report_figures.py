@@ -100,6 +100,20 @@ def test_what_is_named_is_drawn_before_and_after(pages: dict[str, Page]) -> None
     assert "before_after" not in pages["bead-b10.html"].charts["figures"]
 
 
+def test_lines_of_maps_do_not_overlap_on_paper(pages: dict[str, Page]) -> None:
+    """A figure is a fifth lower there (PRINT_SHRINK), its type of 13 px and its margins are not."""
+    seen = 0
+    for page in pages.values():
+        for name, figure in page.charts["figures"].items():
+            made = figure["layout"]
+            if figure["data"][0]["type"] == "heatmap" and "b" in made["margin"]:
+                room = 0.8 * made["height"] - made["margin"]["t"] - made["margin"]["b"]
+                lines = len(figure["data"][0]["y"])
+                assert room / lines > 12, (name, lines)
+                seen += 1
+    assert seen > 0
+
+
 def test_what_no_effect_explains_is_said_drawn_and_bounded(pages: dict[str, Page]) -> None:
     page = pages["bead-b10.html"]
     assert "Nothing in the catalogue explains it. Between 0.4 and 2.5 Hz along y …" in page.text

@@ -14,6 +14,8 @@ from mtpipe.ground.version import VERSION
 ROOT = Path(__file__).parents[1]
 DOCS = ROOT / "docs"
 PAGES = {path.relative_to(DOCS).with_suffix("").as_posix(): path for path in DOCS.rglob("*.md")}
+# Pages beside the site's, whose links GitHub shows.
+FRONT = {name: ROOT / f"{name}.md" for name in ("README", "CONTRIBUTING", "VISION", "CHANGELOG")}
 LINK = re.compile(r"\]\((?!https?:|mailto:)([^)\s#]*)(#[^)\s]*)?\)")
 TOCTREE = re.compile(r"```\{toctree\}\n(.*?)```", re.S)
 INCLUDE = re.compile(r'```\{include\} (\S+)\n:start-after: "(.+)"\n:end-before: "(.+)"\n```')
@@ -33,9 +35,9 @@ def anchors_of(path):
     return {re.sub(r"[^\w\- ]", "", each.lower()).replace(" ", "-") for each in headings}
 
 
-@pytest.mark.parametrize("page", PAGES)
+@pytest.mark.parametrize("page", [*PAGES, *FRONT])
 def test_links_lead_somewhere(page):
-    path = PAGES[page]
+    path = (PAGES | FRONT)[page]
     for target, anchor in LINK.findall(text_of(path)):
         there = (path.parent / target).resolve() if target else path
         assert there.exists(), f"{page}: {target}"

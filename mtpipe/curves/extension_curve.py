@@ -150,8 +150,8 @@ def fit_curve(
         opposite: Relation = "long-chain" if assay.relation == "potential" else "potential"
         other = _fit(far, chosen.model, chosen.model, replace(assay, relation=opposite))
     notices = []
-    near = len(usable) - len(far) - len(outliers)
-    if near > 0:
+    near = usable.select(usable.force_pN < surface_pN)
+    if len(near) > 0:
         notices.append(_near_surface(near, len(usable), surface_pN))
     if outliers:
         notices.append(_off_the_curve(outliers, len(usable)))
@@ -316,12 +316,14 @@ def _chosen_because(chosen: TetherFit, fits: Mapping[Formula, TetherFit], usable
     )
 
 
-def _near_surface(left_out: int, usable: int, surface_pN: float) -> Notice:
+def _near_surface(near: ExtensionPoints, usable: int, surface_pN: float) -> Notice:
+    numbers = ", ".join(map(str, near.plateau))
     return Notice(
         "near_surface",
-        "info",
-        f"{left_out} of {usable} forces lie below {surface_pN:.2g} pN, where the surface disturbs "
-        "the bead; they were left out of the tether's fit.",
+        "caution",
+        f"Left out of the tether's fit, for a force below {surface_pN:.2g} pN: plateau {numbers} "
+        f"(of {usable}). There the surface disturbs the bead, or it lies on it; such a force is "
+        "not to be trusted.",
     )
 
 

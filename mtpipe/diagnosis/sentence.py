@@ -27,7 +27,8 @@ def sentence(found: Explanation, one: Named) -> str:
     fit = found.fit
     if isinstance(one.found, FittedEffect):
         place = _mended(one)
-        where = "" if place is None else f"{_where(one.before, place, fit.force_pN)}: "
+        where = _where(one.before, place, fit.force_pN) if place is not None else ""
+        where = f"This shows most {where}. " if where else ""
         cause = one.found.effect.cause(fit.model.described(fit.theta))
     else:
         where, cause = "", one.found.cause
@@ -49,7 +50,7 @@ def sentence(found: Explanation, one: Named) -> str:
     others = f" {one.others}" if one.others else ""
     sure = "" if one.form else f" Probability of this cause: {100 * one.probability:.0f} %."
     consequences = f"{without} {_consequence(found)}. {with_it}."
-    return f"{capital(where + cause)}. {consequences}{sure}{also}{others}"
+    return f"{capital(cause)}. {where}{consequences}{sure}{also}{others}"
 
 
 def _consequence(found: Explanation) -> str:

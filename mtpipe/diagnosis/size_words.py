@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import math
 
+from mtpipe.recording.recording import AXES
+
 # Factors beyond this, or below one over it, are not told as numbers.
 MOST_TOLD = 100
 
@@ -37,5 +39,5 @@ def percent(ln: float, stderr: float) -> str:
 
 
 def capital(text: str) -> str:
-    """With its first letter as a capital."""
-    return text[:1].upper() + text[1:]
+    """With its first letter as a capital, but for the name of an axis."""
+    return text if text.split(" ")[0] in AXES else text[:1].upper() + text[1:]

@@ -21,7 +21,12 @@ from mtpipe.ground.types import FloatArray
 SCALE, OFFSET = {"scalefactor"}, {"addoffset"}
 LOST = {"fillvalue", "missingvalue"}
 LOWEST, HIGHEST, RANGE = {"validmin"}, {"validmax"}, {"validrange"}
-UNIT = {"unit", "units", "unitstring", "niunitdescription"}
+# In the languages whose words for columns `mtpipe init` knows; "unité" and "unità" lose their last
+# letter, as letters beyond a to z are left out.
+UNIT = {
+    "unit", "units", "unitstring", "niunitdescription", "einheit", "einheiten", "eenheid",
+    "eenheden", "unite", "unites", "unidad", "unidades", "unita",
+}  # fmt: skip
 START = {"wfstartoffset"}
 RATE = {
     "framerate", "fps", "framespersecond", "samplingrate", "samplerate", "samplingfrequency",

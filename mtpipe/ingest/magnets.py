@@ -167,7 +167,10 @@ def _from_log(
         clock = columns.pop()
         if clock.dtype.kind == "M":
             if began is None:
-                said = f"{paths[0].name}: its clock times count from its first one."
+                said = (
+                    f"{paths[0].name} has times of day, the recording has none: the log's first "
+                    f"entry is taken to be at {magnet.clock_offset_s:g} s of the recording."
+                )
                 notices.append(Notice("log_clock", "caution", said))
             clock = since(clock[0] if began is None else began, clock)
         else:

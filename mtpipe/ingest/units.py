@@ -13,18 +13,24 @@ SPELLINGS: dict[str, tuple[str, ...]] = {
     "cm": ("cm", "centimeter", "centimetre"),
     "m": ("m", "meter", "metre"),
     "angstrom": ("å", "angstrom", "ångström"),
-    "pixel": ("px", "pix", "pxl", "pixel"),
-    "s": ("s", "sec", "second"),
+    "pixel": ("px", "pix", "pxl", "pixel", "píxel", "píxeles"),
+    "s": (
+        "s", "sec", "second", "sekunde", "sekunden", "seconde", "seconden", "segundo", "secondo",
+        "secondi",
+    ),
     "ms": ("ms", "msec", "millisecond"),
     "us": ("us", "μs", "usec", "μsec", "microsecond"),
     "ns": ("ns", "nsec", "nanosecond"),
     "min": ("min", "minute"),
     "h": ("h", "hr", "hour"),
     "day": ("d", "day"),
-    "turn": ("turn", "rev", "revolution", "rot", "rotation"),
-    "degree": ("°", "deg", "degree"),
+    "turn": (
+        "turn", "rev", "revolution", "rot", "rotation", "umdrehung", "umdrehungen", "tour",
+        "vuelta", "giro", "giri", "omwenteling", "omwentelingen",
+    ),
+    "degree": ("°", "deg", "degree", "grad", "degré", "grado", "gradi", "graad", "graden"),
     "radian": ("rad", "radian"),
-}
+}  # fmt: skip
 UNITS = {
     spelling: unit
     for unit, spellings in SPELLINGS.items()

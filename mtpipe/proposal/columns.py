@@ -24,7 +24,9 @@ from mtpipe.proposal.array_columns import (
 from mtpipe.proposal.bead_columns import Bead, Found, entry_of, names_of, patterns
 from mtpipe.proposal.look import Column, Look
 from mtpipe.proposal.nature import Nature, nature_of
-from mtpipe.proposal.words import said_by
+from mtpipe.proposal.units import stated_unit
+from mtpipe.proposal.words import Said, said_by
+from mtpipe.setup.source_parts import SECONDS_PER_UNIT
 
 HERTZ = re.compile(r"\b[kM]?Hz\b")
 # In a table with a row for each bead in each frame, frames repeat and beads are few.
@@ -85,6 +87,7 @@ def columns_of(look: Look) -> Columns:
         stamp = roles["time"]
         if natures[id(stamp)] == "count" and not stamp.stated.unit:
             roles["time"], roles["frame"] = None, stamp  # numbers of frames, whatever their name
+    _complete_clock(roles, [c for c in group if said[id(c)] == Said()], natures)
     taken = {id(column) for column in roles.values() if column is not None}
     free = [c for c in group if id(c) not in taken]
     named = [c for c in free if said[id(c)].axis is not None]
@@ -162,6 +165,21 @@ def _of_role(
         if said(column) == role and natures[id(column)] in fitting[role]:
             return column
     return None
+
+
+def _complete_clock(
+    roles: dict[str, Column | None], unnamed: Sequence[Column], natures: dict[int, Nature]
+) -> None:
+    """Take a clock by its values and its unit of time, where no name in a known language says it.
+
+    Parameters
+    ----------
+    unnamed : columns whose names say nothing.
+    """
+    for column in unnamed:
+        climbs = natures[id(column)] in ("clock", "count")
+        if roles["time"] is None and climbs and stated_unit([column]) in SECONDS_PER_UNIT:
+            roles["time"] = column
 
 
 def _array_alone(named: Sequence[Column]) -> list[Column] | None:

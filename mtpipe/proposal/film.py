@@ -125,7 +125,12 @@ def _put_surface(draft: Draft, heights_nm: Sequence[FloatArray]) -> None:
     """Put where z = 0 is, by the heights of the reference beads in the look-up table."""
     known = [float(np.nanmedian(z)) for z in heights_nm if np.isfinite(z).any()]
     if known:
-        why = "a guess: reference beads have this height in the look-up table"
+        # only the film's beginning was tracked, so that no stretch is known to be one of touch
+        why = (
+            "a guess: reference beads have this height in the look-up table. If beads lie on the "
+            "surface for some time, say when instead, as such a stretch has no force: "
+            "z_zero = { touch_time_s = [0.0, 30.0], no_plateau = true }"
+        )
         draft.put("source.z_zero.value_nm", float(f"{np.mean(known):.5g}"), why, guess=True)
         return
     low = "the stretch in which beads touch the surface: touch_time_s = [0.0, 30.0]"
@@ -203,15 +208,16 @@ def _first_positions(
     if film.tables and not draft.states_some("tracking"):
         names = {bead: os.path.relpath(path, home) for bead, path in film.tables.items()}
         first = next(iter(names.values()))
-        tries: list[dict[str, Any]] = [{"look_up_table_of": names}] if len(names) > 1 else []
-        for keys in [*tries, {"look_up_table": first}]:
+        own = {"look_up_table_of": names}, "found beside the film, one for each bead by its name"
+        of_one = {"look_up_table": first}, "found beside the film; of one bead, and beads differ"
+        tries: list[tuple[dict[str, Any], str]] = [own] if len(names) > 1 else []
+        for keys, why in [*tries, of_one]:
             one = trial.copied()
             one.put("tracking", keys)
             try:
                 found = first_positions(film, home, parse_setup(one.content), progress)
             except MtpipeError:
                 continue  # tables of beads that are not found
-            why = "found beside the film; made of one bead, and beads differ"
             for key, value in keys.items():
                 draft.put(f"tracking.{key}", value, why, guess=True)
             return found

@@ -59,7 +59,9 @@ REMARKS = (
         r"sampl\w*\s*(?:rate|freq\w*)|cadence|images?\s*(?:par|/)\s*s\w*|"
         r"fr[ée]quence\s*(?:d['’ ]\s*)?(?:images?|acquisition|[ée]chantillonnage)|"
         r"im[aá]genes\s*(?:por|/)\s*s\w*|frecuencia\s*de\s*(?:im\w+|muestreo|adquisici[oó]n)|"
-        r"beeld(?:snelheid|frequentie)|beelden\s*(?:per|/)\s*s\w*|bemonsteringsfrequentie",
+        r"beeld(?:snelheid|frequentie)|beelden\s*(?:per|/)\s*s\w*|bemonsteringsfrequentie|"
+        r"frequenza\s*(?:d\w+\s*)?(?:fotogrammi|immagini|campionamento|acquisizione)|"
+        r"(?:fotogrammi|immagini)\s*(?:al|/)\s*s\w*",
         (1.0, 1e5),
         bare=True,
     ),
@@ -67,7 +69,7 @@ REMARKS = (
         "camera.exposure_s",
         r"exposure(?:\s*time)?|belicht[iu]ng\w*|shutter(?:\s*time)?|integration\s*time|"
         r"temps\s*(?:de\s*pose|d['’ ]\s*(?:exposition|int[ée]gration))|"
-        r"exposition|exposici[oó]n|sluitertijd",
+        r"exposition|exposici[oó]n|sluitertijd|(?:tempo\s*di\s*)?(?:esposizione|posa)",
         (1e-6, 1.0),
     ),
     Remark(

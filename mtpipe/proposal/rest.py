@@ -21,7 +21,8 @@ SHORTEST_S = 0.5
 # this part of the usual one.
 USUAL_SHARE = 0.5
 # Settling time (s) with a log: it is written some times per second, positions between two entries
-# are interpolated, and a clock that was found by the beads is known to half a second.
+# are interpolated, and logs are early or late by up to half a second: a clock that was found by the
+# beads is known no better, and one that is said to be the camera's may lag.
 LOG_SETTLE_S = 1.0
 HALF_THE_TIME = 0.5
 
@@ -50,7 +51,7 @@ def rest_of(time_s: FloatArray, magnet_mm: FloatArray, *, log: bool) -> Rest:
         why["tolerance_mm"] = f"the magnets' position scatters by {noise:.2g} mm while they rest"
     if log:
         choices["settle_s"] = LOG_SETTLE_S
-        why["settle_s"] = "the log's clock is known to about half a second"
+        why["settle_s"] = "the log may be early or late by half a second"
     default = Plateaus()
     every = find_plateaus(time_s, magnet_mm, Plateaus(minimum_s=SHORTEST_S, **choices))
     lasts = np.array([time_s[p.stop - 1] - time_s[p.start] for p in every])

@@ -20,7 +20,7 @@ ROLES: tuple[tuple[Role, re.Pattern[str]], ...] = (
     (
         "rotation",
         re.compile(
-            r"rot|turn|dreh|winkel|angle|revol|windung|giro|vuelta|draai|omwent|theta$|phi$"
+            r"rot|turn|dreh|winkel|angle|revol|windung|gir[oi]|vuelta|draai|omwent|theta$|phi$"
         ),
     ),
     (
@@ -32,27 +32,34 @@ ROLES: tuple[tuple[Role, re.Pattern[str]], ...] = (
     (
         "time",
         re.compile(
-            r"time|zeit|t$|ts$|temps|tiempo|tijd|hora$|heure|stamp|clock|uhr|second|sekund|segundo|"
-            r"elapsed|dat"
+            r"time|zeit|t$|ts$|temps|tiempo|tijd|tempo$|h?ora$|heure|stamp|clock|uhr|second|sekund|"
+            r"segundo|elapsed|dat"
         ),
     ),
     (
         "frame",
-        re.compile(r"frame|bild|img|image|index|idx|nr$|no$|number|nummer|imagen|cuadro|beeld"),
+        re.compile(
+            r"frame|bild|img|image|index|idx|nr$|no$|number|nummer|imagen|cuadro|beeld|fotogr|"
+            r"immagin"
+        ),
     ),
     (
         "other",
         re.compile(
             r"focus|fokus|objecti|objekti|piezo|stage|tisch|temp|intens|amplit|qual|error|fehler|"
-            r"sigma|std|stderr|force|kraft|status|state|valid|score|corr|laser|length|current|curve"
+            r"sigma|std|stderr|force|kraft|forza|fuerza|kracht|status|state|valid|score|corr|laser|"
+            r"length|current|curve"
         ),
     ),
 )
 AXIS = re.compile(r"(?:pos|position|coord|centroid|cent(?:er|re)|c)?([xyz])(?:pos|position|coord)?")
-HEIGHT = re.compile(r"height|höhe|hoehe|hauteur|altura|hoogte")
+HEIGHT = re.compile(r"height|höhe|hoehe|hauteur|altura|altezza|hoogte")
 # Words beside an axis that say nothing of whose it is.
-FILLERS = {"pos", "position", "coord", "coordinate", "koordinate", "of", "axis", "achse"}
-REFERENCE = re.compile(r"ref\w*|r|fid\w*|fix\w*|stuck\w*|surface|fest\w*")
+FILLERS = {
+    "pos", "position", "posición", "posizione", "positie", "coord", "coordinate", "koordinate",
+    "of", "axis", "achse",
+}  # fmt: skip
+REFERENCE = re.compile(r"ref\w*|r|rif\w*|fid\w*|fix\w*|fij\w*|fiss\w*|stuck\w*|surface|fest\w*")
 PIECES = re.compile(r"[A-Z]+(?![a-zà-ÿ])|[^\W\d_]?[^\W\d_A-Z]+|[^\W\d_]+|\d+")
 BRACKETED = re.compile(r"[(\[{]\s*([^()\[\]{}]*?)\s*[)\]}]")
 

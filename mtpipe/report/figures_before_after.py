@@ -31,7 +31,7 @@ DEEPEST = 6.0
 SHADES = [
     [0.0, "#003f66"], [0.25, "#4a9ac4"], [0.5, CALM], [0.75, "#e68a4a"], [1.0, "#5c1a00"],
 ]  # fmt: skip
-LINE_PX = 15
+LINE_PX = 17  # on paper, where figures are a fifth lower, lines of text still have room
 
 
 def spectra_figure(arrays: Arrays, named: Mapping[str, Any]) -> Figure:
@@ -145,7 +145,7 @@ def residuals_figure(named: Mapping[str, Any]) -> Figure:
     lines = ["mean height", *(f"{name}  {band}" for name in "xyz" for band in bands)]
     columns = [str(plateau) for plateau in named["plateaus"]]
     made = layout(120 + LINE_PX * len(lines))
-    made["margin"] |= {"t": 78, "l": 170}
+    made["margin"] |= {"t": 78, "l": 170, "b": 16}
     made["annotations"] = []
     data: list[dict[str, Any]] = []
     for column, (stage, title) in enumerate(STAGES.items()):

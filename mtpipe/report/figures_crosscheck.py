@@ -29,6 +29,8 @@ from mtpipe.report.rows_crosscheck import CrossCheckRows
 DEEPEST = 6.0
 SHADES = [[0.0, CALM], [1 / 3, "#fde3b8"], [2 / 3, "#d55e00"], [1.0, "#5c1a00"]]
 LINE_PX, HOVER_WIDTH = 17, 70
+# Densities are shown per µm: ticks such as 15 leave room between panels, 0.015 does not.
+PER_UM = 1e3
 
 
 def map_figure(found: CrossCheckRows) -> Figure:
@@ -110,6 +112,8 @@ def curves_figure(arrays: Arrays, tables: Sequence[pd.DataFrame], axis_name: str
         if logarithmic:
             # a logarithmic axis has no zero
             low = np.where(low > 0, low, np.nan)
+        else:
+            seen, middle, low, high = (PER_UM * column for column in (seen, middle, low, high))
         data += [
             band(arrays, at, low, high, PALE, name="95 % of simulations", **named, **on),
             {
@@ -136,11 +140,11 @@ def curves_figure(arrays: Arrays, tables: Sequence[pd.DataFrame], axis_name: str
                 **on,
             },
         ]
-        left = (number - 1) * 0.355
-        place: dict[str, Any] = {"domain": [left, left + 0.29], "anchor": f"y{suffix}"}
+        left = (number - 1) * 0.365
+        place: dict[str, Any] = {"domain": [left, left + 0.27], "anchor": f"y{suffix}"}
         titles = (
             ("frequency / Hz", "power density / (nm²/Hz)"),
-            ("deviation from the mean / nm", "density / (1/nm)"),
+            ("deviation from the mean / nm", "density / (1/µm)"),
             ("averaged over / s", "Allan variance / nm²"),
         )[number - 1]
         if logarithmic:

@@ -16,6 +16,7 @@ import pandas as pd
 from numpy.typing import ArrayLike
 
 from mtpipe.ground.types import FloatArray
+from mtpipe.report.figures_crosscheck import PER_UM
 from mtpipe.report.figures_unexplained import SHAPE_WORDS, left_panels, left_shapes
 from mtpipe.report.findings import clearest_place
 from mtpipe.report.folder import RunFolder, records
@@ -167,7 +168,8 @@ def _distribution(
     at, seen, low, high = _columns(
         table, "deviation_nm", "density_per_nm", "simulated_low_per_nm", "simulated_high_per_nm"
     )
-    made = _layout(xaxis=axis("deviation from the mean / nm"), yaxis=axis("density / (1/nm)"))
+    seen, low, high = (PER_UM * column for column in (seen, low, high))
+    made = _layout(xaxis=axis("deviation from the mean / nm"), yaxis=axis("density / (1/µm)"))
     data = _among_simulated(arrays, at, seen, low, high, AXIS_COLOUR[name])
     return Picture(
         {"data": data, "layout": made},

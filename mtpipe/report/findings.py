@@ -223,14 +223,17 @@ def _note(bead: Mapping[str, Any], mismatch: str, tolerance: float) -> str:
     """What the mismatch does to the forces, beside the tolerance of the setup's `[report]`."""
     if mismatch not in DIFFERENT:
         return ""
+    bound, most = bead["force_bound_percent"], words.number(100 * tolerance)
     if not bead["material"]:
-        return (
-            "The mismatch is significant but moves no force by more than "
-            f"{words.number(100 * tolerance)} %."
-        )
+        if mismatch == "unexplained":
+            # forces as configured may differ by much more: they are not those to quote
+            return (
+                f"What is not explained may move a force to quote by up to {words.number(bound, 2)}"
+                f" %. That is within the tolerance of {most} %."
+            )
+        return f"The mismatch is significant but moves no force by more than {most} %."
     if mismatch == "explained":
         return ""
-    bound = bead["force_bound_percent"]
     if not words.is_number(bound):
         return "By how much what is not explained may move a force is not known."
     return f"What is not explained may move a force by up to {words.number(bound, 2)} %."

@@ -89,7 +89,8 @@ def layout(height: int, **extra: Any) -> dict[str, Any]:
         "paper_bgcolor": PAPER,
         "plot_bgcolor": PAPER,
         "hoverlabel": {"bgcolor": PAPER, "font": {"color": INK}},
-        "legend": {"orientation": "h", "x": 0, "y": 1, "yanchor": "bottom", "font": {"size": 12}},
+        "legend": {"orientation": "h", "x": 0, "y": 1, "yanchor": "bottom", "font": {"size": 12}}
+        | {"bgcolor": "rgba(0,0,0,0)"},  # what it lies over, as the topmost label of an axis, shows
         "dragmode": "zoom",
         **extra,
     }

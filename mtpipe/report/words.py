@@ -67,7 +67,7 @@ VERDICT_MARK = {"good": "✓", "unchecked": "?", "caution": "△", "refused": "�
 # Codes of notices that are no words when their underscores are taken out.
 LABELS = {
     "fx_fy": "forces from x and y differ",
-    "above_nyquist": "corner above the Nyquist frequency",
+    "above_nyquist": "corner near or above the Nyquist frequency",
     "poor_fit": "spectrum unlike the model",
     "unlike_the_series": "unlike the bead's other traces",
     "beyond_dna": "higher than DNA can bear",
