@@ -700,7 +700,7 @@ def test_a_fit_that_stopped_early_is_ended_before_its_idle_sizes_are_forgiven():
     away[: found.fit.model.plateaus] += 0.05
     early = replace(found, fit=hypotheses.fit_configured(found.fit.model, away, rounds=0))
     early = replace(early, gain=early.fit.log_likelihood - fit.log_likelihood + 1000.0)
-    ended = hypotheses._idle_sizes_forgiven(early, fit)
+    ended = hypotheses.idle_sizes_forgiven(early, fit)
     assert ended.penalty >= 0.5 * np.log(fit.model.ordinates) - 1e-9
     assert ended.fit.log_likelihood == pytest.approx(found.fit.log_likelihood, abs=0.5)
     assert ended.gain == pytest.approx(ended.fit.log_likelihood - fit.log_likelihood)
@@ -712,7 +712,7 @@ def test_an_effect_that_ends_where_the_bead_is_on_the_surface_leaves_the_others(
             raise FitError("the tether does not hold the bead off the surface")
         return one
 
-    monkeypatch.setattr(hypotheses, "_idle_sizes_forgiven", at_the_edge)
+    monkeypatch.setattr(hypotheses, "idle_sizes_forgiven", at_the_edge)
     slow = replace(
         BASE, fluid=replace(BASE.fluid, viscosity_mPa_s=1.3 * BASE.fluid.viscosity_mPa_s)
     )

@@ -22,8 +22,6 @@ from mtpipe.ground.types import FloatArray
 from mtpipe.methods.integrated_spectrum import Correction
 from mtpipe.physics.camera import Camera, frame_variance
 
-CORRECTED = Correction(True, (-1, 1))
-UNCORRECTED = Correction(False, ())
 # Ordinates below the corner frequency: enough for the integral of the spectrum.
 BELOW_CORNER = 30
 FEWEST_ORDINATES = 256

@@ -191,7 +191,7 @@ def explaining(
     """
     beads = yield from per_bead(
         recording,
-        partial(_explained, with_curves=with_curves),
+        partial(explained_bead, with_curves=with_curves),
         pool,
         seed=seed,
         parts=parts,
@@ -206,9 +206,21 @@ def explaining(
     return replace(beads, results=together)
 
 
-def _explained(
+def explained_bead(
     recording: Recording, bead: str, random: np.random.Generator, *, with_curves: bool
 ) -> Explanation:
+    """What is found about one bead; the work that is sent to a process.
+
+    Parameters
+    ----------
+    recording : drift subtracted. bead : its name. random : of the simulations.
+    with_curves : keep the curves that are drawn.
+
+    Raises
+    ------
+    FitError : the bead cannot be compared with simulations, with the reason.
+    """
+
     def say(step: str) -> None:
         tell(f"{recording.name} {bead}: {step}")
 

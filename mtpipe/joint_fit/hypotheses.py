@@ -230,7 +230,7 @@ def try_effects(
     for one in begun:
         if one.gain > worthwhile:
             try:
-                one = _idle_sizes_forgiven(_ended(one, fit), fit)
+                one = idle_sizes_forgiven(_ended(one, fit), fit)
             except FitError:
                 # it ended where the least change leaves the bead on the surface
                 continue
@@ -259,7 +259,7 @@ def lost_without(fit: ConfiguredFit, hypothesis: Hypothesis) -> float:
     return 0.5 * float(pulls @ np.linalg.lstsq(correlation, pulls, rcond=1e-9)[0])
 
 
-def _idle_sizes_forgiven(one: FittedEffect, without: ConfiguredFit) -> FittedEffect:
+def idle_sizes_forgiven(one: FittedEffect, without: ConfiguredFit) -> FittedEffect:
     """The effect at the price it has without those of its sizes that do not earn theirs.
 
     A size is at least 0, which is none. The fit keeps them all: they are unknown as before.
