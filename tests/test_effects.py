@@ -463,7 +463,7 @@ def test_hypotheses_are_begun_afresh_where_the_fit_itself_finds_its_way_so(
     fresh = SimpleNamespace(log_likelihood=70.0 - lost)
     monkeypatch.setattr(hypotheses, "first_guess", lambda model: None)
     monkeypatch.setattr(hypotheses, "fit_configured", lambda *given, **options: fresh)
-    monkeypatch.setattr(hypotheses, "excess", lambda fit: 100.0)
+    monkeypatch.setattr(hypotheses, "missing_nats", lambda fit: 100.0)
     assert hypotheses.worth_beginning_afresh(fit, beside=beside) is worth
 
 

@@ -219,13 +219,17 @@ def preferred_fit(model: ConfiguredModel) -> ConfiguredFit:
 
 
 def preference(fit: ConfiguredFit) -> float:
-    """What speaks for a fit, and what its chain's formula is preferred by, in nats."""
+    """`support` of a fit, and for the usual formula of the chain the nats by which others have to
+    be better.
+    """
     usual = fit.model.experiment.chain.formula_without_stretching == FORMULAS[0]
     return support(fit) + (OTHER_FORMULA_NATS if usual else 0.0)
 
 
 def support(fit: ConfiguredFit) -> float:
-    """ln likelihood of a fit, and what forces known beforehand say of its chain's formula."""
+    """ln likelihood of a fit plus that of the forces known beforehand (nats), to choose the chain's
+    formula.
+    """
     return fit.log_likelihood + known_force_nats(fit)
 
 

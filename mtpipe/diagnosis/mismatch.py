@@ -232,7 +232,7 @@ def explained_bead(
     else:
         part = check_of(shorter, bead, random)
         found = explain_by_excerpt(check, part, random, progress=say)
-    # these take their time, so they are found here, where beads are worked on side by side
+    # these cached values take long, so they are computed here, where beads run in parallel
     _ = found.unexplained, found.force_stderr_pN
     return found
 
@@ -272,7 +272,7 @@ def _located(found: Explanation) -> list[dict[str, Any]]:
 
 
 def _oddity_left(one: Named) -> float:
-    """ln of how much of p an effect leaves; small where it explains much."""
+    """ln of the p-value without an effect over that with it; small where it explains much."""
     return math.log(max(one.before.p_value, 1e-300) / max(one.after.p_value, 1e-300))
 
 

@@ -34,8 +34,8 @@ def unseen_member(
 ) -> str:
     """The name of a member of a set whose events the traces do not show; empty: none.
 
-    Events that are not clearly seen fit as much as a form without a name does, and are to cost no
-    less: a set with such a form in their place is preferred if it is likelier then.
+    Events that traces do not clearly show fit as many recordings as a term does, and have to cost
+    as much: a set with a term in their place is preferred if it is likelier at equal cost.
 
     Parameters
     ----------
@@ -55,7 +55,9 @@ def unseen_member(
 
 
 def _formed(one: FittedEffect, causes: Causes, weighed: Iterable[Causes]) -> bool:
-    """Whether a set with a form in a member's place is likelier, were the member as dear."""
+    """Whether a set with a term in a member's place is likelier if the member costs as much as the
+    term.
+    """
     rest = causes.names - {one.effect.name}
     dearer = causes.score - (TERM_NATS - CAUSE_NATS)
     return any(

@@ -13,7 +13,7 @@ from mtpipe.experiment.changes import by_formula
 from mtpipe.ground.errors import FitError
 from mtpipe.ground.types import FloatArray
 from mtpipe.ground.written_numbers import number
-from mtpipe.joint_fit.distance import excess
+from mtpipe.joint_fit.distance import missing_nats
 from mtpipe.joint_fit.fit import MOST_ROUNDS, ConfiguredFit, exchanged, first_guess, fit_configured
 from mtpipe.joint_fit.model import ConfiguredModel
 
@@ -91,9 +91,9 @@ def with_hypothesis(
 def worth_beginning_afresh(fit: ConfiguredFit, *, beside: bool) -> bool:
     """Whether hypotheses are begun afresh too, and not only where the fit without them stands.
 
-    Its forces and noise say little where the experiment without them cannot reach the recorded
-    heights. But those of a fit that has an effect already were found with it, and where that fit,
-    begun afresh, is soon lost, fits with one effect more are so.
+    Forces and noise of the fit without them are a poor start if that experiment cannot reach the
+    recorded heights. A fit that has an effect already found its forces with it; if that fit ends
+    far lower when begun afresh, so would fits with one effect more.
 
     Parameters
     ----------
@@ -109,7 +109,7 @@ def worth_beginning_afresh(fit: ConfiguredFit, *, beside: bool) -> bool:
         )
     except (FitError, ValueError):
         return True
-    return fit.log_likelihood - fresh.log_likelihood < LOST_SHARE * excess(fit)
+    return fit.log_likelihood - fresh.log_likelihood < LOST_SHARE * missing_nats(fit)
 
 
 def happens(one: FittedEffect) -> bool:
@@ -127,7 +127,7 @@ def happens(one: FittedEffect) -> bool:
 def gained_by_motion(one: FittedEffect) -> float:
     """ln likelihood that an effect gains by moving over all of it standing still (nats).
 
-    inf for one that is no matter of motion, or if it cannot be without.
+    inf for an effect that does not move, or that does not apply when it stands still.
     """
     if one.effect.still is None:
         return math.inf
@@ -260,9 +260,10 @@ def lost_without(fit: ConfiguredFit, hypothesis: Hypothesis) -> float:
 
 
 def idle_sizes_forgiven(one: FittedEffect, without: ConfiguredFit) -> FittedEffect:
-    """The effect at the price it has without those of its sizes that do not earn theirs.
+    """The effect with a lower penalty: sizes that gain less than they cost are not charged for.
 
-    A size is at least 0, which is none. The fit keeps them all: they are unknown as before.
+    Only sizes with a lower bound of 0, which is no effect, can be idle. The fit keeps them, so that
+    its errors allow for them as before.
     """
     model = one.fit.model
     first = len(model.parameters) - len(one.hypothesis.parameters)
