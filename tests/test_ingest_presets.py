@@ -406,6 +406,8 @@ WRITERS = {
     ),
     "shon-text": lambda folder: write_shon(folder, motion(N, beads=("ref1", "b1", "b2"))),
 }
+# Their files have no clock, so that the setup states the frame rate.
+WITHOUT_CLOCK = {"dekker-text"}
 
 
 def test_every_preset_is_tried():

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -79,10 +78,8 @@ def check_bead(
     random: np.random.Generator,
     *,
     rounds: tuple[int, ...] = ROUNDS,
-    far_off: float = FAR_OFF,
     begun: BeadCheck | None = None,
     with_curves: bool = False,
-    progress: Callable[[int, int], None] | None = None,
 ) -> BeadCheck:
     """Compare a bead with simulations of the experiment fitted to it.
 
@@ -90,10 +87,8 @@ def check_bead(
     ----------
     random : of the simulations.
     rounds : numbers of simulations after which it may be clear what comes out.
-    far_off : p-value below which few simulations are enough.
     begun : a check of the same case, whose simulations count.
     with_curves : keep the curves of `ENOUGH` simulations.
-    progress : called with (simulations done, of how many in this round).
     """
     recorded = recorded_of(case)
     battery = _Battery(case, recorded)
@@ -114,8 +109,6 @@ def check_bead(
                 simulated.append(values)
                 if curves is not None and drawn is not None:
                     curves.add(drawn)
-                if progress is not None:
-                    progress(len(simulated), goal)
         except (FitError, ValueError):
             draws.back_to(len(simulated) - numbers.start)
             raise
@@ -125,7 +118,7 @@ def check_bead(
             p_value = second_round_p_value(overall.p_value, CLEARLY_CONSISTENT, correlation)
             overall = replace(overall, p_value=p_value)
         if goal < ENOUGH:
-            if overall.p_value < far_off:
+            if overall.p_value < FAR_OFF:
                 break
             continue
         if overall.p_value > CLEARLY_CONSISTENT or overall.p_value < CLEARLY_NOT:
