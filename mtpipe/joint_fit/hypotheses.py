@@ -10,6 +10,7 @@ import numpy as np
 
 from mtpipe.effects.effect import Effect, Evidence, Hypothesis
 from mtpipe.experiment.changes import by_formula
+from mtpipe.experiment.parameter import already_free
 from mtpipe.ground.errors import FitError
 from mtpipe.ground.types import FloatArray
 from mtpipe.ground.written_numbers import number
@@ -205,16 +206,13 @@ def try_effects(
     beside : whether the fit has an effect already.
     only : which hypotheses of an effect, by its name; of others: all.
     """
-    taken = {parameter.name for parameter in fit.model.parameters}
     begun: list[FittedEffect] = []
     afresh = worth_beginning_afresh(fit, beside=beside)
     for effect in effects:
         hypotheses = effect.hypotheses(fit.model.experiment, evidence)
         wanted = (only or {}).get(effect.name, range(len(hypotheses)))
         for index, hypothesis in enumerate(hypotheses):
-            if index not in wanted or taken & {
-                parameter.name for parameter in hypothesis.parameters
-            }:
+            if index not in wanted or already_free(fit.model.parameters, hypothesis.parameters):
                 continue
             try:
                 fitted = with_hypothesis(fit, hypothesis, rounds=FIRST_ROUNDS, afresh=afresh)

@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mtpipe.effects.effect import Effect, Evidence, Hypothesis
+from mtpipe.experiment.parameter import already_free
 from mtpipe.ground.errors import FitError
 from mtpipe.ground.types import FloatArray
 from mtpipe.joint_fit.expectation import Expectation
@@ -73,8 +74,7 @@ def promised_gain(fit: ConfiguredFit, hypothesis: Hypothesis) -> float | None:
     Rao 1948 (Proc. Camb. Phil. Soc. 44, 50): half of gᵀ I⁻¹ g with the slope g at none and the
     information I that is left of it.
     """
-    taken = {parameter.name for parameter in fit.model.parameters}
-    if taken & {parameter.name for parameter in hypothesis.parameters}:
+    if already_free(fit.model.parameters, hypothesis.parameters):
         return 0.0
     alone = replace(
         fit.model,
