@@ -34,8 +34,7 @@ from mtpipe.recording.recording import Plateau, Recording, ReferenceUse, States
 from mtpipe.recording.traces import traces_of
 from mtpipe.states.focus import focus_numbers
 
-# No reference bead tells where the surface is better than this: its bottom is not the tether's
-# anchor.
+# No reference bead shows the surface better than this: its bottom is not the tether's anchor.
 Z_ZERO_STDERR_NM = 0.3
 # Formulas of the chain that a setup may mean; it does not say, and the data choose.
 FORMULAS: tuple[Formula, ...] = ("marko-siggia", "bouchiat")

@@ -117,7 +117,9 @@ def common(curves: Mapping[str, Curve], penalty: float, *, all_of: Sequence[str]
 def _climbed(
     curves: Mapping[str, Curve], penalty: float, all_of: Sequence[str], here: Common
 ) -> Common:
-    """The best size near one: beads that have it give their mean, the mean tells which have it."""
+    """The best size near a first one: alternately the mean of the beads that have it, and which
+    beads have that mean.
+    """
     beads = tuple(b for b, c in curves.items() if b in all_of or c.at(here.value) > c.hidden)
     if beads == here.beads:
         return here

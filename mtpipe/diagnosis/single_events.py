@@ -19,7 +19,7 @@ from mtpipe.ground.types import FloatArray
 from mtpipe.joint_fit.hypotheses import FittedEffect
 
 # Simulations with events, and as many with Gaussian motion of their power: means and spreads of
-# what tells them apart are known to a fifth.
+# what distinguishes them are known to a fifth.
 SIMULATIONS = 24
 # Nats by which Gaussian motion has to be likelier for events to count as unseen: traces that cannot
 # tell the two apart give about 0.
@@ -89,7 +89,7 @@ def seen_nats(case: PreparedBead, single: SingleEvents, random: np.random.Genera
         maker = TwinMaker(one)
         twins = [maker.draw(random).positions_nm for _ in range(SIMULATIONS)]
         values = [_nats(case, single, twin) for twin in twins]
-        # where hops are not looked for both are nought
+        # both are 0 if hops are not looked for
         spread = max(float(np.std(values, ddof=1)), 1e-6)
         found.append(stats.t.logpdf((seen - np.mean(values)) / spread, SIMULATIONS - 1))
         found[-1] -= np.log(spread)

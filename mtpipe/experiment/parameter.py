@@ -7,12 +7,11 @@ in others.
 
 from __future__ import annotations
 
-import math
 from collections.abc import Callable, Hashable, Sequence
 from dataclasses import dataclass
 from functools import partial
 
-from mtpipe.experiment.changed import changed
+from mtpipe.experiment.changed import changed, with_root
 from mtpipe.experiment.description import Experiment, Triple
 
 # The factor on the exposure, and the share of a frame that no exposure is shorter than.
@@ -95,7 +94,5 @@ def noise_parameters(start_nm: Triple) -> tuple[Parameter, ...]:
 
 
 def _noise(axis: int, experiment: Experiment, value: float) -> Experiment:
-    noise = list(experiment.tracker.noise_nm)
-    noise[axis] = math.sqrt(max(value, 0.0))
-    tracker = changed(experiment.tracker, noise_nm=(noise[0], noise[1], noise[2]))
-    return changed(experiment, tracker=tracker)
+    noise_nm = with_root(experiment.tracker.noise_nm, axis, value)
+    return changed(experiment, tracker=changed(experiment.tracker, noise_nm=noise_nm))

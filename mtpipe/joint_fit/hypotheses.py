@@ -244,8 +244,8 @@ def best_of(fit: ConfiguredFit, effect: Effect, evidence: Evidence) -> FittedEff
 
 
 def lost_without(fit: ConfiguredFit, hypothesis: Hypothesis) -> float:
-    """ln likelihood that a fit loses at least where the sizes of one of its hypotheses are nought,
-    were the loss a parabola (Wald 1943, Trans. Am. Math. Soc. 54, 426).
+    """Least loss of ln likelihood when the sizes of one of a fit's hypotheses are set to 0, for a
+    parabolic likelihood (Wald 1943, Trans. Am. Math. Soc. 54, 426).
     """
     sizes = {one.name for one in hypothesis.parameters if one.lower == 0 or one.start == 0}
     model = fit.model
