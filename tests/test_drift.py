@@ -319,6 +319,9 @@ def test_without_reference_nothing_is_removed_and_the_choice_is_named():
     assert (notice.code, notice.severity) == ("no_reference", "caution")
     assert 'method = "highpass"' in notice.message
     assert (size.code, size.severity) == ("drift_left", "caution")
+    for one in result.notices:  # they stand alone in terminal and report
+        assert one.message[0].isupper()
+        assert one.message.endswith(".")
     kept = subtract_drift(recording, choice=DriftChoice(method="none"))
     assert [n.code for n in kept.notices] == ["drift_kept", "drift_left"]
     assert kept.drift.method == "none"

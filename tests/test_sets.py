@@ -37,7 +37,7 @@ from mtpipe.simulation.setup_experiment import stated_experiment
 from mtpipe.simulation.simulate import simulate_experiment
 from mtpipe.terms.catalogue import TERMS
 from mtpipe.terms.course import FrictionCourse
-from tests.bent_table import with_bent_table
+from tests.curved_table import sloping, stepped, with_table
 from tests.small_case import FORCES_PN, FRAMES, NOISE_NM, generator, raw, setup
 
 pytestmark = pytest.mark.slow
@@ -94,12 +94,12 @@ def test_two_causes_are_named_together_with_their_sizes(seen):
     assert all(one.probability < 0.99 for one in named)
 
 
-@pytest.mark.parametrize("slope", [0.3, -0.3])
-def test_what_a_bent_table_does_is_not_held_against_causes(seen, slope):
+@pytest.mark.parametrize(("table", "slope"), [(sloping, 0.3), (sloping, -0.3), (stepped, 1.0)])
+def test_what_a_curved_table_does_is_not_held_against_causes(seen, table, slope):
     """Heights are distributed by the table, and the causes beside it are right all the same."""
-    bent = with_bent_table(seen, 1, slope)
+    curved = with_table(seen, 1, table, slope)
     effects = [BY_NAME[name] for name in (*NAMES, "hopping", "extensible_tether")]
-    check = check_bead(prepare(bent, "b1"), generator(5), rounds=(24,))
+    check = check_bead(prepare(curved, "b1"), generator(5), rounds=(24,))
     steps = []
     told = explain(check, generator(6), effects=effects, progress=steps.append)
     assert {one.name for one in told.named} == {"z_response", "z_crosstalk", "lateral_scale"}
@@ -321,18 +321,33 @@ def test_of_sets_that_are_nearly_as_likely_the_battery_decides(
     assert check is checks[taken]
 
 
-@pytest.mark.parametrize(("statistic", "gone"), [("kurtosis", "drift"), ("correlation", "")])
-def test_a_member_is_contradicted_by_what_likelihood_does_not_know(monkeypatch, statistic, gone):
-    """Without it positions would be as recorded; what axes have in common others may mend."""
+@pytest.mark.parametrize(
+    ("statistic", "without", "gone"),
+    [("kurtosis", 3.0, "drift"), ("kurtosis", 3.8, ""), ("correlation", 3.0, "")],
+)
+def test_a_member_is_contradicted_by_what_likelihood_does_not_know(
+    monkeypatch, statistic, without, gone
+):
+    """Without it positions would be as recorded, and not only scatter more; what axes have in
+    common others may mend.
+    """
     look = Statistic(statistic, "z", (0,))
     member = SimpleNamespace(effect=SimpleNamespace(name="drift"))
     model = SimpleNamespace(all_expected=lambda theta: [], log_likelihood=lambda *_: 0.0)
     monkeypatch.setattr(judging, "model_with", lambda *_: (model, np.zeros(1)))
     monkeypatch.setattr(judging, "replace", lambda case, fit: case)
     monkeypatch.setattr(judging, "ConfiguredFit", lambda *_, **__: None)
-    fine = SimpleNamespace(looks=(look,), p_values=np.array([0.4]))
-    monkeypatch.setattr(judging, "check_bead", lambda *_, **__: fine)
-    odd = SimpleNamespace(looks=(look,), p_values=np.array([1e-12]))
+
+    def check(p_value, simulated):
+        return SimpleNamespace(
+            looks=(look,),
+            p_values=np.array([p_value]),
+            observed=np.array([3.0]),
+            simulated=np.full((24, 1), simulated),
+        )
+
+    monkeypatch.setattr(judging, "check_bead", lambda *_, **__: check(0.4, without))
+    odd = check(1e-12, 4.0)
     begun, causes = SimpleNamespace(case=SimpleNamespace(fit=None)), Causes((member,), None, 9.0)
     assert judging.contradicted(begun, causes, odd, None) == gone
 

@@ -1,19 +1,22 @@
-"""A look-up table of heights that is bent within the bead's own motion (PHYSICS E28).
+"""A look-up table of heights that is curved within the bead's own motion (PHYSICS E28).
 
-What is recorded along z is u + c(u² − σ²) of the height u about its mean. Two things show it. The
-skewness is 6cσ more than simulations have. And what is fast is recorded larger where the bead is
-high, or where it is low, as the slope of the table is 1 + 2cu: a tether's own skewness hardly does
-that, and noise, drift and outliers do not. In plateaus that show both the bend is undone, and the
-rest is fitted again.
+What is recorded along z is a rising function of the height, the same at all times of a plateau. Two
+things show it. Heights are distributed otherwise than simulated ones. And what is fast is recorded
+larger where the function is steep, just where heights are seldom: the distribution alone foretells
+how fast motion depends on height. Noise, drift, outliers and hops do not do that, nor does a tether
+that is softer in one direction, if frames follow each other within its relaxation time. In plateaus
+that show both the curve is undone, and the rest is fitted again.
 """
 
 from __future__ import annotations
 
 import math
+import sys
 from dataclasses import dataclass
 
 import numpy as np
-from scipy import ndimage, stats
+from scipy import stats
+from scipy.interpolate import PchipInterpolator
 
 from mtpipe.corrections.correction import Correction, Strength
 from mtpipe.corrections.retraced import with_positions
@@ -25,118 +28,209 @@ from mtpipe.ground.errors import FitError
 from mtpipe.ground.types import FloatArray
 
 NAME = EFFECT.name
-# Simulations without a bend: means and spreads of both signs are known to a fifth.
+# Simulations without a curve, and as many with it: means and spreads are known to a fifth.
 SIMULATIONS = 24
-# Of both signs, in any plateau: the skewness tells that there is something, the growth what it is.
-SKEWED_P, GROWS_P = 1e-4, 1e-2
-# Fast and slow are parted by means over one of these numbers of frames: where each has half of the
-# power, or nearly, both are known best.
-WINDOWS = tuple(4**k for k in range(1, 6))
-# Largest change of the slope within two standard deviations: from 1 on two heights read alike.
-LARGEST = 0.9
-ROUNDS = 40
+# Shares of the heights below each point of the curve: outside, few frames say how it goes on.
+SHARES = np.linspace(0.02, 0.98, 13)
+# p-values of the distribution and of how fast motion depends on height: of each, and of both.
+EACH_P, BOTH_P = 1e-2, 1e-5
+# With the curve of the distribution, half or less is left of how fast motion depends on height.
+LEFT_WITH_IT = 0.5
+# Correlation of successive frames: above 1/e a tether whose stiffness depends on height shows less
+# than 0.42 of the difference in its steps that a table would.
+FOLLOWING = math.exp(-1.0)
+
+
+@dataclass(frozen=True, eq=False)
+class Curve:
+    """What a table makes of heights about their mean, both in standard deviations of z.
+
+    Attributes
+    ----------
+    heights, recorded : (13,) increasing.
+    """
+
+    heights: FloatArray
+    recorded: FloatArray
+
+    def answered(self, heights: FloatArray) -> FloatArray:
+        """What is recorded of heights."""
+        return _through(self.heights, self.recorded, heights)
+
+    def undone(self, recorded: FloatArray) -> FloatArray:
+        """Heights of which this was recorded."""
+        return _through(self.recorded, self.heights, recorded)
 
 
 @dataclass(frozen=True, eq=False)
 class Bend:
-    """The bend in one plateau.
+    """The curve in one plateau.
 
     Attributes
     ----------
-    plateau : its index. spread_nm : σ of the recorded z. slope : 2cσ, by how much the table's slope
-        changes over one standard deviation, and its standard error. p_value : of the more certain
-        of both signs, of all plateaus.
+    plateau : its index. curve : of it. slope : by how much, relative to the mean, its slope differs
+        over the heights (standard deviation), and the standard error. p_value : of both signs
+        together (Fisher), times the number of plateaus. following : correlation of the fast motion
+        of successive frames.
     """
 
     plateau: int
-    spread_nm: float
+    curve: Curve
     slope: float
     stderr: float
     p_value: float
+    following: float
 
 
 def find(check: BeadCheck, random: np.random.Generator) -> Correction | None:
-    """The bends, undone; None where no plateau has one, or simulations differ in more than that: a
-    tether that is softer than simulated is more skewed too.
+    """The curves, undone; None where no plateau has one.
 
     Parameters
     ----------
     check : with all other effects. random : of the simulations.
     """
-    if p_value_but_moments(check) < CLEARLY_NOT:
-        return None
-    seen = _seen(check.case, random)
+    # or else a tether that is softer than simulated
+    clear = p_value_but_moments(check) >= CLEARLY_NOT
+    seen = [one for one in curves(check.case, random) if clear or one.following > FOLLOWING]
     if not seen:
         return None
     positions = [position.copy() for position in check.case.positions_nm]
     for one in seen:
-        z_nm = positions[one.plateau][:, 2]
-        positions[one.plateau][:, 2] = unbent(z_nm, one.slope / (2 * one.spread_nm))
+        positions[one.plateau][:, 2] = straightened(positions[one.plateau][:, 2], one.curve)
     try:
         corrected = with_positions(check.case, tuple(positions))
     except FitError:
         return None
-    most = max(seen, key=lambda one: abs(one.slope) / one.stderr)
+    most = max(seen, key=lambda one: one.slope / one.stderr)
     where = ", ".join(str(check.case.plateaus[one.plateau].number) for one in seen)
+    spread_nm = float(np.nanstd(check.case.positions_nm[most.plateau][:, 2]))
     cause = (
-        f"the look-up table's answer to height is bent within the bead's own motion: its slope is "
-        f"{100 * abs(most.slope):.0f} % {'larger' if most.slope > 0 else 'smaller'} one standard "
-        f"deviation ({most.spread_nm:.0f} nm) above the mean height (plateau{'s' * (len(seen) > 1)}"
-        f" {where})"
+        f"the look-up table's answer to height is curved within the bead's own motion: its slope "
+        f"differs by {100 * most.slope:.0f} % over heights some {spread_nm:.0f} nm apart (plateau"
+        f"{'s' * (len(seen) > 1)} {where})"
     )
-    strength = Strength("slope_error", abs(most.slope), most.stderr, "")
+    strength = Strength("slope_error", most.slope, most.stderr, "")
     chance_p = min(one.p_value for one in seen)
     return Correction(NAME, corrected, (strength,), cause, chance_p)
 
 
-def signs(z_nm: FloatArray) -> tuple[float, float]:
-    """Skewness of heights, and by how much the power of their fast part grows over one standard
-    deviation of the slow one, relative to the whole.
+def straightened(z_nm: FloatArray, curve: Curve) -> FloatArray:
+    """Heights of which z was recorded, in units of which z has a mean slope of 1.
 
     Parameters
     ----------
     z_nm : (n,) NaN where lost.
+
+    Returns
+    -------
+    (n,) nm.
     """
-    u = np.nan_to_num(z_nm - np.nanmean(z_nm))
-    parted = [ndimage.uniform_filter1d(u, window) for window in WINDOWS]
-    slow = min(parted, key=lambda one: abs(float(one.var()) / float(u.var()) - 0.5))
-    power = (u - slow) ** 2
-    growth = np.mean((power / power.mean() - 1) * (slow - slow.mean())) / slow.std()
-    return float(stats.skew(u)), float(growth)
+    mean, spread = float(np.nanmean(z_nm)), float(np.nanstd(z_nm))
+    recorded = (z_nm - mean) / spread
+    heights = curve.undone(recorded)
+    heights -= np.nanmean(heights)
+    # how large the mean slope of the table is, the curve does not tell: that is a scale's to say
+    slope = np.nanmean(recorded * heights) / np.nanmean(heights**2)
+    return np.asarray(mean + spread * slope * heights)
 
 
-def unbent(z_nm: FloatArray, curvature_per_nm: float) -> FloatArray:
-    """(n,) heights u of which u + c(u² − σ²), about their mean, was recorded.
+def curves(case: PreparedBead, random: np.random.Generator) -> list[Bend]:
+    """The curves that distribution and fast motion both show.
 
     Parameters
     ----------
-    z_nm : (n,) NaN where lost. curvature_per_nm : c.
+    case : with the fit of all other effects. random : of the simulations.
     """
-    mean = float(np.nanmean(z_nm))
-    recorded = z_nm - mean
-    # beyond this height the bend would read two heights alike
-    most = LARGEST / (2 * abs(curvature_per_nm)) if curvature_per_nm else math.inf
-    u = recorded
-    for _ in range(ROUNDS):
-        inside = np.clip(u, -most, most)
-        offset = curvature_per_nm * (inside**2 - np.nanmean(inside**2))
-        slope = 1 + 2 * curvature_per_nm * inside
-        u = u - (u + offset - recorded) / slope
-    return np.asarray(mean + u - np.nanmean(u))
-
-
-def _seen(case: PreparedBead, random: np.random.Generator) -> list[Bend]:
-    """The bends that both signs show, beside simulations without one."""
     maker = TwinMaker(case)
-    twins = (maker.draw(random).positions_nm for _ in range(SIMULATIONS))
-    simulated = np.array([[signs(position[:, 2]) for position in twin] for twin in twins])
-    recorded = np.array([signs(position[:, 2]) for position in case.positions_nm])
-    more, error = recorded - simulated.mean(axis=0), simulated.std(axis=0, ddof=1)
-    # both of one sign
-    score = more * np.sign(more[:, :1]) / error
-    p_value = len(recorded) * stats.t.sf(score, SIMULATIONS - 1)
-    return [
-        Bend(i, float(np.nanstd(position[:, 2])), more[i, 0] / 3, error[i, 0] / 3, min(p_value[i]))
-        for i, position in enumerate(case.positions_nm)
-        if p_value[i, 0] < SKEWED_P and p_value[i, 1] < GROWS_P
-    ]
+    twins = [maker.draw(random).positions_nm for _ in range(SIMULATIONS)]
+    seen = []
+    for i, position in enumerate(case.positions_nm):
+        z = _standardised(position[:, 2])
+        simulated = [_standardised(twin[i][:, 2]) for twin in twins]
+        each = np.array([np.nanquantile(one, SHARES) for one in simulated])
+        curve = Curve(each.mean(axis=0), np.nanquantile(z, SHARES))
+        if not (np.diff(curve.recorded) > 0).all():
+            continue  # heights are read in coarse steps
+        curved = [_standardised(curve.answered(one)) for one in simulated]
+        fast = _fast_by_height(z)
+        straight, foretold = (
+            np.array([_fast_by_height(one) for one in some]) for some in (simulated, curved)
+        )
+        both = _odd_p(curve.recorded, each), _odd_p(fast, straight)
+        p_value = len(case.positions_nm) * float(stats.combine_pvalues(both).pvalue)
+        if max(both) >= EACH_P or p_value >= BOTH_P:
+            continue
+        if _far(fast, foretold) > LEFT_WITH_IT * _far(fast, straight):
+            continue  # levels between which the bead jumps, say
+        # points of a straight one scatter too
+        own = np.array([_slope_spread(Curve(curve.heights, one)) for one in each])
+        slope = math.sqrt(max(_slope_spread(curve) ** 2 - np.mean(own**2), 0.0))
+        stderr = float(np.std(own, ddof=1))
+        seen.append(Bend(i, curve, slope, stderr, p_value, _following(z)))
+    return seen
+
+
+def _odd_p(recorded: FloatArray, simulated: FloatArray) -> float:
+    """p-value of how far numbers are from those of simulations.
+
+    Parameters
+    ----------
+    recorded : (m,). simulated : (simulations, m).
+    """
+    own = np.array([_far(one, simulated) for one in simulated])
+    # neighbouring numbers go together: a gamma law of the same mean and variance
+    mean, variance = own.mean(), own.var(ddof=1)
+    p_value = stats.gamma.sf(_far(recorded, simulated), mean**2 / variance, scale=variance / mean)
+    return max(float(p_value), sys.float_info.min)
+
+
+def _far(one: FloatArray, simulated: FloatArray) -> float:
+    """Sum of squared differences from the means of simulations, in their standard deviations."""
+    spread = simulated.std(axis=0, ddof=1)
+    return float(np.sum(((one - simulated.mean(axis=0)) / spread) ** 2))
+
+
+def _fast_by_height(z: FloatArray) -> FloatArray:
+    """(12,) ln of the root mean square step from one frame to the next, by the height at which it
+    is made, about the mean over heights.
+
+    Parameters
+    ----------
+    z : (n,) NaN where lost.
+    """
+    step, height = np.diff(z), (z[1:] + z[:-1]) / 2
+    known = np.isfinite(step)
+    step, height = step[known], height[known]
+    edges = np.quantile(height, SHARES)
+    place = np.digitize(height, edges)
+    squares = np.bincount(place, step**2, minlength=len(SHARES) + 1)[1 : len(SHARES)]
+    counts = np.bincount(place, minlength=len(SHARES) + 1)[1 : len(SHARES)]
+    size = 0.5 * np.log(squares / counts)
+    return np.asarray(size - size.mean())
+
+
+def _following(z: FloatArray) -> float:
+    """Correlation of successive frames, by steps over one frame and over two, which drift hardly
+    changes: of one relaxation these are as 1 to 1 + the correlation.
+    """
+    one, two = (float(np.nanmean((z[by:] - z[:-by]) ** 2)) for by in (1, 2))
+    return two / one - 1
+
+
+def _slope_spread(curve: Curve) -> float:
+    """Standard deviation of a curve's slope over the heights, relative to its mean."""
+    slope = np.diff(curve.recorded) / np.diff(curve.heights)
+    return float(np.std(slope) / np.mean(slope))
+
+
+def _standardised(z: FloatArray) -> FloatArray:
+    return np.asarray((z - np.nanmean(z)) / np.nanstd(z))
+
+
+def _through(x: FloatArray, y: FloatArray, values: FloatArray) -> FloatArray:
+    """A smooth rising curve through points, and straight on beyond them."""
+    curve = PchipInterpolator(x, y)
+    inside = np.clip(values, x[0], x[-1])
+    below = (y[1] - y[0]) / (x[1] - x[0]) * np.minimum(values - x[0], 0.0)
+    above = (y[-1] - y[-2]) / (x[-1] - x[-2]) * np.maximum(values - x[-1], 0.0)
+    return np.asarray(curve(inside) + below + above)

@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import replace
 
 import numpy as np
 
+from mtpipe.battery.statistic import Statistic
 from mtpipe.crosschecking.check import (
     CLEARLY_NOT,
     ENOUGH,
@@ -33,6 +34,8 @@ SURE_SIMULATIONS = 240
 OF_LIKELIHOOD = (*SPECTRAL, "correlation", "extension", "known_force")
 # One statistic of some three hundred is as odd as that by chance in one of thirty thousand.
 REFUTED_P = 1e-7
+# A member is to blame for a difference of which half or less is left without it.
+LEFT_OF_IT = 0.5
 
 
 def checked_with(
@@ -129,13 +132,14 @@ def contradicted(
     were not recorded: without it, all else as it was fitted, they would not. Empty where there is
     none.
 
-    Of that likelihood knows nothing. What it does know, other causes may mend.
+    Of that likelihood knows nothing. What it does know, other causes may mend. Nor is a member to
+    blame without which simulations only scatter more.
     """
-    odd = [
-        look
-        for look, p_value in zip(check.looks, check.p_values, strict=True)
+    odd = {
+        look: abs(observed - simulated)
+        for look, p_value, observed, simulated in _compared(check)
         if look.statistic not in OF_LIKELIHOOD and p_value < REFUTED_P
-    ]
+    }
     for one in causes.members if odd else ():
         rest = [other for other in causes.members if other is not one]
         try:
@@ -146,10 +150,19 @@ def contradicted(
             other = check_bead(replace(begun.case, fit=fewer), random, rounds=(ENOUGH,))
         except (FitError, ValueError):
             continue
-        p_values = dict(zip(other.looks, other.p_values, strict=True))
-        if any(p_values.get(look, 0.0) > AGREES_P for look in odd):
+        if any(
+            p_value > AGREES_P and abs(observed - simulated) < LEFT_OF_IT * odd[look]
+            for look, p_value, observed, simulated in _compared(other)
+            if look in odd
+        ):
             return one.effect.name
     return ""
+
+
+def _compared(check: BeadCheck) -> Iterator[tuple[Statistic, float, float, float]]:
+    """Of each statistic its p-value, what was recorded and the mean of simulations."""
+    means = check.simulated.mean(axis=0)
+    return zip(check.looks, check.p_values, check.observed, means, strict=True)
 
 
 def hopeful(check: BeadCheck) -> float:

@@ -45,9 +45,9 @@ def left_notice(recording: Recording, course: StageCourse | None) -> Notice | No
         return None
     if course is None:
         text = (
-            "how far the stage moves along z is unknown: there is no reference bead, and the "
+            "How far the stage moves along z is unknown: there is no reference bead, and the "
             "plateaus are too short to measure it. Errors of extensions and of the tether's "
-            "lengths do not include this motion. Record longer plateaus or a reference bead"
+            "lengths do not include this motion. Record longer plateaus or a reference bead."
         )
         return Notice("drift_unknown", "caution", text, axis="z")
     covariance = covariance_of_means(course, _spans_s(recording), float(recording.time_s[0]))
@@ -57,9 +57,9 @@ def left_notice(recording: Recording, course: StageCourse | None) -> Notice | No
     else:
         variance, between = covariance[0, 0], "on average since the beginning"
     text = (
-        f"the stage may have moved by ± {math.sqrt(variance):.2g} nm along z {between}, if it goes "
+        f"The stage may have moved by ± {math.sqrt(variance):.2g} nm along z {between}, if it goes "
         f"on as within the plateaus ({_rates(course)}); no reference bead corrects for it, "
-        "and errors of extensions and of the tether's lengths include it"
+        "and errors of extensions and of the tether's lengths include it."
     )
     return Notice("drift_left", "caution", text, axis="z")
 
