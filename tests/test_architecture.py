@@ -11,7 +11,8 @@ from pathlib import Path
 import pytest
 
 import mtpipe
-from mtpipe.setup.tables import DESCRIBED, EFFECTS
+from mtpipe.ground.shown import DRAWING_ROOM
+from mtpipe.setup.tables import DESCRIBED, EFFECTS, EFFECTS_GROUP
 
 PACKAGE = Path(mtpipe.__file__).parent
 DOCUMENT = PACKAGE.parent / "docs" / "architecture.md"
@@ -82,6 +83,20 @@ def test_no_import_runs_up():
         if order.get(other.split(".")[1], 99) > order.get(name.split(".")[1], 99)
     ]
     assert not up
+
+
+def test_no_module_is_called_by_its_name_as_text():
+    """Such an import would run up unseen. Two are meant: figures are drawn by a room at the end of
+    the table, and the group of entry points is called as the room.
+    """
+    by_text = {
+        (path.relative_to(PACKAGE).as_posix(), text)
+        for path in MODULES.values()
+        for text in texts(path)
+        if text in MODULES and text.count(".")
+        if text.split(".")[1] != path.relative_to(PACKAGE).parts[0]  # its own room's files
+    }
+    assert by_text == {("ground/shown.py", DRAWING_ROOM), ("setup/tables.py", EFFECTS_GROUP)}
 
 
 def test_no_circle():

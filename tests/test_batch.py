@@ -211,7 +211,7 @@ def test_forces_come_first_and_what_fails_stops_nothing(day, tmp_path, monkeypat
             forces.append((out / "report" / "index.html").exists())
             to_come.append("crosscheck_to_come" in (out / "run.json").read_text())
 
-    monkeypatch.setattr(mismatch, "_explained", failing(say))
+    monkeypatch.setattr(mismatch, "explained_bead", failing(say))
     watch = Silent()
     summary = batch(day, tmp_path, watch=watch)
     assert seen == [("r1.csv", "b1"), ("r1.csv", "b2"), ("r2.csv", "b1")]
@@ -248,7 +248,7 @@ class StoppedError(BaseException):
 
 def test_a_batch_that_was_stopped_goes_on_where_it_was(day, tmp_path, monkeypatch):
     undisturbed = tmp_path / "whole"
-    monkeypatch.setattr(mismatch, "_explained", failing(lambda *_: None))
+    monkeypatch.setattr(mismatch, "explained_bead", failing(lambda *_: None))
     batch(day, undisturbed, watch=Silent())
     seen, calibrated = [], []
     calibrate = batch_module.running
@@ -263,19 +263,19 @@ def test_a_batch_that_was_stopped_goes_on_where_it_was(day, tmp_path, monkeypatc
             raise StoppedError
 
     monkeypatch.setattr(batch_module, "running", running)
-    monkeypatch.setattr(mismatch, "_explained", failing(stop))
+    monkeypatch.setattr(mismatch, "explained_bead", failing(stop))
     out = tmp_path / "stopped"
     with pytest.raises(StoppedError):
         batch(day, out, watch=Silent())
     assert calibrated == [True, True, True, False]
     works = []
-    packed = journal_module._packed
+    pack = journal_module.packed
 
     def counted(work, *args, **named):
         works.append(work.__name__)
-        return packed(work, *args, **named)
+        return pack(work, *args, **named)
 
-    monkeypatch.setattr(journal_module, "_packed", counted)
+    monkeypatch.setattr(journal_module, "packed", counted)
     batch(day, out, watch=Silent())
     # of the first recording the second bead is left, of the second recording all
     assert seen[1:] == [("r1.csv", "b2"), ("r1.csv", "b2"), ("r2.csv", "b1")]
@@ -290,7 +290,7 @@ def test_another_setup_makes_another_result_and_never_half_of_one(day, tmp_path,
     folder, out = tmp_path / "day", tmp_path / "out"
     for name in ("setup.toml", "morning/r2.csv"):
         write_atomically(folder / name, (day / name).read_bytes())
-    monkeypatch.setattr(mismatch, "_explained", failing(lambda *_: None))
+    monkeypatch.setattr(mismatch, "explained_bead", failing(lambda *_: None))
     batch(folder, out, watch=Silent())
     before = told(out / "morning/r2.csv")
     other = setup_text(day).replace("viscosity_mPa_s = 0.9", "viscosity_mPa_s = 1.0")

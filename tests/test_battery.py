@@ -12,7 +12,7 @@ from scipy import signal, stats
 
 from mtpipe.battery import shape, spectral, temporal
 from mtpipe.battery.observed import Fixed, Observed, bridged
-from mtpipe.crosschecking.nulls import Nulls, alikeness, of_those_looked_at_again, together
+from mtpipe.crosschecking.nulls import Nulls, rounds_correlation, second_round_p_value, together
 from mtpipe.joint_fit.data import plateau_data, whitening
 from mtpipe.joint_fit.expectation import Expectation
 from tests.small_case import generator
@@ -426,15 +426,15 @@ def test_second_looks_at_those_that_are_open_give_uniform_p_values():
         first = random.normal(size=40_000)
         second = alike * first + np.sqrt(1 - alike**2) * random.normal(size=len(first))
         p_values = stats.norm.cdf([first, second])
-        assert alikeness(*p_values) == pytest.approx(alike, abs=0.02)
+        assert rounds_correlation(*p_values) == pytest.approx(alike, abs=0.02)
         again = p_values[0] < 0.2
         final = p_values[0].copy()
         grid = np.linspace(0, 1, 2001)
-        law = [of_those_looked_at_again(p, 0.2, alike) for p in grid]
+        law = [second_round_p_value(p, 0.2, alike) for p in grid]
         final[again] = np.interp(p_values[1, again], grid, law)
         assert stats.kstest(final, "uniform").statistic < 0.014
-    assert of_those_looked_at_again(1e-30, 0.2, 0.75) == pytest.approx(1e-30)
-    assert of_those_looked_at_again(1.0, 0.2, 0.75) == pytest.approx(0.2, rel=1e-3)
+    assert second_round_p_value(1e-30, 0.2, 0.75) == pytest.approx(1e-30)
+    assert second_round_p_value(1.0, 0.2, 0.75) == pytest.approx(0.2, rel=1e-3)
 
 
 def test_a_p_value_beyond_the_simulations_says_so():

@@ -29,7 +29,7 @@ from mtpipe.diagnosis.pooled import (
     also_in,
     common,
     pooled_penalty,
-    settled,
+    weighed,
 )
 from mtpipe.diagnosis.sentence import sentence
 from mtpipe.effects.catalogue import OWN
@@ -63,7 +63,7 @@ def without(value, stderr=0.01):
 
 def verdict(beads, bead="b1"):
     ballots = {f"b{i + 1}": ballot for i, ballot in enumerate(beads)}
-    return settled(ballots, bead, ballots[bead].slots[0])
+    return weighed(ballots, bead, ballots[bead].slots[0])
 
 
 def test_the_common_size_is_the_weighted_mean_and_costs_one_number():

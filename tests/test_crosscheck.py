@@ -305,15 +305,6 @@ def test_few_simulations_may_say_that_a_recording_is_far_off_and_not_that_it_agr
 
 
 @pytest.mark.slow
-def test_how_far_off_few_simulations_have_to_say_is_for_the_asker(clean):
-    odd = case(shaken(clean, 10.0))
-    enough = check_bead(odd, generator(1), rounds=(12, 48))
-    assert enough.p_value < 1e-5
-    assert len(enough.simulated) == 48
-    assert len(check_bead(odd, generator(1), rounds=(12, 48), far_off=1e-3).simulated) == 12
-
-
-@pytest.mark.slow
 def test_a_check_goes_on_from_the_simulations_of_another(clean):
     whole = check_bead(case(clean), generator(1), rounds=(20,))
     random = generator(1)

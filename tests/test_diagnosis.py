@@ -17,7 +17,7 @@ import mtpipe
 from mtpipe.crosschecking.beads import bead_generator
 from mtpipe.crosschecking.check import check_bead
 from mtpipe.crosschecking.prepared_bead import FORMULAS, prepare
-from mtpipe.diagnosis.alternatives import alike
+from mtpipe.diagnosis.alternatives import indistinguishable
 from mtpipe.diagnosis.before_after import content_of
 from mtpipe.diagnosis.evidence import BLOCK_S, noise_between_blocks_nm2, reference_moves
 from mtpipe.diagnosis.explain import concluded, explain
@@ -436,7 +436,7 @@ def one_tried(name, gain, penalty):
 )
 def test_effects_that_the_data_cannot_tell_apart_are_listed(gain, penalty, foretold, listed):
     named, other = one_tried("axial_scale", 251.5, 5.4), one_tried("hopping", gain, penalty)
-    found = alike(named, [named, other], {"axial_scale"}, lambda one, two: foretold)
+    found = indistinguishable(named, [named, other], {"axial_scale"}, lambda one, two: foretold)
     assert [one.found.effect.name for one in found] == ["hopping"] * listed
     assert all(one.nats == pytest.approx(other.net - named.net) for one in found)
 
@@ -444,7 +444,7 @@ def test_effects_that_the_data_cannot_tell_apart_are_listed(gain, penalty, foret
 def test_what_is_not_seen_by_itself_is_no_alternative():
     """Its gain on time that was not fitted is not known, and it has none on time that was."""
     named, other = one_tried("axial_scale", 21.0, 5.4), one_tried("hopping", 8.0, 5.4)
-    assert not alike(named, [named, other], {"axial_scale"}, lambda one, two: math.nan)
+    assert not indistinguishable(named, [named, other], {"axial_scale"}, lambda one, two: math.nan)
 
 
 def test_what_alternatives_make_of_a_force_is_in_its_error():

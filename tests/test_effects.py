@@ -35,6 +35,7 @@ from mtpipe.experiment.description import (
     Stage,
     Tracker,
 )
+from mtpipe.experiment.parameter import already_free
 from mtpipe.experiment.state import bead_state
 from mtpipe.ground.errors import FitError, SetupError
 from mtpipe.joint_fit import hypotheses
@@ -50,6 +51,7 @@ from mtpipe.joint_fit.hypotheses import (
     with_hypothesis,
 )
 from mtpipe.joint_fit.model import ConfiguredModel
+from mtpipe.joint_fit.parameters import exposure_parameters, stated_parameters
 from mtpipe.joint_fit.score_test import most_promising
 from mtpipe.physics.camera import Camera
 from mtpipe.physics.tether import Chain
@@ -63,6 +65,7 @@ from mtpipe.simulation.readout import (
     recorded,
     reference_motion,
 )
+from mtpipe.terms.catalogue import TERMS
 from tests.simulated import setup_content
 
 pytestmark = pytest.mark.slow
@@ -259,6 +262,56 @@ def test_names_are_those_of_the_formats():
     section = formats.read_text(encoding="utf-8").split("## 5.")[1].split("## 6.")[0]
     rows = [line.split("`")[1] for line in section.splitlines() if line.startswith("| `")]
     assert sorted(rows) == sorted(EFFECTS)
+
+
+def test_a_quantity_has_one_name_and_a_name_one_quantity():
+    """Coordinates are called by name; whether they are the same is asked of what they change."""
+    tried = [known.hypotheses for known in KNOWN]
+    tried += [term.hypotheses(BASE, EVIDENCE) for term in TERMS]
+    pairs = {
+        (parameter.name, parameter.quantity)
+        for hypotheses in tried
+        for hypothesis in hypotheses
+        for parameter in hypothesis.parameters
+    }
+    names, quantities = zip(*pairs, strict=True)
+    assert len(set(names)) == len(set(quantities)) == len(pairs)
+
+
+@pytest.mark.parametrize(
+    ("name", "table", "key", "value"),
+    [
+        ("bead_radius", "beads", "radius_nm", 500.0),
+        ("viscosity", "buffer", "viscosity_mPa_s", 0.9),
+        ("contour_length", "tether", "contour_length_nm", 1200.0),
+        ("exposure", "camera", "exposure_s", 0.005),
+    ],
+)
+def test_what_is_free_already_is_no_effect_and_what_is_stated_with_an_error_may_be(
+    name, table, key, value
+):
+    hypothesis, *_ = of_name(name).hypotheses(BASE, EVIDENCE)
+
+    def free(**changes):
+        content = setup_content()
+        content[table] = content[table] | changes
+        setup = parse_setup(content)
+        stated = (*stated_parameters(setup), *exposure_parameters(setup, BASE.camera))
+        return already_free(stated, hypothesis.parameters)
+
+    assert free(**{key: "unknown"})
+    assert not free(**{key: value, f"{key}_stderr": 0.05 * value})
+    assert not free(**{key: value})
+
+
+def test_an_effect_that_is_free_already_is_not_tried():
+    fit = fitted(BASE, np.random.default_rng(5))
+    known = next(one for one in KNOWN if one.name == "bead_radius")
+    model = replace(fit.model, parameters=known.hypothesis.parameters)
+    with_it = fit_configured(model, np.append(fit.theta[: fit.model.plateaus], 0.0))
+    effects = [of_name("bead_radius"), of_name("axial_scale")]
+    assert [one.effect.name for one in try_effects(with_it, effects, EVIDENCE)] == ["axial_scale"]
+    assert set(most_promising(with_it, effects, EVIDENCE, 2)) <= {"axial_scale"}
 
 
 @each_effect
@@ -463,7 +516,7 @@ def test_hypotheses_are_begun_afresh_where_the_fit_itself_finds_its_way_so(
     fresh = SimpleNamespace(log_likelihood=70.0 - lost)
     monkeypatch.setattr(hypotheses, "first_guess", lambda model: None)
     monkeypatch.setattr(hypotheses, "fit_configured", lambda *given, **options: fresh)
-    monkeypatch.setattr(hypotheses, "excess", lambda fit: 100.0)
+    monkeypatch.setattr(hypotheses, "missing_nats", lambda fit: 100.0)
     assert hypotheses.worth_beginning_afresh(fit, beside=beside) is worth
 
 
@@ -700,7 +753,7 @@ def test_a_fit_that_stopped_early_is_ended_before_its_idle_sizes_are_forgiven():
     away[: found.fit.model.plateaus] += 0.05
     early = replace(found, fit=hypotheses.fit_configured(found.fit.model, away, rounds=0))
     early = replace(early, gain=early.fit.log_likelihood - fit.log_likelihood + 1000.0)
-    ended = hypotheses._idle_sizes_forgiven(early, fit)
+    ended = hypotheses.idle_sizes_forgiven(early, fit)
     assert ended.penalty >= 0.5 * np.log(fit.model.ordinates) - 1e-9
     assert ended.fit.log_likelihood == pytest.approx(found.fit.log_likelihood, abs=0.5)
     assert ended.gain == pytest.approx(ended.fit.log_likelihood - fit.log_likelihood)
@@ -712,7 +765,7 @@ def test_an_effect_that_ends_where_the_bead_is_on_the_surface_leaves_the_others(
             raise FitError("the tether does not hold the bead off the surface")
         return one
 
-    monkeypatch.setattr(hypotheses, "_idle_sizes_forgiven", at_the_edge)
+    monkeypatch.setattr(hypotheses, "idle_sizes_forgiven", at_the_edge)
     slow = replace(
         BASE, fluid=replace(BASE.fluid, viscosity_mPa_s=1.3 * BASE.fluid.viscosity_mPa_s)
     )

@@ -406,6 +406,8 @@ WRITERS = {
     ),
     "shon-text": lambda folder: write_shon(folder, motion(N, beads=("ref1", "b1", "b2"))),
 }
+# Their files have no clock, so that the setup states the frame rate.
+WITHOUT_CLOCK = {"dekker-text"}
 
 
 def test_every_preset_is_tried():
@@ -415,7 +417,7 @@ def test_every_preset_is_tried():
 @pytest.mark.parametrize("name", WRITERS)
 def test_a_setup_with_a_preset_names_its_files_by_that(tmp_path, name):
     WRITERS[name](tmp_path)
-    units = 'units.position = "um"\n    time.unit = "ms"' if name == "calisto-text" else ""
+    needed = "\n    ".join(PRESETS[name].needs.values())
     rate = '"unknown"' if name == "shon-text" else "100.0"
     (tmp_path / "setup.toml").write_text(f"""schema = 1
     camera = {{ frame_rate_hz = {rate}, exposure_s = "unknown", pixel_size_nm = 80.0 }}
@@ -426,7 +428,7 @@ def test_a_setup_with_a_preset_names_its_files_by_that(tmp_path, name):
     plateaus.minimum_s = 0.1
     [source]
     preset = "{name}"
-    {units}
+    {needed}
     """)
     by_setup, by_folder = mtpipe.load(tmp_path / "setup.toml"), mtpipe.load(tmp_path)
     assert by_setup.setup == by_folder.setup

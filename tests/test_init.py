@@ -23,7 +23,7 @@ from mtpipe.setup.source_signals import ZZero
 from mtpipe.tracking.scan import table_from_scan
 from tests.laboratory_files import LENGTH_NM, LOG_BEFORE_S, RATE, Laboratory
 from tests.stack_images import draw
-from tests.test_ingest_presets import WRITERS
+from tests.test_ingest_presets import WITHOUT_CLOCK, WRITERS
 
 pytestmark = pytest.mark.slow
 
@@ -308,7 +308,7 @@ def test_recordings_that_do_not_go_on_are_not_joined(laboratory, tmp_path):
 @pytest.mark.parametrize("name", WRITERS)
 def test_presets_are_found(tmp_path, name):
     WRITERS[name](tmp_path)
-    rate = {"frame_rate_hz": 100.0} if name == "dekker-text" else {}
+    rate = {"frame_rate_hz": 100.0} if name in WITHOUT_CLOCK else {}
     _, recording = proposed(tmp_path, {**rate, "minimum_s": 0.1, "pixel_size_nm": 80.0})
     assert recording.setup.source.preset == name
     assert np.isfinite(recording.positions_nm[recording.tethered[0]]).any()

@@ -10,7 +10,12 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from mtpipe.crosschecking.lines import apart, distinct_lines, strongest_lines, with_lines_apart
+from mtpipe.crosschecking.lines import (
+    distinct_lines,
+    strongest_lines,
+    with_line_bins,
+    with_lines_apart,
+)
 from mtpipe.crosschecking.prepared_bead import described, prepare
 from mtpipe.diagnosis.sets import FORM_NATS
 from mtpipe.drift import subtract_drift
@@ -110,7 +115,7 @@ def test_two_lines_are_one_vibration():
 def test_bins_of_a_lines_own_tell_the_forces_the_same():
     """Where there is no line they only cut the same ordinates otherwise."""
     case = ready(raw(3))
-    own = apart(case, (31.7,))
+    own = with_line_bins(case, (31.7,))
     assert len(own.fit.model.data[0].spectrum.edges) > len(case.fit.model.data[0].spectrum.edges)
     shift = np.log(own.fit.force_pN / case.fit.force_pN)
     assert np.abs(shift / (case.fit.force_stderr_pN / case.fit.force_pN)).max() < 0.2

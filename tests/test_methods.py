@@ -373,6 +373,10 @@ def test_traces_that_no_motion_explains_give_no_negative_stiffness(method, kind)
         assert math.isnan(value) or value >= 0
 
 
+def test_every_method_is_described_to_the_caller():
+    assert all(f'"{name}"' in fit_by_method.__doc__ for name in METHODS)
+
+
 def test_unknown_method_names_the_known_ones():
     with pytest.raises(ValueError, match=r"'fourier'.*equipartition.*hadamard"):
         fit("fourier", np.zeros(100))

@@ -15,10 +15,9 @@ from typing import Any
 import numpy as np
 import pytest
 
-from mtpipe.corrections.catalogue import CORRECTIONS
-from mtpipe.effects.catalogue import OWN
 from mtpipe.experiment.description import Line
 from mtpipe.setup.setup import parse_setup
+from mtpipe.setup.tables import EFFECTS
 
 pytestmark = pytest.mark.slow
 
@@ -143,10 +142,8 @@ def test_sets_are_mixed_as_they_say_and_every_effect_comes_in_every_strength(pro
 
 
 def test_what_can_be_concealed_is_what_can_be_named(proof):
-    named = {effect.name for effect in OWN} | {"surface_sticking", "pixel_locking"}
-    assert len(CORRECTIONS) == 2
-    assert set(proof("concealed").BY_NAME) == named
-    assert not set(proof("outside").EFFECTS) & named
+    assert set(proof("concealed").BY_NAME) == set(EFFECTS)
+    assert not set(proof("outside").EFFECTS) & set(EFFECTS)
     assert len(proof("outside").EFFECTS) >= 5
 
 

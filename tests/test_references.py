@@ -75,6 +75,21 @@ def test_links_between_documents_lead_to_files():
     assert not lost
 
 
+CONTRIBUTING = (ROOT / "CONTRIBUTING.md").read_text(encoding="utf-8")
+
+
+@pytest.mark.parametrize("path", sorted(set(re.findall(r"`([\w/]+\.py)`", CONTRIBUTING))))
+def test_files_of_the_recipes_are_there(path):
+    assert "NAME" in path or (ROOT / path).exists() or (ROOT / "mtpipe" / path).exists()
+
+
+def test_what_the_recipes_call_by_name_is_in_the_code():
+    code = "\n".join(path.read_text(encoding="utf-8") for path in CITING if path.suffix == ".py")
+    named = set(re.findall(r"`(?:mtpipe\.)?(\w*[A-Z_]\w*)`", CONTRIBUTING)) - {"NAME"}
+    assert len(named) > 20
+    assert not named - set(re.findall(r"\w+", code))
+
+
 PHYSICS = (ROOT / "docs" / "physics.md").read_text(encoding="utf-8")
 # a link to the file, and in it the name of what holds the formula
 HOLDER = re.compile(r"\[`(mtpipe(?:\.\w+)+)`\]\(\.\./(mtpipe/[\w/]+\.py)\)")

@@ -10,13 +10,15 @@ import pytest
 
 import mtpipe
 from mtpipe.drift import subtract_drift
+from mtpipe.ground.processes import executor
+from mtpipe.ground.steps import finished
 from mtpipe.physics.buffer import thermal_energy_pN_nm
 from mtpipe.physics.turned_tethers import (
     shortened_by_braiding_nm,
     shortened_by_coiling_nm,
     supercoiling,
 )
-from mtpipe.rotation.beads import turned_beads
+from mtpipe.rotation.beads import turning
 from mtpipe.rotation.kinds import KINDS, Known
 from mtpipe.rotation.turned import turned_stretches
 from mtpipe.rotation.verdict import CANNOT_TELL, verdict_of
@@ -158,6 +160,7 @@ def test_a_real_bead_on_two_tethers_is_told_from_those_that_turns_leave_alone():
     content = tomllib.loads((ROOT / "tests/data/real_setups/cmaddry-run2.toml").read_text())
     content["source"]["z_zero"] = {"touch_rows": [104601, 109100]}
     recording = subtract_drift(mtpipe.load(REAL, parse_setup(content)))
-    beads = turned_beads(recording, {}, conditions_of(recording.setup)[0])
+    with executor(1) as pool:
+        beads = finished(turning(recording, {}, conditions_of(recording.setup)[0], pool))
     verdicts = {one.turned.bead: one.verdict.verdict for one in beads}
     assert verdicts == dict.fromkeys(("b1", "b3", "b4"), CANNOT_TELL) | {"b2": "several tethers"}

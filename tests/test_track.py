@@ -318,7 +318,7 @@ def test_a_full_disc_is_told_and_leaves_nothing(tracked, tmp_path, monkeypatch):
     def full(self, table):
         raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
 
-    monkeypatch.setattr(RecordingWriter, "_write", full)
+    monkeypatch.setattr(RecordingWriter, "write_table", full)
     with pytest.raises(MtpipeError, match=r"r\.csv: cannot be written \(No space left"):
         track(folder / "film.tif", tmp_path / "r.csv")
     assert not list(tmp_path.iterdir())

@@ -84,7 +84,7 @@ def of_series(
         return None
     posterior = series.trace(here[axis])
     if conditions.radius_nm is None and axis != conditions.along and not model.force_shared:
-        # the lever is extension plus a radius that nothing tells
+        # the lever is extension plus a radius that is not known
         return AxisResult(AXES[axis], method, fit=posterior.fit, posterior=posterior)
     # the share of the extension's error that enters: each axis pulls the force by its information
     members = tuple(here.values()) if model.force_shared else (here[axis],)

@@ -97,7 +97,7 @@ def _most_informed(
     """What is known, added to the least informed fit as long as the data bear it."""
     if math.isinf(bead.radius_nm[1]):
         # of x and y apart only the product of radius and viscosity is known; shared, the lever
-        # tells the radius, with the friction expected
+        # determines the radius, with the friction expected
         prior = _of_any_size(bead) if friction_contradicted else bead
         shared, odd_ones = _with_one_force(base, prior)
         together = shared.model.force_shared

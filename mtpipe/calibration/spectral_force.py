@@ -160,7 +160,7 @@ def spectral_forces(bead: BeadResult) -> dict[int, Estimate]:
 
 
 def spectral_force(plateau: PlateauResult) -> Estimate | None:
-    """The force that x and y tell together; None where neither tells one.
+    """The force from x and y together; None where neither has one.
 
     Where each has a force of its own it is their mean by ln, weighted by what each knows by itself;
     of forces that are not all to be used, of those that are.

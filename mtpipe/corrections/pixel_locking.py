@@ -34,7 +34,7 @@ REMEDY = "check the tracker with an immobile bead on a moving stage."
 NAME = "pixel_locking"
 # Periods that are tried where the setup states no pixel.
 SHORTEST_NM, LONGEST_NM = 40.0, 400.0
-# Least spread of a trace that tells about a period: 2π spread/period, in radians.
+# Least spread of a trace with which a period can be seen: 2π spread/period, in radians.
 LEAST_WIDTH = 0.7
 # Step of 1/period in the search, over 1/spread of all positions, which is what they resolve.
 FINENESS = 0.08

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -18,8 +17,8 @@ from mtpipe.crosschecking.nulls import (
     SMALLEST_P,
     Nulls,
     Together,
-    alikeness,
-    of_those_looked_at_again,
+    rounds_correlation,
+    second_round_p_value,
     together,
 )
 from mtpipe.crosschecking.prepared_bead import PreparedBead, described
@@ -79,10 +78,8 @@ def check_bead(
     random: np.random.Generator,
     *,
     rounds: tuple[int, ...] = ROUNDS,
-    far_off: float = FAR_OFF,
     begun: BeadCheck | None = None,
     with_curves: bool = False,
-    progress: Callable[[int, int], None] | None = None,
 ) -> BeadCheck:
     """Compare a bead with simulations of the experiment fitted to it.
 
@@ -90,10 +87,8 @@ def check_bead(
     ----------
     random : of the simulations.
     rounds : numbers of simulations after which it may be clear what comes out.
-    far_off : p-value below which few simulations are enough.
     begun : a check of the same case, whose simulations count.
     with_curves : keep the curves of `ENOUGH` simulations.
-    progress : called with (simulations done, of how many in this round).
     """
     recorded = recorded_of(case)
     battery = _Battery(case, recorded)
@@ -114,18 +109,16 @@ def check_bead(
                 simulated.append(values)
                 if curves is not None and drawn is not None:
                     curves.add(drawn)
-                if progress is not None:
-                    progress(len(simulated), goal)
         except (FitError, ValueError):
             draws.back_to(len(simulated) - numbers.start)
             raise
         p_values, overall = _judged(looks, observed, np.array(simulated))
         if open_as_yet is not None:
-            alike = alikeness(open_as_yet.own, overall.own[: len(open_as_yet.own)])
-            p_value = of_those_looked_at_again(overall.p_value, CLEARLY_CONSISTENT, alike)
+            correlation = rounds_correlation(open_as_yet.own, overall.own[: len(open_as_yet.own)])
+            p_value = second_round_p_value(overall.p_value, CLEARLY_CONSISTENT, correlation)
             overall = replace(overall, p_value=p_value)
         if goal < ENOUGH:
-            if overall.p_value < far_off:
+            if overall.p_value < FAR_OFF:
                 break
             continue
         if overall.p_value > CLEARLY_CONSISTENT or overall.p_value < CLEARLY_NOT:
@@ -146,10 +139,10 @@ def check_bead(
 
 
 class _Draws:
-    """Simulations drawn one after the other, each where the one before has left the generator.
+    """Simulations drawn in order from one generator.
 
-    Some may be drawn ahead of those that are looked at. If one cannot be, the generator goes back
-    to where that one has left it.
+    Some are drawn before earlier ones are evaluated. If an evaluation fails, the generator is set
+    back to its state right after that simulation was drawn, as if none had been drawn ahead.
     """
 
     def __init__(self, maker: TwinMaker, random: np.random.Generator) -> None:
@@ -177,9 +170,9 @@ def _looked_at(
 
 
 def comparable_p_values(one: BeadCheck, other: BeadCheck) -> tuple[float, float]:
-    """p-values of two checks, by equally many simulations if either has fewer than `ENOUGH`.
+    """p-values of two checks, from equally many simulations if either has fewer than `ENOUGH`.
 
-    Student's law of few has longer tails: the same distance is less significant by it.
+    Tails are those of Student's law: with fewer simulations the same deviation is less significant.
     """
     simulations = min(len(one.simulated), len(other.simulated))
     if simulations >= ENOUGH:
@@ -202,12 +195,15 @@ def p_value_but_moments(check: BeadCheck) -> float:
 
 
 def foreseen_p_value(check: BeadCheck, case: PreparedBead) -> float:
-    """p-value of a bead's traces, changed and fitted anew, beside the simulations that there are of
-    the old ones, by the statistics that both have and that do not change with the forces found.
+    """Approximate p-value of changed traces, without simulations of their own: those of the traces
+    before the change stand in.
+
+    Only statistics that both have count, and only those that are taken relative to the fit, so that
+    a change of the fitted forces does not move them.
 
     Parameters
     ----------
-    check : of the old ones. case : with the new ones.
+    check : of the traces before the change. case : with the changed traces, fitted.
     """
     recorded = recorded_of(case)
     looks, observed = _Battery(case, recorded).looks(recorded)
@@ -221,18 +217,18 @@ def foreseen_p_value(check: BeadCheck, case: PreparedBead) -> float:
 def _numbered(looks: tuple[Statistic, ...]) -> dict[tuple[object, ...], int]:
     """Index of each statistic, by its place and its number among those of the same place."""
     found: dict[tuple[object, ...], int] = {}
-    so_many: dict[tuple[object, ...], int] = {}
+    count: dict[tuple[object, ...], int] = {}
     for i, look in enumerate(looks):
         kind = look.statistic, look.axis, look.plateaus, look.pooled
-        so_many[kind] = so_many.get(kind, 0) + 1
-        found[*kind, so_many[kind]] = i
+        count[kind] = count.get(kind, 0) + 1
+        found[*kind, count[kind]] = i
     return found
 
 
 def _judged(
     looks: tuple[Statistic, ...], observed: FloatArray, simulated: FloatArray
 ) -> tuple[FloatArray, Together]:
-    """p-value of each statistic by itself, and of all together."""
+    """p-value of each statistic, and that of all together."""
     upper = np.array([KINDS[look.statistic].only_large(look.pooled) for look in looks])
     pooled = np.array([look.pooled for look in looks])
     kinds = [(look.statistic, look.pooled) for look in looks]

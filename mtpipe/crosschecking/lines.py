@@ -33,14 +33,15 @@ LEAST_SEEN = 0.1
 def with_lines_apart(case: PreparedBead) -> PreparedBead:
     """The case with bins of their own for lines that may be worth their numbers.
 
-    A frequency and a size cost ln of the number of ordinates after BIC; what gains less is left.
+    A line has two numbers, frequency and size, which cost ln of the number of ordinates by BIC; a
+    line that gains less gets no bin.
     """
     costs = math.log(case.fit.model.ordinates)
-    return apart(case, tuple(hz for nats, hz in strongest_lines(case) if nats > costs))
+    return with_line_bins(case, tuple(hz for nats, hz in strongest_lines(case) if nats > costs))
 
 
-def apart(case: PreparedBead, lines_hz: tuple[float, ...]) -> PreparedBead:
-    """The case with bins of their own for these lines alone, and fitted again."""
+def with_line_bins(case: PreparedBead, lines_hz: tuple[float, ...]) -> PreparedBead:
+    """The bead with a narrow bin for each of these lines and for no other, fitted again."""
     if lines_hz == case.lines_hz:
         return case
     data = tuple(
@@ -52,7 +53,7 @@ def apart(case: PreparedBead, lines_hz: tuple[float, ...]) -> PreparedBead:
 
 
 def distinct_lines(lines_hz: Sequence[float], known_hz: Sequence[float] = ()) -> tuple[float, ...]:
-    """Those that are not the same line as an earlier one, or as one that is known."""
+    """Lines without repetition: none is the same line as an earlier one, or as a known one."""
     kept: list[float] = []
     for line_hz in lines_hz:
         if not any(same_line(np.array(line_hz), other) for other in (*kept, *known_hz)):

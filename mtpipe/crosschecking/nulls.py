@@ -3,9 +3,10 @@
 Each statistic's simulated values give mean, spread, skewness and kurtosis. The tail is that of a
 Pearson type III law with the first three, and of Student's law in the number of simulations,
 because mean and spread are themselves only estimated. Statistics of cubes have longer tails on both
-sides: kurtosis beyond that of the Pearson law leaves Student's law fewer degrees of freedom. A
-skewness is hardly known from some fifty values, and the smallest of hundreds of p-values depends on
-it: the places of one statistic share what they know of theirs, and have one kurtosis.
+sides: kurtosis beyond that of the Pearson law leaves Student's law fewer degrees of freedom. Some
+fifty values determine a skewness poorly, and the smallest of hundreds of p-values depends on it. So
+the skewnesses of one statistic at its places are shrunk to their mean, and its kurtosis is the same
+at all of them.
 The p-value of all together is that of the smallest: with an effective number of statistics n it is
 1 − (1 − p)^n, and n is what makes the simulations' own smallest p-values uniform, each simulation
 being judged by the others (Westfall & Young 1993, min-p).
@@ -193,36 +194,36 @@ def together(p_values: FloatArray, own: FloatArray, families: list[NDArray[np.bo
         if not family.any():
             continue
         smallest = own[:, family].min(axis=1)
-        n = _looks(smallest)
+        n = _effective_number(smallest)
         looks.append(n)
         observed.append(_adjusted(np.array([p_values[family].min()]), n)[0])
         simulated.append(_adjusted(smallest, n))
     best = np.min(np.array(simulated), axis=0)
-    final = _looks(best)
+    final = _effective_number(best)
     p = float(_adjusted(np.array([min(observed)]), final)[0])
     return Together(p, tuple(looks), p < 1 / (len(own) + 1), _adjusted(best, final))
 
 
-def of_those_looked_at_again(p_value: float, below: float, alike: float) -> float:
+def second_round_p_value(p_value: float, below: float, correlation: float) -> float:
     """p-value of a second round, simulated only where the first one's p-value is below a limit.
 
-    Without this few recordings would have p-values just below the limit: those that the second
-    round would bring there from above it have none. It is the chance that both rounds are as far
-    off, p₁ below the limit and p₂ below what it is, their normal scores being jointly
-    normal. Among recordings that have a second round it is uniform below the limit.
+    Recordings whose first p-value is above the limit have no second round, so second p-values just
+    below the limit would be too rare. Returned is the probability that p₁ is below the limit and p₂
+    below its observed value, for jointly normal scores. Among recordings that have a second round
+    it is uniform below the limit.
 
     Parameters
     ----------
     p_value : of the second round. below : limit of the first's.
-    alike : correlation of both rounds' normal scores.
+    correlation : of both rounds' normal scores.
     """
     smaller = p_value * _EVENLY
-    score = stats.norm.ppf(below) - alike * stats.norm.ppf(smaller)
-    first_too = stats.norm.cdf(score / np.sqrt(1 - alike**2))
+    score = stats.norm.ppf(below) - correlation * stats.norm.ppf(smaller)
+    first_too = stats.norm.cdf(score / np.sqrt(1 - correlation**2))
     return float(p_value * (_EVENLY_WEIGHTS @ first_too))
 
 
-def alikeness(own: FloatArray, again: FloatArray) -> float:
+def rounds_correlation(own: FloatArray, again: FloatArray) -> float:
     """Correlation of the normal scores of two rounds, for the same simulations, 0 to below 1."""
     scores = stats.norm.ppf(np.clip([own, again], LEAST_OWN, 1 - LEAST_OWN))
     spread = scores.std(axis=1)
@@ -231,10 +232,10 @@ def alikeness(own: FloatArray, again: FloatArray) -> float:
     return float(np.clip(np.corrcoef(scores)[0, 1], 0.0, MOST_ALIKE))
 
 
-def _looks(smallest: FloatArray) -> float:
+def _effective_number(smallest: FloatArray) -> float:
     """Maximum likelihood of n where 1 − (1 − p)^n is uniform, at least 1."""
     return max(1.0, -len(smallest) / float(np.sum(np.log1p(-np.minimum(smallest, 1 - 1e-12)))))
 
 
-def _adjusted(p: FloatArray, looks: float) -> FloatArray:
-    return np.asarray(-special.expm1(looks * np.log1p(-np.minimum(p, 1 - 1e-15))))
+def _adjusted(p: FloatArray, number: float) -> FloatArray:
+    return np.asarray(-special.expm1(number * np.log1p(-np.minimum(p, 1 - 1e-15))))

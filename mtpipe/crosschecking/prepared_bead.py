@@ -34,8 +34,7 @@ from mtpipe.recording.recording import Plateau, Recording, ReferenceUse, States
 from mtpipe.recording.traces import traces_of
 from mtpipe.states.focus import focus_numbers
 
-# No reference bead tells where the surface is better than this: its bottom is not the tether's
-# anchor.
+# No reference bead shows the surface better than this: its bottom is not the tether's anchor.
 Z_ZERO_STDERR_NM = 0.3
 # Formulas of the chain that a setup may mean; it does not say, and the data choose.
 FORMULAS: tuple[Formula, ...] = ("marko-siggia", "bouchiat")
@@ -219,13 +218,17 @@ def preferred_fit(model: ConfiguredModel) -> ConfiguredFit:
 
 
 def preference(fit: ConfiguredFit) -> float:
-    """What speaks for a fit, and what its chain's formula is preferred by, in nats."""
+    """`support` of a fit, and for the usual formula of the chain the nats by which others have to
+    be better.
+    """
     usual = fit.model.experiment.chain.formula_without_stretching == FORMULAS[0]
     return support(fit) + (OTHER_FORMULA_NATS if usual else 0.0)
 
 
 def support(fit: ConfiguredFit) -> float:
-    """ln likelihood of a fit, and what forces known beforehand say of its chain's formula."""
+    """ln likelihood of a fit plus that of the forces known beforehand (nats), to choose the chain's
+    formula.
+    """
     return fit.log_likelihood + known_force_nats(fit)
 
 

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from dataclasses import replace
 
-from mtpipe.crosschecking.lines import apart, distinct_lines, strongest_lines
+from mtpipe.crosschecking.lines import distinct_lines, strongest_lines, with_line_bins
 from mtpipe.crosschecking.prepared_bead import PreparedBead
 from mtpipe.effects.catalogue import catalogue
 from mtpipe.effects.effect import Evidence
@@ -33,7 +33,7 @@ def with_listed(case: PreparedBead, setup: Setup) -> PreparedBead:
             lines_hz = tuple(line_hz for _, line_hz in strongest_lines(case)[:1])
             evidence = replace(evidence, lines_hz=lines_hz, courses=each, common_course=common)
         held, evidence = read_sizes(known, pinned.get(known.name, {}), evidence)
-        case = apart(case, distinct_lines((*evidence.lines_hz, *case.lines_hz)))
+        case = with_line_bins(case, distinct_lines((*evidence.lines_hz, *case.lines_hz)))
         tried = best_of(case.fit, with_pinned(known, held), evidence)
         if tried is not None:
             case = replace(case, fit=tried.fit)

@@ -55,6 +55,6 @@ class ForceError:
 NO_FORCE = ForceError(bias=math.inf)
 
 
-def excess(whole: float, part: float) -> float:
+def left_in_quadrature(whole: float, part: float) -> float:
     """The error that makes the whole of a part, in quadrature."""
     return math.sqrt(max(whole**2 - part**2, 0.0))

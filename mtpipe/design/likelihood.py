@@ -14,7 +14,7 @@ from dataclasses import replace
 import numpy as np
 from scipy import optimize
 
-from mtpipe.design.force_error import ForceError, excess
+from mtpipe.design.force_error import ForceError, left_in_quadrature
 from mtpipe.design.motion import AxisMotion, axis_motion, common_errors, empty_spectrum
 from mtpipe.design.plan import OVERSTRETCHING_PN, Plan
 from mtpipe.fit.estimates import inverse_information
@@ -43,8 +43,8 @@ def error_by_itself(plan: Plan, force_pN: float, axis: int, *, friction_known: b
     return replace(
         common_errors(plan, force_pN, axis),
         statistics=statistics,
-        friction=excess(without_noise, statistics),
-        noise=excess(math.sqrt(covariance[0, 0]), without_noise),
+        friction=left_in_quadrature(without_noise, statistics),
+        noise=left_in_quadrature(math.sqrt(covariance[0, 0]), without_noise),
         exposure=abs(float(covariance[0] @ score)) * wrong_s,
     )
 
@@ -65,8 +65,8 @@ def error_in_series(plan: Plan, force_pN: float) -> ForceError:
     return replace(
         common_errors(plan, force_pN, plan.experiment.along),
         statistics=statistics,
-        friction=excess(without_noise, statistics),
-        noise=excess(math.sqrt(covariance[0, 0]), without_noise) if noisy else 0.0,
+        friction=left_in_quadrature(without_noise, statistics),
+        noise=left_in_quadrature(math.sqrt(covariance[0, 0]), without_noise) if noisy else 0.0,
         exposure=abs(float(fit.shift_per_exposure[0])) * wrong_s if wrong_s else 0.0,
     )
 

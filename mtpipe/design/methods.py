@@ -9,12 +9,9 @@ from functools import partial
 from mtpipe.design.force_error import NO_FORCE, ForceError
 from mtpipe.design.likelihood import error_by_itself, error_in_series
 from mtpipe.design.plan import OVERSTRETCHING_PN, Plan
-from mtpipe.design.schemes import (
-    CORRECTED,
-    UNCORRECTED,
-    error_of_arctangent,
-    error_of_equipartition,
-)
+from mtpipe.design.schemes import error_of_arctangent, error_of_equipartition
+from mtpipe.methods.by_name import FIELD_METHODS
+from mtpipe.methods.integrated_spectrum import CORRECTED, UNCORRECTED
 
 BOTH = "both"
 ALONG, ACROSS = "along", "across"
@@ -42,6 +39,11 @@ class Method:
         return self.error_on(plan, force_pN, 1 - along if axis == ACROSS else along)
 
 
+def _of_field(name: str, error_on: Callable[[Plan, float, int], ForceError]) -> Method:
+    """A method of the field, of which the errors are known beforehand."""
+    return Method(name, FIELD_METHODS[name].words, error_on)
+
+
 METHODS = {
     method.name: method
     for method in (
@@ -61,16 +63,8 @@ METHODS = {
             "exact likelihood, friction free",
             partial(error_by_itself, friction_known=False),
         ),
-        Method("equipartition", "equipartition, blur corrected", error_of_equipartition),
-        Method(
-            "arctangent",
-            "arctangent, n = ±1 (2010)",
-            partial(error_of_arctangent, correction=CORRECTED),
-        ),
-        Method(
-            "arctangent-uncorrected",
-            "arctangent, uncorrected",
-            partial(error_of_arctangent, correction=UNCORRECTED),
-        ),
+        _of_field("equipartition", error_of_equipartition),
+        _of_field("arctangent", partial(error_of_arctangent, correction=CORRECTED)),
+        _of_field("arctangent-uncorrected", partial(error_of_arctangent, correction=UNCORRECTED)),
     )
 }

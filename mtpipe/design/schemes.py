@@ -14,7 +14,7 @@ import numpy as np
 from scipy import optimize
 
 from mtpipe.design.arctangent import ExpectedArctangent, expected_arctangent
-from mtpipe.design.force_error import NO_FORCE, ForceError, excess
+from mtpipe.design.force_error import NO_FORCE, ForceError, left_in_quadrature
 from mtpipe.design.motion import axis_motion, common_errors
 from mtpipe.design.plan import Plan
 from mtpipe.experiment.state import expected_spectrum
@@ -22,8 +22,6 @@ from mtpipe.ground.types import FloatArray
 from mtpipe.methods.integrated_spectrum import Correction
 from mtpipe.physics.camera import Camera, frame_variance
 
-CORRECTED = Correction(True, (-1, 1))
-UNCORRECTED = Correction(False, ())
 # Ordinates below the corner frequency: enough for the integral of the spectrum.
 BELOW_CORNER = 30
 FEWEST_ORDINATES = 256
@@ -64,7 +62,7 @@ def error_of_equipartition(plan: Plan, force_pN: float, axis: int) -> ForceError
         statistics=statistics,
         friction=per_friction * knowledge.friction,
         noise=math.hypot(
-            excess(per_variance * stderr_nm2 / corrected_nm2, statistics),
+            left_in_quadrature(per_variance * stderr_nm2 / corrected_nm2, statistics),
             per_variance * unsure_nm2 / corrected_nm2,
         ),
         exposure=per_exposure * knowledge.exposure,
@@ -113,7 +111,8 @@ def error_of_arctangent(
         bias=motion.variance_nm2 / math.exp(found.ln_variance) - 1,
         statistics=without_noise,
         noise=math.hypot(
-            excess(scatter, without_noise), abs(float(found.response.sum())) * white * unsure_nm2
+            left_in_quadrature(scatter, without_noise),
+            abs(float(found.response.sum())) * white * unsure_nm2,
         ),
         exposure=per_exposure * knowledge.exposure,
     )

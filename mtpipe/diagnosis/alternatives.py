@@ -63,8 +63,8 @@ def place_of(
     """
     others = [other for other in members if other is not one]
     try:
-        # where it is far from the data its forces are found afresh: what it gains by these is no
-        # matter of any effect, and all of them would be fitted to the end for it
+        # if this fit is far from the data it is begun again with new forces; otherwise every effect
+        # would gain by the better forces, and all of them would be fitted to the end
         rest = begun_again(together(without, others, fit))
     except (FitError, ValueError):
         return None
@@ -115,15 +115,15 @@ def with_alternatives(
         return one  # a term has no name that others could have instead
     if place is None or place.own is None:
         return replace(one, alternatives=())
-    alternatives = alike(place.own, place.tried, names, partial(_foretold, last.case))
+    alternatives = indistinguishable(place.own, place.tried, names, partial(_foretold, last.case))
     beside = {*names, *(other.found.effect.name for other in alternatives)}
     against = odds_against(place.own, place.tried, beside, place.without, left_smooth)
     return replace(one, alternatives=alternatives, odds_against=against + sets)
 
 
 def or_by_form(one: Named) -> Named | None:
-    """A named effect, or, where with all its alternatives it is less likely than not, a term that
-    says what it does; None where no term does.
+    """The named effect; if it and all its alternatives together are less likely than not, the term
+    that describes what it does, or None if no term does.
     """
     if one.form or one.probability_of_any >= MOST_LIKELY or not isinstance(one.found, FittedEffect):
         return one
@@ -135,11 +135,11 @@ def or_by_form(one: Named) -> Named | None:
 
 
 def _foretold(case: PreparedBead, one: FittedEffect, other: FittedEffect) -> float:
-    """How much better an effect than another tells time that was not fitted, in nats."""
+    """By how many nats one effect predicts held-out time better than another."""
     return heldout_gain(case, other.fit, one.fit)
 
 
-def alike(
+def indistinguishable(
     one: FittedEffect,
     tried: Sequence[FittedEffect],
     named: Collection[str],
@@ -151,8 +151,8 @@ def alike(
     Parameters
     ----------
     tried : all of them, this one too. named : names of those that are named.
-    foretold : how much better the first of two tells time that was not fitted; nan where that is
-        not known: then they are alike if each would be seen by itself.
+    foretold : by how many nats the first of two predicts held-out time better; nan where that is
+    not known: then the other counts as indistinguishable if it would be seen by itself.
     """
 
     def as_well(other: FittedEffect) -> bool:

@@ -27,9 +27,9 @@ from mtpipe.diagnosis.pooled import (
     Ballot,
     Curve,
     also_in,
-    settled,
+    weighed,
 )
-from mtpipe.diagnosis.revision import Change, accounts, coordinate, revised
+from mtpipe.diagnosis.revision import Change, accounts, coordinate, with_changes
 from mtpipe.effects.effect import Effect, Evidence
 from mtpipe.ground.steps import Steps
 from mtpipe.ground.types import Progress
@@ -90,7 +90,7 @@ def beads_together(
     again = {}
     for bead in changed:
         random = bead_generator(seed, f"{bead} together")
-        future = pool.submit(revised, voters[bead], changes[bead], random)
+        future = pool.submit(with_changes, voters[bead], changes[bead], random)
         again[bead] = counted(future, done, len(voters) + len(changed))
     yield list(again.values())
     return {
@@ -167,7 +167,7 @@ def _changes(
             shared = [name for name in names if name in ballots[bead].curves]
             if not shared:
                 continue
-            found = settled(ballots, bead, next(slots))
+            found = weighed(ballots, bead, next(slots))
             if found.others is not None or set(found.left) != set(names):
                 name = next((name for name in found.left if name in shared), shared[0])
                 told = _told(name, bead, ballots)
@@ -185,7 +185,7 @@ def _changes(
 
 
 def _told(effect: str, bead: str, ballots: Mapping[str, Ballot]) -> str:
-    """What the other beads say of a shared effect as strong as this bead would have it."""
+    """Sentence on how many other beads have a shared effect of the size that this bead has."""
     size = ballots[bead].curves[effect].value
     said = [
         ballot.curves[effect].says(size)

@@ -1,8 +1,8 @@
-"""Whether heights are as if z had another scale above some height.
+"""Whether recorded z has another scale above some height.
 
-No name of the catalogue says so: a look-up table of z with a kink in it, optics that distort.
-Forces are free at every plateau, so that effects that change with the force can be taken for what
-changes with the height.
+Look-up tables with a kink do that, and optics that distort; no effect of the catalogue describes
+it. As every plateau has its own force, a change with the height can be mistaken for an effect that
+changes with the force.
 """
 
 from __future__ import annotations

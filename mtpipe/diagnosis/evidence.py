@@ -68,7 +68,7 @@ def reference_moves(check: BeadCheck) -> bool | None:
             tracked.append(np.full(blocks - 1, noise_nm2[axis]))
     if not bead:
         return None
-    # each plateau and axis counts by what its thermal motion leaves visible
+    # plateaus and axes are weighted by one over the variance of their thermal motion
     b, s, noise, passed = (np.concatenate(part) for part in (bead, subtracted, thermal, tracked))
     known = np.isfinite(b) & np.isfinite(s)
     b, s, weight, passed = b[known], s[known], 1 / noise[known], passed[known]
@@ -78,7 +78,7 @@ def reference_moves(check: BeadCheck) -> bool | None:
     slope = float(np.sum(weight * b * s)) / total
     variance = float(np.sum((weight * s * (b - slope * s)) ** 2)) / total**2
     beyond_noise = slope + float(np.sum(weight * passed)) / total
-    # all that the bead moves more than it should is the reference's, or none of it
+    # two hypotheses: all of the bead's excess motion is the reference's, or none of it
     if_reference = -max(float(np.sum(weight * b**2)) - len(b), 0.0) / total
     variance_if = variance + 2 * len(b) / total**2
     nats = 0.5 * (beyond_noise**2 / variance - (beyond_noise - if_reference) ** 2 / variance_if)

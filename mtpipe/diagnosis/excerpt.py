@@ -1,8 +1,8 @@
 """Causes looked for in some of a bead's plateaus, and tried in all of them.
 
 The search takes time in proportion to the number of plateaus. Eight that span the forces, as many
-as a usual staircase has, tell what dozens tell of what is left out; whether it is so in all
-plateaus is asked at the end.
+as a usual staircase has, show a missing effect as well as dozens do; what was found is verified in
+all plateaus at the end.
 """
 
 from __future__ import annotations

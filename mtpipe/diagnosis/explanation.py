@@ -192,7 +192,9 @@ class Explanation:
 
 
 def ln_of(p_value: float) -> float:
-    """A p-value that is clearly consistent is as good as any; of one below, its ln is lost."""
+    """ln of a p-value, at most that of `CLEARLY_CONSISTENT`: above it no p-value is better than
+    another.
+    """
     return math.log(max(min(p_value, CLEARLY_CONSISTENT), 1e-300))
 
 

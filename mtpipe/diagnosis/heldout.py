@@ -8,7 +8,7 @@ from mtpipe.crosschecking.check import BeadCheck
 from mtpipe.crosschecking.prepared_bead import PreparedBead
 from mtpipe.ground.errors import FitError
 from mtpipe.joint_fit.data import PlateauData, plateau_data
-from mtpipe.joint_fit.distance import excess
+from mtpipe.joint_fit.distance import missing_nats
 from mtpipe.joint_fit.fit import ConfiguredFit, fit_configured
 from mtpipe.joint_fit.model import ConfiguredModel
 
@@ -24,7 +24,7 @@ def explained_share(before: BeadCheck, after: BeadCheck) -> float:
 
 def share_gone(before: ConfiguredFit, after: ConfiguredFit) -> float:
     """Share of one fit's misfit that is gone in another."""
-    first, last = excess(before), excess(after)
+    first, last = missing_nats(before), missing_nats(after)
     return 0.0 if first <= 0 else 1 - max(last, 0.0) / first
 
 

@@ -27,7 +27,8 @@ STATISTICS = ("skewness", "kurtosis")
 # Bins of the positions over their standard deviation; what is beyond is in the outermost.
 EDGES = np.linspace(-4.0, 4.0, 33)
 # Distance between the quartiles of a normal distribution in standard deviations, and the share of a
-# sample whose variance tells the width as well (van der Vaart 1998, Asymptotic Statistics, ch. 21).
+# sample whose variance determines the width as well (van der Vaart 1998, Asymptotic Statistics, ch.
+# 21).
 QUARTILES, EFFICIENCY = 1.349, 0.37
 
 

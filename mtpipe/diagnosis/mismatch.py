@@ -191,7 +191,7 @@ def explaining(
     """
     beads = yield from per_bead(
         recording,
-        partial(_explained, with_curves=with_curves),
+        partial(explained_bead, with_curves=with_curves),
         pool,
         seed=seed,
         parts=parts,
@@ -206,9 +206,21 @@ def explaining(
     return replace(beads, results=together)
 
 
-def _explained(
+def explained_bead(
     recording: Recording, bead: str, random: np.random.Generator, *, with_curves: bool
 ) -> Explanation:
+    """What is found about one bead; the work that is sent to a process.
+
+    Parameters
+    ----------
+    recording : drift subtracted. bead : its name. random : of the simulations.
+    with_curves : keep the curves that are drawn.
+
+    Raises
+    ------
+    FitError : the bead cannot be compared with simulations, with the reason.
+    """
+
     def say(step: str) -> None:
         tell(f"{recording.name} {bead}: {step}")
 
@@ -220,7 +232,7 @@ def _explained(
     else:
         part = check_of(shorter, bead, random)
         found = explain_by_excerpt(check, part, random, progress=say)
-    # these take their time, so they are found here, where beads are worked on side by side
+    # these cached values take long, so they are computed here, where beads run in parallel
     _ = found.unexplained, found.force_stderr_pN
     return found
 
@@ -260,7 +272,7 @@ def _located(found: Explanation) -> list[dict[str, Any]]:
 
 
 def _oddity_left(one: Named) -> float:
-    """ln of how much of p an effect leaves; small where it explains much."""
+    """ln of the p-value without an effect over that with it; small where it explains much."""
     return math.log(max(one.before.p_value, 1e-300) / max(one.after.p_value, 1e-300))
 
 

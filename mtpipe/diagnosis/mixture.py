@@ -1,4 +1,4 @@
-"""What a number's error is where one of several models holds, and the data do not say which."""
+"""Error of a number if one of several models holds and the data do not decide which."""
 
 from __future__ import annotations
 

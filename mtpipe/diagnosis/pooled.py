@@ -72,7 +72,8 @@ class Ballot:
     def without(self, effects: Sequence[str]) -> float:
         """Nats of the bead's best account without these effects, after BIC.
 
-        Where nothing else would do, what looks like one costs another number.
+        Where only a shared effect explains the bead, a cause of its own that imitates it is
+        assumed, at the cost of one more number.
         """
         total = 0.0
         for slot in self.slots:
@@ -116,7 +117,9 @@ def common(curves: Mapping[str, Curve], penalty: float, *, all_of: Sequence[str]
 def _climbed(
     curves: Mapping[str, Curve], penalty: float, all_of: Sequence[str], here: Common
 ) -> Common:
-    """The best size near one: beads that have it give their mean, the mean tells which have it."""
+    """The best size near a first one: alternately the mean of the beads that have it, and which
+    beads have that mean.
+    """
     beads = tuple(b for b, c in curves.items() if b in all_of or c.at(here.value) > c.hidden)
     if beads == here.beads:
         return here
@@ -144,8 +147,9 @@ class Settled:
     beside: bool = False
 
 
-def settled(ballots: Mapping[str, Ballot], bead: str, slot: Mapping[str, float]) -> Settled:
-    """Weigh the accounts of one bead, each with the best that it leaves to the others.
+def weighed(ballots: Mapping[str, Ballot], bead: str, slot: Mapping[str, float]) -> Settled:
+    """Decide what a bead may name: each of its explanations is weighed together with the best that
+    all other beads can then have.
 
     Parameters
     ----------
@@ -154,7 +158,7 @@ def settled(ballots: Mapping[str, Ballot], bead: str, slot: Mapping[str, float])
     mine = ballots[bead]
     shared = [effect for effect in slot if effect in mine.curves]
     private = {effect: nats for effect, nats in slot.items() if effect not in shared}
-    # of the others, where nobody has anything shared
+    # the other beads, if none has a shared effect
     nothing = sum(one.without(shared) for name, one in ballots.items() if name != bead)
     own = max(private.values(), default=mine.without(shared)) + nothing
     totals = {effect: nats + nothing for effect, nats in private.items()}

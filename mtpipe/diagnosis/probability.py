@@ -1,4 +1,4 @@
-"""How sure a name is: its weight beside everything else that was weighed.
+"""Probability of a named effect: its weight over that of everything that was weighed.
 
 In an effect's place, and in that of a whole set of causes, may be others, nothing at all, or
 something that has no name: a smooth factor on the spectra, with the marginal likelihood that it has

@@ -60,7 +60,7 @@ def coordinate(fit: ConfiguredFit, tried: FittedEffect) -> int:
     return fit.model.plateaus + names.index(tried.hypothesis.parameters[0].name)
 
 
-def revised(
+def with_changes(
     one: Explanation, changes: Sequence[Change], random: np.random.Generator
 ) -> Explanation:
     """The explanation with the changes made.
@@ -104,7 +104,9 @@ def revised(
 
 
 def _settled(named: Named, change: Change) -> Named:
-    """What may be named there, by itself the same where that is still among it."""
+    """The effect as it may be named: unchanged if the other beads still allow it, else the best
+    that they allow.
+    """
     left = {
         tried.effect.name: (tried, net)
         for tried, net in accounts(named)

@@ -19,7 +19,7 @@ from mtpipe.ground.types import FloatArray
 from mtpipe.joint_fit.hypotheses import FittedEffect
 
 # Simulations with events, and as many with Gaussian motion of their power: means and spreads of
-# what tells them apart are known to a fifth.
+# what distinguishes them are known to a fifth.
 SIMULATIONS = 24
 # Nats by which Gaussian motion has to be likelier for events to count as unseen: traces that cannot
 # tell the two apart give about 0.
@@ -34,8 +34,8 @@ def unseen_member(
 ) -> str:
     """The name of a member of a set whose events the traces do not show; empty: none.
 
-    Events that are not clearly seen fit as much as a form without a name does, and are to cost no
-    less: a set with such a form in their place is preferred if it is likelier then.
+    Events that traces do not clearly show fit as many recordings as a term does, and have to cost
+    as much: a set with a term in their place is preferred if it is likelier at equal cost.
 
     Parameters
     ----------
@@ -55,7 +55,9 @@ def unseen_member(
 
 
 def _formed(one: FittedEffect, causes: Causes, weighed: Iterable[Causes]) -> bool:
-    """Whether a set with a form in a member's place is likelier, were the member as dear."""
+    """Whether a set with a term in a member's place is likelier if the member costs as much as the
+    term.
+    """
     rest = causes.names - {one.effect.name}
     dearer = causes.score - (TERM_NATS - CAUSE_NATS)
     return any(
@@ -87,7 +89,7 @@ def seen_nats(case: PreparedBead, single: SingleEvents, random: np.random.Genera
         maker = TwinMaker(one)
         twins = [maker.draw(random).positions_nm for _ in range(SIMULATIONS)]
         values = [_nats(case, single, twin) for twin in twins]
-        # where hops are not looked for both are nought
+        # both are 0 if hops are not looked for
         spread = max(float(np.std(values, ddof=1)), 1e-6)
         found.append(stats.t.logpdf((seen - np.mean(values)) / spread, SIMULATIONS - 1))
         found[-1] -= np.log(spread)

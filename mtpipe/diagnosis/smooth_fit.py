@@ -1,10 +1,10 @@
 """The marginal likelihood of smooth factors on spectra, and the factors that have most of it.
 
 Factors are cubic B-splines of ln f whose coefficients are Gaussian about none, near ones alike (a
-Matérn covariance of order 3/2; Rasmussen & Williams 2006, eq. 4.17). Few splines without such a
-prior swing where the data say little, to follow a bend where they say much. Binned power is a gamma
-variate about its expectation (Whittle 1953), traces apart; what else is fitted moves the
-expectation to first order of ln S.
+Matérn covariance of order 3/2; Rasmussen & Williams 2006, eq. 4.17). Without such a prior a few
+splines would oscillate where the data are weak in order to follow a bend where they are strong.
+Binned power is a gamma variate about its expectation (Whittle 1953), traces apart; what else is
+fitted moves the expectation to first order of ln S.
 """
 
 from __future__ import annotations
@@ -138,14 +138,14 @@ def best_solution(spectra: Spectra, begun: Solution | None, last: list[Term]) ->
     design = np.hstack([spectra.response, *(term.columns for term in terms)])
     missing = design.shape[1] - spectra.response.shape[1]
     pulls = np.pad(spectra.pull_response, ((0, 0), (0, missing)))
-    # about ln of its mean a gamma variate tells as much as it has ordinates, whatever the mean
+    # a gamma variate's Fisher information about ln of its mean is its number of ordinates
     information = design.T @ (spectra.ordinates[:, None] * design) + pulls.T @ pulls
     z = np.zeros(design.shape[1])
     if begun is not None:
         z[: len(begun.z)] = begun.z
     solutions = []
     for one in [[*taken, one] for one in last] or [[]]:
-        # what is fitted has one best place, which the prior moves a little
+        # the optimum moves little from prior to prior, so each fit starts at the one before
         solutions.append(_solved(spectra, one, design, pulls, information, z))
         z = solutions[-1].z
     return max(solutions, key=lambda one: one.ln_evidence)

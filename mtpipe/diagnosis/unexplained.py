@@ -160,7 +160,7 @@ class Unexplained:
             number, place = strongest(correction, one)
             where = "at all forces"
             if not one.common:
-                clear = [self.number(k) for k in alike(correction, one)]
+                clear = [self.number(k) for k in also_deviating(correction, one)]
                 where = f"in plateau{'s' if len(clear) > 1 else ''} {', '.join(map(str, clear))}"
                 if len(clear) > 1:
                     where += f" (most clearly in {self.number(number)})"
@@ -230,7 +230,7 @@ def strongest(correction: SmoothCorrection, one: AxisCorrection) -> tuple[int, P
     return k, places[k]
 
 
-def alike(correction: SmoothCorrection, one: AxisCorrection) -> list[int]:
+def also_deviating(correction: SmoothCorrection, one: AxisCorrection) -> list[int]:
     """Plateaus that clearly differ where the strongest curve does, and to the same side."""
     number, place = strongest(correction, one)
     found = []

@@ -1,4 +1,4 @@
-"""How strongly the stage wanders along z, from the beads themselves where no reference tells it.
+"""How strongly the stage wanders along z, from the beads themselves where no reference shows it.
 
 A course in time that all beads share: a random walk, and a steady rate if the plateaus show one.
 Within each plateau the lowest cosine coefficients of z are the walk's plus the tether's own thermal

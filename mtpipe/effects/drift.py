@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
-import math
 from functools import partial
 
 from mtpipe.effects.effect import Effect, Evidence, Hypothesis, variance
+from mtpipe.experiment.changed import with_root
 from mtpipe.experiment.changes import with_stage
 from mtpipe.experiment.description import Experiment
 from mtpipe.experiment.parameter import Parameter
@@ -20,9 +20,8 @@ def along(axis: int, name: str) -> Parameter:
 
 
 def _change(axis: int, experiment: Experiment, per_s: float) -> Experiment:
-    walk = list(experiment.stage.unsubtracted_nm_per_root_s)
-    walk[axis] = math.sqrt(max(per_s, 0.0))
-    return with_stage(experiment, unsubtracted_nm_per_root_s=(walk[0], walk[1], walk[2]))
+    walk = with_root(experiment.stage.unsubtracted_nm_per_root_s, axis, per_s)
+    return with_stage(experiment, unsubtracted_nm_per_root_s=walk)
 
 
 def _hypotheses(experiment: Experiment, evidence: Evidence) -> list[Hypothesis]:

@@ -6,11 +6,11 @@ stage's drift in the trace instead.
 
 from __future__ import annotations
 
-import math
 from functools import partial
 
 from mtpipe.effects import drift
 from mtpipe.effects.effect import Effect, Evidence, Hypothesis, logarithm, variance
+from mtpipe.experiment.changed import with_root
 from mtpipe.experiment.changes import with_optics, with_stage
 from mtpipe.experiment.description import Experiment
 from mtpipe.experiment.parameter import Parameter
@@ -25,9 +25,8 @@ def _along(axis: int, name: str) -> Parameter:
 
 
 def _moved(axis: int, experiment: Experiment, square: float) -> Experiment:
-    size = list(experiment.stage.reference_nm)
-    size[axis] = math.sqrt(max(square, 0.0))
-    return with_stage(experiment, reference_nm=(size[0], size[1], size[2]))
+    size = with_root(experiment.stage.reference_nm, axis, square)
+    return with_stage(experiment, reference_nm=size)
 
 
 def _begun(experiment: Experiment, value: float) -> Experiment:

@@ -8,6 +8,7 @@ from functools import partial
 from typing import Any
 
 from mtpipe.effects.effect import Effect, Evidence, Hypothesis, Read, logarithm, variance
+from mtpipe.experiment.changed import with_root
 from mtpipe.experiment.changes import with_stage
 from mtpipe.experiment.description import Experiment, Line
 from mtpipe.experiment.parameter import Parameter
@@ -69,9 +70,8 @@ def _of_line(number: int) -> str:
 
 
 def _change(number: int, axis: int, experiment: Experiment, square: float) -> Experiment:
-    size = list(experiment.stage.lines[number].amplitude_nm)
-    size[axis] = math.sqrt(max(square, 0.0))
-    return _with(experiment, number, amplitude_nm=(size[0], size[1], size[2]))
+    size = with_root(experiment.stage.lines[number].amplitude_nm, axis, square)
+    return _with(experiment, number, amplitude_nm=size)
 
 
 def _with_coherence(number: int, experiment: Experiment, coherence_s: float) -> Experiment:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import functools
+import math
 from typing import Any, TypeVar
 
 Described = TypeVar("Described")
@@ -24,6 +25,18 @@ def changed(description: Described, **values: Any) -> Described:
     other.__dict__.update(description.__dict__)
     other.__dict__.update(values)
     return other
+
+
+def with_root(
+    values: tuple[float, float, float], axis: int, square: float
+) -> tuple[float, float, float]:
+    """Sizes along x, y and z with that of one axis (0 to 2) replaced by the root of a square, 0 for
+    a square below 0.
+    """
+    x, y, z = (
+        math.sqrt(max(square, 0.0)) if k == axis else value for k, value in enumerate(values)
+    )
+    return x, y, z
 
 
 def _copied(kind: type[Any]) -> frozenset[str]:

@@ -1,17 +1,17 @@
 """A parameter of an experiment: a change of its description that has a size.
 
-Here also those that are free in some fits and effects in others, under one name, so that nothing
-is free twice.
+Two parameters are one quantity if they change the same of the description (`Parameter.quantity`). A
+fit has each quantity once (`already_free`). Here also those that are free in some fits and effects
+in others.
 """
 
 from __future__ import annotations
 
-import math
-from collections.abc import Callable
+from collections.abc import Callable, Hashable, Sequence
 from dataclasses import dataclass
 from functools import partial
 
-from mtpipe.experiment.changed import changed
+from mtpipe.experiment.changed import changed, with_root
 from mtpipe.experiment.description import Experiment, Triple
 
 # The factor on the exposure, and the share of a frame that no exposure is shorter than.
@@ -33,6 +33,7 @@ class Parameter:
     step : a change of the coordinate that matters little, for differences.
     prior : mean and standard error of what is known beforehand, or None.
     change : the experiment with the coordinate at a value.
+    within_error : it is the error of a stated value, beyond which an effect may change the same.
     """
 
     name: str
@@ -43,10 +44,36 @@ class Parameter:
     step: float
     prior: tuple[float, float] | None
     change: Change
+    within_error: bool = False
+
+    @property
+    def quantity(self) -> Hashable:
+        """What it changes of an experiment: the function of `change`, and what it is bound to."""
+        return _quantity(self.change)
 
     def step_from(self, value: float) -> float:
         """The step, downwards where it would leave the bounds."""
         return self.step if value + self.step <= self.upper else -self.step
+
+
+def _quantity(change: object) -> Hashable:
+    if isinstance(change, partial):
+        bound = (*change.args, *sorted(change.keywords.items()))
+        return (change.func, *map(_quantity, bound))
+    if isinstance(change, tuple):
+        return tuple(map(_quantity, change))
+    return change if isinstance(change, Hashable) else id(change)
+
+
+def already_free(parameters: Sequence[Parameter], others: Sequence[Parameter]) -> bool:
+    """Whether parameters are free that are the same quantity as one of others.
+
+    Parameters
+    ----------
+    parameters : of a fit. Errors of stated values among them leave their quantities to effects.
+    """
+    free = {one.quantity for one in parameters if not one.within_error}
+    return any(other.quantity in free for other in others)
 
 
 def noise_parameters(start_nm: Triple) -> tuple[Parameter, ...]:
@@ -67,7 +94,5 @@ def noise_parameters(start_nm: Triple) -> tuple[Parameter, ...]:
 
 
 def _noise(axis: int, experiment: Experiment, value: float) -> Experiment:
-    noise = list(experiment.tracker.noise_nm)
-    noise[axis] = math.sqrt(max(value, 0.0))
-    tracker = changed(experiment.tracker, noise_nm=(noise[0], noise[1], noise[2]))
-    return changed(experiment, tracker=tracker)
+    noise_nm = with_root(experiment.tracker.noise_nm, axis, value)
+    return changed(experiment, tracker=changed(experiment.tracker, noise_nm=noise_nm))

@@ -54,9 +54,9 @@ class Seen:
         )
 
 
-def nothing_seen(height_nm: float = 0.0) -> Seen:
+def nothing_seen() -> Seen:
     """A bead that does not move."""
-    return Seen(np.empty(0), np.empty((0, 3, 3)), np.zeros((3, 3)), height_nm)
+    return Seen(np.empty(0), np.empty((0, 3, 3)), np.zeros((3, 3)), 0.0)
 
 
 class StepByPlateau(Protocol):

@@ -39,7 +39,8 @@ STEP = 1e-6
 
 
 def is_parabola(model: TraceModel, theta: FloatArray, covariance: FloatArray) -> bool:
-    """Whether covariance (free, free) at a maximum θ (3,) tells how far stiffness and friction lie.
+    """Whether covariance (free, free) at a maximum θ (3,) is a good measure of the errors of
+    stiffness and friction.
 
     It is taken to where the bead does not relax within a frame, or both are known well, or −2 ln L
     rises by 1 one standard error off in the one that is known worse.

@@ -64,7 +64,7 @@ class SeriesFit:
         return logarithmic(self.theta[i], self.covariance[i, i], unit, METHOD)
 
     def trace_fit(self, trace: SeriesTrace) -> TraceFit:
-        """One trace's stiffness, friction and noise as the whole series tells them."""
+        """One trace's stiffness, friction and noise as fitted to the whole series."""
         coordinates = self.model.coordinates(self.theta[None], trace)[0]
         low, high = self.model.around(self.theta)
         width = np.sum(high - low, axis=1)[:, None]

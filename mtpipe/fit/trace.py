@@ -89,14 +89,7 @@ class TraceFit(Shown):
     @property
     def table(self) -> pd.DataFrame:
         """A row for each estimate."""
-        return estimates_table(
-            {
-                "stiffness": self.stiffness,
-                "friction": self.friction,
-                "noise": self.noise,
-                "corner_frequency": self.corner_frequency,
-            }
-        )
+        return estimates_table(self)
 
     @property
     def spectrum(self) -> Spectrum:

@@ -46,7 +46,7 @@ class Kept(Executor):
             except BaseException as error:  # for whoever waits, as an executor does it
                 future.set_exception(error)
 
-        self._pool.submit(_packed, work, *args, **named).add_done_callback(keep)
+        self._pool.submit(packed, work, *args, **named).add_done_callback(keep)
         return future
 
     def there(self, works: int) -> int:
@@ -55,6 +55,6 @@ class Kept(Executor):
         return sum(any(self._folder.glob(f"{number:06d}-*.pickle")) for number in numbers)
 
 
-def _packed(work: Callable[..., Any], *args: Any, **named: Any) -> bytes:
-    """What a work gives, packed where it is done."""
+def packed(work: Callable[..., Any], *args: Any, **named: Any) -> bytes:
+    """Result of a work as bytes (pickle), made in the process that does the work."""
     return pickle.dumps(work(*args, **named), protocol=pickle.HIGHEST_PROTOCOL)

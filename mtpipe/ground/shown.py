@@ -19,6 +19,8 @@ if TYPE_CHECKING:
 
 # Most rows that a table in a notebook shows; all of them are in `.table`.
 MOST_ROWS = 20
+# What is estimated of a trace.
+QUANTITIES = ("stiffness", "friction", "noise", "corner_frequency")
 DRAWING_ROOM = "mtpipe.notebook.figures"
 
 
@@ -55,9 +57,16 @@ def html_of(result: Any) -> str:
     return f"<p>{html.escape(repr(result))}</p>{shown}"
 
 
-def estimates_table(estimates: dict[str, Estimate]) -> pd.DataFrame:
-    """A row for each estimate: quantity, value, stderr, low, high (68 %), unit, status."""
+def estimates_table(result: Shown) -> pd.DataFrame:
+    """A row for each estimate of a trace: quantity, value, stderr, low, high (68 %), unit, status.
+
+    Parameters
+    ----------
+    result : with the attributes `QUANTITIES`.
+    """
     import pandas as pd
+
+    estimates: dict[str, Estimate] = {name: getattr(result, name) for name in QUANTITIES}
 
     return pd.DataFrame(
         [

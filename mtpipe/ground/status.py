@@ -1,7 +1,7 @@
 """Whether a number of one trace is one to use, in one word: decided here, and asked here by all.
 
 A fit may be exact and its number still none to use: the spectrum is not the model's, or the motion
-shows no return, so that the stiffness may as well be nought. `calibration.bead_results` adds what
+shows no return, so that the stiffness may as well be zero. `calibration.bead_results` adds what
 is known of a trace beyond its spectrum, that it was refused or mixes several states.
 """
 

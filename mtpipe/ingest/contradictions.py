@@ -53,7 +53,7 @@ class Contradiction:
         )
 
 
-def settled(
+def contradiction_notices(
     contradictions: Sequence[Contradiction], data: Collected, setup: Setup
 ) -> tuple[Notice, ...]:
     """What is to be said where the numbers show that the setup's unit is right.

@@ -26,7 +26,7 @@ from mtpipe.ingest.checks import check_beads, check_gaps
 from mtpipe.ingest.clock import Clock, read_clock
 from mtpipe.ingest.collect import Collected, OpenTable, RowChoice, collect
 from mtpipe.ingest.columns import Assignment, Names, canonical_columns, source_columns
-from mtpipe.ingest.contradictions import settled
+from mtpipe.ingest.contradictions import contradiction_notices
 from mtpipe.ingest.data_files import Found, describe, find_recording
 from mtpipe.ingest.instruments import look_at
 from mtpipe.ingest.kinds import kind_of
@@ -66,7 +66,7 @@ def read_recording(path: Path, setup: Path | str | Setup | None) -> Recording:
     data = collect(tables, partial(_assign, found.setup), lost, rows)
     contradictions = [one for _, ones in checked for one in ones]
     told = [one for ones, _ in checked for one in ones]
-    told += settled(contradictions, data, found.setup)
+    told += contradiction_notices(contradictions, data, found.setup)
     rate = stated_rate(tables, plans, source, found.setup.camera.frame_rate_hz.value)
     locate = _locator(tables, data, rows)
     try:

@@ -9,7 +9,7 @@ from mtpipe.joint_fit.fit import ConfiguredFit
 from mtpipe.joint_fit.model import random_part
 
 
-def excess(fit: ConfiguredFit) -> float:
+def missing_nats(fit: ConfiguredFit) -> float:
     """ln likelihood that is missing to a spectrum that fits as well as chance allows."""
     heights = fit.model.heights(fit.model.data, fit.expected, fit.theta)
     total = 0.5 * float(np.sum(heights.pulls**2 - 1))

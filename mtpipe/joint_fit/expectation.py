@@ -94,7 +94,8 @@ class Expectation:
 
 @dataclass(frozen=True, eq=False)
 class Asked:
-    """A question: what should a plateau's data be, the mean over its time where the force changes?
+    """Request for the expectation of one plateau's data; where the force changes, of the mean over
+    its time.
 
     Attributes
     ----------
@@ -109,10 +110,11 @@ class Asked:
 
 
 def expectations(subtraction: Subtraction, those: Sequence[Asked]) -> list[Expectation | FitError]:
-    """What is asked, or why there is no answer: a force is too small to keep the bead off the
-    surface.
+    """Expectation for each request, or the error that says why there is none: a force too small to
+    keep the bead off the surface.
 
-    All at once cost far less than one by one; best with what is asked of one plateau together.
+    One call for all is far faster than a call for each, and fastest with the requests of one
+    plateau next to each other.
     """
     courses = [_in_course(one) for one in those]
     steady = [
@@ -368,16 +370,16 @@ def changed_spectra(
 
 
 def larger_pN(force_pN: float) -> float:
-    """The force at which it is seen how expectations follow it."""
+    """Force at the second point of a numerical derivative by ln force."""
     return force_pN * math.exp(DIFFERENCE)
 
 
 def know_states(
     data: Sequence[PlateauData], experiment: Experiment, forces_pN: Sequence[Sequence[float]]
 ) -> None:
-    """Work out the bead's states that expectations will ask for.
+    """Compute and cache the bead's states that expectations will need.
 
-    All at once cost little more than one.
+    All together cost little more than one.
 
     Parameters
     ----------

@@ -34,10 +34,10 @@ MOST_ROUNDS = 15
 # ln likelihood (nats). The fit has converged when a step gains less than the first and predicted
 # hardly more; a failed step that predicts less than the second is not shortened any more.
 ARRIVED, NOTHING_NATS = 1e-3, 1e-6
-# One step changes ln of a power by no more than this, and leaves axes no more correlated than that.
+# Largest change of ln power in one step, and largest correlation of two axes after it.
 MOST_MOVED, MOST_CORRELATED = 2.0, 0.999
-# Where a step has failed the next one tried promises at most this share of its rise: one that is
-# hardly shorter fails as well.
+# After a failed step the next one tried predicts at most this share of its rise, as one that is
+# hardly shorter would fail too.
 SHORTER = 0.8
 # The fit ends after 3 steps in a row that gain next to nothing, or where no step succeeds. It has
 # converged if the last one predicted less than 0.1 nats.
@@ -158,7 +158,7 @@ def fit_configured(
             break
         gained = there - value
         if gained < OVERSHOT * rise:
-            # it bends more than was expected: there is a higher point before
+            # the likelihood curves more than predicted, so that its maximum lies before this step
             before = theta + 0.5 * rise / (rise - gained) * (trial - theta)
             found, height = _found_at(model, before)
             if height > there:

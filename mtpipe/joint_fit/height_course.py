@@ -1,9 +1,9 @@
 """The height's course through a plateau during which the force changes.
 
-The force follows a known shape; how much it changes by is fitted. Heights bend with ln of the force
-far less than they rise with it, so a few forces stand for all, and between them the height is a
-polynomial of ln of the force. That is nearly a polynomial of the shape: transforms of a shape's
-Chebyshev polynomials, worked out once, serve changes of any size and any bead.
+The force follows a known shape; how much it changes by is fitted. Height is nearly linear in ln of
+the force, so it is computed at a few forces and interpolated by a polynomial of ln force. That is
+nearly a polynomial of the shape: transforms of the shape's Chebyshev polynomials, computed once,
+serve changes of any size and any bead.
 """
 
 from __future__ import annotations

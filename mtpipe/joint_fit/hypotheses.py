@@ -10,10 +10,11 @@ import numpy as np
 
 from mtpipe.effects.effect import Effect, Evidence, Hypothesis
 from mtpipe.experiment.changes import by_formula
+from mtpipe.experiment.parameter import already_free
 from mtpipe.ground.errors import FitError
 from mtpipe.ground.types import FloatArray
 from mtpipe.ground.written_numbers import number
-from mtpipe.joint_fit.distance import excess
+from mtpipe.joint_fit.distance import missing_nats
 from mtpipe.joint_fit.fit import MOST_ROUNDS, ConfiguredFit, exchanged, first_guess, fit_configured
 from mtpipe.joint_fit.model import ConfiguredModel
 
@@ -91,9 +92,9 @@ def with_hypothesis(
 def worth_beginning_afresh(fit: ConfiguredFit, *, beside: bool) -> bool:
     """Whether hypotheses are begun afresh too, and not only where the fit without them stands.
 
-    Its forces and noise say little where the experiment without them cannot reach the recorded
-    heights. But those of a fit that has an effect already were found with it, and where that fit,
-    begun afresh, is soon lost, fits with one effect more are so.
+    Forces and noise of the fit without them are a poor start if that experiment cannot reach the
+    recorded heights. A fit that has an effect already found its forces with it; if that fit ends
+    far lower when begun afresh, so would fits with one effect more.
 
     Parameters
     ----------
@@ -109,7 +110,7 @@ def worth_beginning_afresh(fit: ConfiguredFit, *, beside: bool) -> bool:
         )
     except (FitError, ValueError):
         return True
-    return fit.log_likelihood - fresh.log_likelihood < LOST_SHARE * excess(fit)
+    return fit.log_likelihood - fresh.log_likelihood < LOST_SHARE * missing_nats(fit)
 
 
 def happens(one: FittedEffect) -> bool:
@@ -127,7 +128,7 @@ def happens(one: FittedEffect) -> bool:
 def gained_by_motion(one: FittedEffect) -> float:
     """ln likelihood that an effect gains by moving over all of it standing still (nats).
 
-    inf for one that is no matter of motion, or if it cannot be without.
+    inf for an effect that does not move, or that does not apply when it stands still.
     """
     if one.effect.still is None:
         return math.inf
@@ -205,16 +206,13 @@ def try_effects(
     beside : whether the fit has an effect already.
     only : which hypotheses of an effect, by its name; of others: all.
     """
-    taken = {parameter.name for parameter in fit.model.parameters}
     begun: list[FittedEffect] = []
     afresh = worth_beginning_afresh(fit, beside=beside)
     for effect in effects:
         hypotheses = effect.hypotheses(fit.model.experiment, evidence)
         wanted = (only or {}).get(effect.name, range(len(hypotheses)))
         for index, hypothesis in enumerate(hypotheses):
-            if index not in wanted or taken & {
-                parameter.name for parameter in hypothesis.parameters
-            }:
+            if index not in wanted or already_free(fit.model.parameters, hypothesis.parameters):
                 continue
             try:
                 fitted = with_hypothesis(fit, hypothesis, rounds=FIRST_ROUNDS, afresh=afresh)
@@ -230,7 +228,7 @@ def try_effects(
     for one in begun:
         if one.gain > worthwhile:
             try:
-                one = _idle_sizes_forgiven(_ended(one, fit), fit)
+                one = idle_sizes_forgiven(_ended(one, fit), fit)
             except FitError:
                 # it ended where the least change leaves the bead on the surface
                 continue
@@ -246,8 +244,8 @@ def best_of(fit: ConfiguredFit, effect: Effect, evidence: Evidence) -> FittedEff
 
 
 def lost_without(fit: ConfiguredFit, hypothesis: Hypothesis) -> float:
-    """ln likelihood that a fit loses at least where the sizes of one of its hypotheses are nought,
-    were the loss a parabola (Wald 1943, Trans. Am. Math. Soc. 54, 426).
+    """Least loss of ln likelihood when the sizes of one of a fit's hypotheses are set to 0, for a
+    parabolic likelihood (Wald 1943, Trans. Am. Math. Soc. 54, 426).
     """
     sizes = {one.name for one in hypothesis.parameters if one.lower == 0 or one.start == 0}
     model = fit.model
@@ -259,10 +257,11 @@ def lost_without(fit: ConfiguredFit, hypothesis: Hypothesis) -> float:
     return 0.5 * float(pulls @ np.linalg.lstsq(correlation, pulls, rcond=1e-9)[0])
 
 
-def _idle_sizes_forgiven(one: FittedEffect, without: ConfiguredFit) -> FittedEffect:
-    """The effect at the price it has without those of its sizes that do not earn theirs.
+def idle_sizes_forgiven(one: FittedEffect, without: ConfiguredFit) -> FittedEffect:
+    """The effect with a lower penalty: sizes that gain less than they cost are not charged for.
 
-    A size is at least 0, which is none. The fit keeps them all: they are unknown as before.
+    Only sizes with a lower bound of 0, which is no effect, can be idle. The fit keeps them, so that
+    its errors allow for them as before.
     """
     model = one.fit.model
     first = len(model.parameters) - len(one.hypothesis.parameters)

@@ -101,7 +101,9 @@ class ConfiguredModel:
 
     @functools.cached_property
     def _described(self) -> BatchCache[bytes, Experiment]:
-        """The latest, as expectation, heights and slopes at θ ask for the same."""
+        """Cache of the latest descriptions: expectation, heights and slopes at one θ need the same
+        one.
+        """
         return BatchCache(LATEST)
 
     def beside(self, theta: FloatArray) -> list[tuple[float, Experiment]]:
@@ -127,14 +129,16 @@ class ConfiguredModel:
         return changed(self.experiment, rests=rests)
 
     def _changed(self, experiment: Experiment, theta: FloatArray, first: int) -> Experiment:
-        """With the parameters at θ from the first on, those before it being there."""
+        """Experiment with the parameters from index `first` on set to θ; earlier ones are set
+        already.
+        """
         values = theta[self.plateaus + first :].tolist()
         for parameter, value in zip(self.parameters[first:], values, strict=True):
             experiment = parameter.change(experiment, value)
         return experiment
 
     def asked(self, experiment: Experiment, plateau: int, force_pN: float) -> Asked:
-        """The question what one plateau's data should be in an experiment, at a force."""
+        """Request for what one plateau's data should be in an experiment, at a force."""
         course = experiment.magnets.course(plateau)
         steady = steady_of(experiment.in_plateau(plateau))
         return Asked(self.data[plateau], steady, course, force_pN)
@@ -150,7 +154,7 @@ class ConfiguredModel:
         ]
 
     def expectations(self, those: Sequence[Asked]) -> list[Expectation | FitError]:
-        """What is asked, or why there is no answer."""
+        """Expectation for each request, or the error that says why there is none."""
         return expectations(self.subtraction, those)
 
     def expected(self, experiment: Experiment, plateau: int, force_pN: float) -> Expectation:

@@ -1,7 +1,7 @@
 """The bead's own motion as plateaus see it, noise apart: its power and its mean height.
 
-Most parameters of an experiment are none of the motion's, and fits ask for it again and again: what
-was worked out last is kept.
+Most parameters of an experiment do not change the motion, and fits need it again and again, so the
+latest results are cached.
 """
 
 from __future__ import annotations

@@ -67,7 +67,9 @@ def exposure_parameters(setup: Setup, camera: Camera) -> tuple[Parameter, ...]:
     if not error > 0:
         return ()
     low, high = -STATED_SIGMAS * error, min(STATED_SIGMAS * error, max(most, 0.0))
-    return (Parameter("ln exposure", "", 0.0, low, high, 1e-3, (0.0, error), scaled_exposure),)
+    return (
+        Parameter("ln exposure", "", 0.0, low, high, 1e-3, (0.0, error), scaled_exposure, True),
+    )
 
 
 def scaled(name: str, stated: Measured, change: Change) -> Parameter | None:
@@ -78,7 +80,7 @@ def scaled(name: str, stated: Measured, change: Change) -> Parameter | None:
     if not error > 0:
         return None
     width = STATED_SIGMAS * error
-    return Parameter(f"ln {name}", "", 0.0, -width, width, 1e-3, (0.0, error), change)
+    return Parameter(f"ln {name}", "", 0.0, -width, width, 1e-3, (0.0, error), change, True)
 
 
 def z_zero_parameter(stderr_nm: float) -> Parameter:

@@ -74,7 +74,7 @@ def _in_common(
 
 @dataclass(frozen=True, eq=False)
 class Walked:
-    """What a plateau's spectra tell of its ends.
+    """Posterior of where the walk ended in a plateau, given its spectra.
 
     Attributes
     ----------
@@ -92,7 +92,7 @@ class Walked:
     left: FloatArray
 
     def with_heights(self, pull: float, sharpness: float, variance_nm2: FloatArray) -> Walked:
-        """The same when mean heights have their say about the end in z.
+        """The same given the mean heights too, which constrain the end in z.
 
         Parameters
         ----------

@@ -1,4 +1,4 @@
-"""What more numbers promise to gain, from one look at a fit (score test)."""
+"""Gain that further parameters promise, predicted from a fit without them (score test)."""
 
 from __future__ import annotations
 
@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mtpipe.effects.effect import Effect, Evidence, Hypothesis
+from mtpipe.experiment.parameter import already_free
 from mtpipe.ground.errors import FitError
 from mtpipe.ground.types import FloatArray
 from mtpipe.joint_fit.expectation import Expectation
@@ -35,8 +36,8 @@ SAME = 1e-9
 def most_promising(
     fit: ConfiguredFit, effects: Sequence[Effect], evidence: Evidence, most: int
 ) -> dict[str, tuple[int, ...]]:
-    """Which hypotheses are worth fitting, by the effect's name: the best of those few effects whose
-    sizes promise most, and of any effect those that cannot be told without a fit.
+    """Indices of the hypotheses worth fitting, by the effect's name: the best of the few effects
+    with the largest predicted gains, and of every effect those whose gain cannot be predicted.
     """
     promising: dict[str, tuple[float, tuple[int, ...]]] = {}
     untold: dict[str, tuple[int, ...]] = {}
@@ -66,15 +67,14 @@ def _worth_beginning(gains: Sequence[float | None], enough: float) -> tuple[int,
 
 
 def promised_gain(fit: ConfiguredFit, hypothesis: Hypothesis) -> float | None:
-    """ln likelihood that the sizes of a hypothesis would gain, were what it changes small, whatever
-    else is fitted following. None where its sizes cannot be made nought, or where nothing follows
-    them at first order: that is not told without a fit.
+    """Gain in ln likelihood predicted for a hypothesis, to second order in its sizes, everything
+    else re-fitted. None where it cannot be predicted: its sizes cannot be 0, or the expectation
+    does not change with them to first order.
 
     Rao 1948 (Proc. Camb. Phil. Soc. 44, 50): half of gᵀ I⁻¹ g with the slope g at none and the
     information I that is left of it.
     """
-    taken = {parameter.name for parameter in fit.model.parameters}
-    if taken & {parameter.name for parameter in hypothesis.parameters}:
+    if already_free(fit.model.parameters, hypothesis.parameters):
         return 0.0
     alone = replace(
         fit.model,

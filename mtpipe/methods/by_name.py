@@ -3,27 +3,68 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import dataclass
 from functools import partial
 from typing import Literal
 
 from numpy.typing import ArrayLike
 
 from mtpipe.fit.arguments import TraceArguments, check_arguments
-from mtpipe.methods.integrated_spectrum import Correction, fit_arctangent
+from mtpipe.methods.integrated_spectrum import (
+    CORRECTED,
+    UNCORRECTED,
+    Correction,
+    fit_arctangent,
+)
 from mtpipe.methods.result import MethodFit
 from mtpipe.methods.variances import fit_allan, fit_equipartition, fit_hadamard
 from mtpipe.spectra.spectrum import frames_present
 
-_FITS: dict[str, Callable[[str, TraceArguments], MethodFit]] = {
-    "equipartition": fit_equipartition,
-    "arctangent": partial(fit_arctangent, correction=Correction(True, (-1, 1))),
-    "arctangent-blur-only": partial(fit_arctangent, correction=Correction(True, ())),
-    "arctangent-uncorrected": partial(fit_arctangent, correction=Correction(False, ())),
-    "arctangent-one-alias": partial(fit_arctangent, correction=Correction(True, (-1,))),
-    "allan": fit_allan,
-    "hadamard": fit_hadamard,
+
+@dataclass(frozen=True)
+class FieldMethod:
+    """A calibration method of the field.
+
+    Attributes
+    ----------
+    name : by which it is asked for. words : what it is, for a legend or a table.
+    fit : a trace calibrated; it takes the name, which its estimates carry.
+    """
+
+    name: str
+    words: str
+    fit: Callable[[str, TraceArguments], MethodFit]
+
+
+FIELD_METHODS = {
+    method.name: method
+    for method in (
+        FieldMethod("equipartition", "equipartition, blur corrected", fit_equipartition),
+        FieldMethod(
+            "arctangent",
+            "arctangent, n = ±1 (2010)",
+            partial(fit_arctangent, correction=CORRECTED),
+        ),
+        FieldMethod(
+            "arctangent-blur-only",
+            "arctangent, blur corrected",
+            partial(fit_arctangent, correction=Correction(True, ())),
+        ),
+        FieldMethod(
+            "arctangent-uncorrected",
+            "arctangent, uncorrected",
+            partial(fit_arctangent, correction=UNCORRECTED),
+        ),
+        FieldMethod(
+            "arctangent-one-alias",
+            "arctangent, n = -1",
+            partial(fit_arctangent, correction=Correction(True, (-1,))),
+        ),
+        FieldMethod("allan", "Allan variance", fit_allan),
+        FieldMethod("hadamard", "Hadamard variance", fit_hadamard),
+    )
 }
-METHODS = tuple(_FITS)
+METHODS = tuple(FIELD_METHODS)
 
 
 def fit_by_method(
@@ -67,7 +108,7 @@ def fit_by_method(
     FitError : fewer than 64 frames, no motion, or too many lost frames for the method.
     ValueError : an unknown method, or a number that cannot be.
     """
-    if method not in _FITS:
+    if method not in FIELD_METHODS:
         raise ValueError(f"unknown method {method!r}; the methods are {', '.join(METHODS)}")
     arguments = check_arguments(
         x_nm,
@@ -78,4 +119,4 @@ def fit_by_method(
         friction=friction,
     )
     frames_present(arguments.x_nm)  # refuses a trace that no method can fit
-    return _FITS[method](method, arguments)
+    return FIELD_METHODS[method].fit(method, arguments)

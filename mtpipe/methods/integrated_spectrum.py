@@ -61,6 +61,10 @@ class Correction:
         return power
 
 
+# With blur and the aliases of both first orders, as published, and with neither.
+CORRECTED, UNCORRECTED = Correction(True, (-1, 1)), Correction(False, ())
+
+
 @dataclass(frozen=True)
 class ArctangentFit:
     """Result of `fit_spectrum`: (ln s², ln fc), its covariance, and how the rounds ended."""

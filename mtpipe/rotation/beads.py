@@ -10,8 +10,7 @@ import numpy as np
 
 from mtpipe.calibration.recommended_force import BeadForces
 from mtpipe.ground.notice import Notice
-from mtpipe.ground.processes import executor
-from mtpipe.ground.steps import Steps, finished
+from mtpipe.ground.steps import Steps
 from mtpipe.physics.tether import Chain, mean_extension_nm
 from mtpipe.recording.recording import Recording
 from mtpipe.rotation.kinds import Known
@@ -68,26 +67,18 @@ class TurnedBead:
         return Notice("turned", "warning" if several else "info", said, self.turned.bead)
 
 
-def turned_beads(
-    recording: Recording, forces: Mapping[str, BeadForces], conditions: Conditions
-) -> tuple[TurnedBead, ...]:
-    """Weigh what each bead's extension says as the magnets turn; empty where they never do.
-
-    Parameters
-    ----------
-    recording : drift already subtracted. forces : by bead.
-    """
-    with executor(1) as pool:
-        return finished(turning(recording, forces, conditions, pool))
-
-
 def turning(
     recording: Recording,
     forces: Mapping[str, BeadForces],
     conditions: Conditions,
     pool: Executor,
 ) -> Steps[tuple[TurnedBead, ...]]:
-    """`turned_beads` in steps; beads are spread over a pool."""
+    """What each bead's extension says as the magnets turn, in steps; empty where they never do.
+
+    Parameters
+    ----------
+    recording : drift already subtracted. forces : by bead. pool : over which beads are spread.
+    """
     asked = []
     for turned in turned_stretches(recording):
         force, stderr = _force(recording, forces.get(turned.bead), turned.magnet_mm)

@@ -15,7 +15,7 @@ from mtpipe.recording.recording import Recording
 FEWEST_TURNS = 3.0
 # Points of a curve; with fewer, nothing is left beside what is fitted.
 FEWEST_POINTS = 6
-# Frames of a point: a step of the motor is passed through in fewer, and tells of no turn.
+# Frames of a point: a step of the motor takes fewer, and is no turning.
 FEWEST_FRAMES = 8
 
 

@@ -73,8 +73,8 @@ def simulate_path(
 ) -> FloatArray:
     """Every step of beads on springs, before any camera.
 
-    With the step of `divide_frame` and the same random numbers, `emulate_camera` of this path is
-    what `simulate_springs` returns.
+    With the step of `divide_frame` and the same random numbers, means of this path over each
+    exposure are what `simulate_springs` returns.
 
     Parameters, raises: as `simulate_springs`; the step is exactly the one given.
 

@@ -99,9 +99,10 @@ class RecordingWriter:
         MtpipeError : they cannot be written, as on a full disc.
         """
         with _told(self._out):
-            self._write(rows.table())
+            self.write_table(rows.table())
 
-    def _write(self, table: pa.Table) -> None:
+    def write_table(self, table: pa.Table) -> None:
+        """Append rows to the file that is begun: Parquet or CSV, as its name says."""
         if self._out.suffix == ".parquet":
             import pyarrow.parquet as pq
 

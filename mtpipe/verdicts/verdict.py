@@ -196,7 +196,7 @@ def _contradiction(name: str, fitted: Estimate, configured: Measured, size: floa
 def _why_short(
     fit: TetherFit, others: Sequence[TetherFit], stated: Measured, *, contour_too: bool
 ) -> str:
-    """What may make a chain seem too flexible, as far as anything tells it; else empty.
+    """What may make a chain seem too flexible, if anything shows it; else empty.
 
     n equal tethers side by side have 1/n of the persistence length and the contour length of one.
     A wrong z moves both lengths, and mostly those of all beads. From one bead alone nobody can say.
