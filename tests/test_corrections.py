@@ -295,6 +295,14 @@ def test_a_curve_is_undone_exactly():
     np.testing.assert_allclose(z_response.straightened(z_nm, straight), z_nm)
 
 
+def test_heights_read_in_coarse_steps_have_no_curve():
+    raw = small_case.raw(21)
+    xyz = raw.positions_nm["b1"].copy()
+    xyz[:, 2] = 25.0 * np.round(xyz[:, 2] / 25.0)
+    coarse = replace(raw, positions_nm=raw.positions_nm | {"b1": xyz})
+    assert not z_response.curves(small_case.case(coarse), small_case.generator(3))
+
+
 @each_other
 def test_other_effects_are_not_taken_for_a_curved_table(effect):
     raw = small_case.raw(11, lost_share=0.02)

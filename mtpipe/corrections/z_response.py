@@ -63,7 +63,7 @@ class Curve:
 
 
 @dataclass(frozen=True, eq=False)
-class Bend:
+class PlateauCurve:
     """The curve in one plateau.
 
     Attributes
@@ -89,7 +89,8 @@ def find(check: BeadCheck, random: np.random.Generator) -> Correction | None:
     ----------
     check : with all other effects. random : of the simulations.
     """
-    # or else a tether that is softer than simulated
+    # where more objects than skewness and kurtosis, a tether that is softer than simulated may be
+    # what curves the distribution
     clear = p_value_but_moments(check) >= CLEARLY_NOT
     seen = [one for one in curves(check.case, random) if clear or one.following > FOLLOWING]
     if not seen:
@@ -134,7 +135,7 @@ def straightened(z_nm: FloatArray, curve: Curve) -> FloatArray:
     return np.asarray(mean + spread * slope * heights)
 
 
-def curves(case: PreparedBead, random: np.random.Generator) -> list[Bend]:
+def curves(case: PreparedBead, random: np.random.Generator) -> list[PlateauCurve]:
     """The curves that distribution and fast motion both show.
 
     Parameters
@@ -158,15 +159,15 @@ def curves(case: PreparedBead, random: np.random.Generator) -> list[Bend]:
         )
         both = _odd_p(curve.recorded, each), _odd_p(fast, straight)
         p_value = len(case.positions_nm) * float(stats.combine_pvalues(both).pvalue)
-        if max(both) >= EACH_P or p_value >= BOTH_P:
+        certain = np.max(both) < EACH_P and p_value < BOTH_P
+        # levels between which the bead jumps make other steps than the curve would
+        if not (certain and _far(fast, foretold) < LEFT_WITH_IT * _far(fast, straight)):
             continue
-        if _far(fast, foretold) > LEFT_WITH_IT * _far(fast, straight):
-            continue  # levels between which the bead jumps, say
         # points of a straight one scatter too
         own = np.array([_slope_spread(Curve(curve.heights, one)) for one in each])
         slope = math.sqrt(max(_slope_spread(curve) ** 2 - np.mean(own**2), 0.0))
         stderr = float(np.std(own, ddof=1))
-        seen.append(Bend(i, curve, slope, stderr, p_value, _following(z)))
+        seen.append(PlateauCurve(i, curve, slope, stderr, p_value, _following(z)))
     return seen
 
 
@@ -205,7 +206,8 @@ def _fast_by_height(z: FloatArray) -> FloatArray:
     place = np.digitize(height, edges)
     squares = np.bincount(place, step**2, minlength=len(SHARES) + 1)[1 : len(SHARES)]
     counts = np.bincount(place, minlength=len(SHARES) + 1)[1 : len(SHARES)]
-    size = 0.5 * np.log(squares / counts)
+    with np.errstate(divide="ignore", invalid="ignore"):  # NaN where no step is made at a height
+        size = 0.5 * np.log(squares / counts)
     return np.asarray(size - size.mean())
 
 
