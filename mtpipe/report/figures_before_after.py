@@ -31,7 +31,7 @@ DEEPEST = 6.0
 SHADES = [
     [0.0, "#003f66"], [0.25, "#4a9ac4"], [0.5, CALM], [0.75, "#e68a4a"], [1.0, "#5c1a00"],
 ]  # fmt: skip
-LINE_PX = 15
+LINE_PX = 17
 
 
 def spectra_figure(arrays: Arrays, named: Mapping[str, Any]) -> Figure:
