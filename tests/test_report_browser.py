@@ -373,6 +373,9 @@ def test_reasons_are_in_view_on_a_telephone(
     for box in [one.bounding_box() for one in said.all()]:
         assert box["x"] >= 0
         assert box["x"] + box["width"] <= 390
+    # what is said of a reference bead has to be scrolled to, but is no column of single words
+    said_there = page.locator("td.sentence").filter(has_text="jumps").bounding_box()
+    assert said_there["width"] > 16 * 13
     page.close()
 
 
