@@ -307,6 +307,9 @@ def test_an_axis_without_reference_keeps_its_drift_and_says_so():
     np.testing.assert_array_equal(result.positions_nm["b1"][:, 2], positions["b1"][:, 2])
     said = [(n.code, n.axis) for n in result.notices]
     assert said == [("no_reference", "z"), ("drift_left", "z")]
+    message = result.notices[0].message
+    assert message.startswith("No reference bead was tracked along z")
+    assert message.endswith("drift along z was not removed, and slow motion may contain it.")
 
 
 def test_without_reference_nothing_is_removed_and_the_choice_is_named():

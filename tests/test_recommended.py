@@ -11,7 +11,12 @@ import mtpipe
 from mtpipe.calibration.calibration import calibrate
 from mtpipe.calibration.recommended_force import BeadForces
 from mtpipe.calibration.scatter import scatter_beyond_errors
-from mtpipe.calibration.spectral_force import contradictions_of, of_ln, spectral_force
+from mtpipe.calibration.spectral_force import (
+    contradictions_of,
+    forces_of_spectra,
+    of_ln,
+    spectral_force,
+)
 from mtpipe.diagnosis.forces_from_heights import lever_ln_errors
 from mtpipe.diagnosis.forces_to_quote import bead_forces
 from mtpipe.ground.estimate import Estimate
@@ -188,6 +193,21 @@ def test_a_plateau_of_several_states_has_no_force_that_is_ok(bead):
         forces = bead_forces(several, found)
         assert forces.recommended[1].force.status == "not_one_state"
         assert len(forces.usable_pN) == 2
+
+
+def test_a_plateau_without_a_force_says_why_in_a_word(bead):
+    def words(**changes):
+        plateaus = tuple(
+            replace(one, axes=tuple(replace(axis, **changes) for axis in one.axes))
+            for one in bead.plateaus
+        )
+        recommended = forces_of_spectra(replace(bead, plateaus=plateaus)).recommended
+        return {(one.source, one.force.status) for one in recommended.values()}
+
+    stuck = {"refusal": "it is stuck", "fit": None, "posterior": None, "force": None}
+    assert words(**stuck) == {("none", "refused")}
+    # where z is unknown the stiffnesses are good, and no force follows from them
+    assert words(force=None) == {("none", "not_identified")}
 
 
 def test_sound_spectra_have_no_contradiction_and_wrong_ones_have(bead):

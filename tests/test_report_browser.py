@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 import shutil
 from collections.abc import Callable, Iterator
 from functools import cache
@@ -250,6 +251,44 @@ def test_printing_gives_charts_the_width_of_the_paper(opened: Open) -> None:
     assert page.locator("details[open]").count() == 0
 
 
+def test_labels_on_paper_lie_on_no_other(browser: Any, report: Path, complaints: list[str]) -> None:
+    page = new_page(browser, complaints, width=1280)
+    page.goto((report / GOOD).as_uri())
+    page.emulate_media(media="print")
+    page.evaluate("window.dispatchEvent(new Event('beforeprint'))")
+    page.wait_for_function(DRAWN)
+    boxes = "all => all.map(e => e.getBoundingClientRect()).map(b => [b.top, b.bottom])"
+    for name in ("residuals", "crosscheck"):
+        rows = sorted(page.locator(f"[data-figure={name}] .ytick text").evaluate_all(boxes))
+        assert len(rows) > 5
+        # a line of type has some room above and below its letters
+        overlaps = [above[1] - below[0] for above, below in itertools.pairwise(rows)]
+        assert max(overlaps) < 1, name
+    # numbers and title of a panel stand beside the one before it
+    compared = page.locator("[data-choice=crosscheck]")
+    ends = compared.evaluate(
+        "place => ['xaxis', 'xaxis2'].map(name => place._fullLayout[name])"
+        ".map(axis => place.getBoundingClientRect().left + axis._offset + axis._length)"
+    )
+    for end, title in zip(ends, (".y2title", ".y3title"), strict=True):
+        assert compared.locator(title).bounding_box()["x"] > end
+    page.close()
+
+
+def test_what_only_a_screen_can_use_is_not_printed(opened: Open) -> None:
+    page = opened("index.html")
+    page.emulate_media(media="print")
+    for action in ("Leave something out", "Select a name in the legend"):
+        assert not page.get_by_text(action).is_visible()
+    # the line that opens a list is not parted from it
+    breaks = page.locator("summary").evaluate_all(
+        "all => all.map(e => getComputedStyle(e).breakAfter)"
+    )
+    assert set(breaks) == {"avoid"}
+    page.emulate_media(media="screen")
+    assert page.get_by_text("Leave something out").is_visible()
+
+
 def test_the_table_of_fits_fits_the_window(opened: Open) -> None:
     page = opened(GOOD)
     page.set_viewport_size({"width": 1280, "height": 800})
@@ -334,6 +373,9 @@ def test_reasons_are_in_view_on_a_telephone(
     for box in [one.bounding_box() for one in said.all()]:
         assert box["x"] >= 0
         assert box["x"] + box["width"] <= 390
+    # what is said of a reference bead has to be scrolled to, but is no column of single words
+    said_there = page.locator("td.sentence").filter(has_text="jumps").bounding_box()
+    assert said_there["width"] > 16 * 13
     page.close()
 
 

@@ -130,6 +130,17 @@ def test_an_unchecked_bead_says_what_that_means_and_how_to_check_it(folder: Path
     assert "1 good, 1 unchecked, 2 caution, 1 refused." in page.words
 
 
+def test_a_bead_without_a_force_is_not_told_that_its_force_may_be_wrong(folder: Path) -> None:
+    change_bead(folder, "more1", mismatch="", verdict="caution")
+    change_json(folder / "mismatch.json", lambda content: content["beads"].pop("more1"))
+    forces = pd.read_parquet(folder / "forces.parquet")
+    forces.loc[forces["bead"] == "more1", "force_pN"] = float("nan")
+    forces.to_parquet(folder / "forces.parquet")
+    (said,) = finding(folder, "more1").details
+    assert said.startswith("The fit gives no force to quote.")
+    assert "the force wrong" not in said
+
+
 def test_a_refused_bead_says_why_and_nothing_of_forces(folder: Path) -> None:
     found = finding(folder, REFUSED)
     assert found.details == ("All traces refused: the bead is stuck to the surface.",)

@@ -9,6 +9,7 @@ import pytest
 
 import mtpipe
 from mtpipe.calibration.calibration import calibrate
+from mtpipe.calibration.quality import trace_flags
 from mtpipe.calibration.spectral_force import spectral_force
 from mtpipe.ground.estimate import Estimate
 from mtpipe.ground.notice import Notice
@@ -70,18 +71,23 @@ def test_what_all_beads_show_is_z_and_not_the_tethers(setup):
 
 def test_where_both_lengths_are_off_z_is_likelier(setup):
     both = said(setup, (1000.0, 24.0), STATED_NM, STATED_NM)
-    assert "as both lengths are off, z" in both
+    assert both.endswith("both lengths are off, z (its scale, or where it is 0) is probably wrong")
     assert "more than one tether" not in both
 
 
 @pytest.fixture(scope="module")
-def shaken():
-    """A bead whose y shows a line that no setup lists, as x of it does not."""
+def calibration():
+    """Of a bead whose y shows a line that no setup lists, as x of it does not."""
     raw = recording((1.0, 5.0), 4096)
     xyz = raw.positions_nm["b1"].copy()
     xyz[:, 1] += 30.0 * np.sin(2 * np.pi * 17.0 * raw.time_s)
     positions = {**raw.positions_nm, "b1": xyz}
-    return calibrate(mtpipe.subtract_drift(replace(raw, positions_nm=positions))).beads[0]
+    return calibrate(mtpipe.subtract_drift(replace(raw, positions_nm=positions)))
+
+
+@pytest.fixture(scope="module")
+def shaken(calibration):
+    return calibration.beads[0]
 
 
 def test_a_number_is_one_to_use_only_where_the_spectrum_is_the_models(shaken):
@@ -94,6 +100,16 @@ def test_a_number_is_one_to_use_only_where_the_spectrum_is_the_models(shaken):
         if not x.shares_force:
             assert plateau.status(x) == "ok"
             assert force.value == pytest.approx(x.force.value)
+
+
+def test_a_small_p_value_is_written_as_on_paper(calibration, setup):
+    (bead,) = calibration.beads
+    flags = [
+        one for plateau in bead.plateaus for one in trace_flags(calibration, bead, plateau, setup)
+    ]
+    said = [one.message for one in flags if one.code == "poor_fit" and one.axis == "y"]
+    assert len(said) == 2
+    assert all("10⁻" in one and "e-" not in one for one in said)
 
 
 def test_a_spectrum_unlike_the_model_is_judged_by_the_cross_check_where_there_is_one(shaken, setup):

@@ -19,6 +19,7 @@ from mtpipe.fit.trace import TraceFit
 from mtpipe.ground.estimate import Estimate
 from mtpipe.ground.notice import Notice, Severity
 from mtpipe.ground.status import P_POOR
+from mtpipe.ground.written_numbers import number
 from mtpipe.setup.conditions import Conditions
 from mtpipe.setup.setup import Setup
 
@@ -167,7 +168,7 @@ def _axis_flags(one: AxisResult, conditions: Conditions) -> list[tuple[str, Seve
     if fit.p_value < P_POOR:
         flags.append((
             "poor_fit", "caution" if lateral else "info",
-            f"The spectrum differs from the model's (p = {fit.p_value:.1g}).",
+            f"The spectrum differs from the model's (p = {number(fit.p_value, 1)}).",
         ))  # fmt: skip
     if one.force is not None and one.force.interval[0] > STRONGEST_TETHER_PN:
         flags.append((

@@ -126,19 +126,25 @@ def chosen_of(
 ) -> dict[int, RecommendedForce]:
     """Of each plateau the first choice where there is one, else what x and y tell."""
     chosen = {}
-    mixed = {one.plateau.number: bool(one.not_one_state) for one in bead.plateaus}
-    for number in sorted({*mixed, *first}):
+    plateaus = {one.plateau.number: one for one in bead.plateaus}
+    for number in sorted({*plateaus, *first}):
         if number in first:
             one = RecommendedForce(first[number], source)
         elif number in spectra:
             one = RecommendedForce(spectra[number], "spectra")
         else:
-            one = RecommendedForce(Estimate.missing("pN", ""), "none")
+            one = RecommendedForce(_no_force(plateaus[number]), "none")
         one = RecommendedForce(_number_or_none(one.force), one.source)
-        if mixed.get(number) and one.source != "named":
+        if number in plateaus and plateaus[number].not_one_state and one.source != "named":
             one = RecommendedForce(replace(one.force, status="not_one_state"), one.source)
         chosen[number] = one
     return chosen
+
+
+def _no_force(plateau: PlateauResult) -> Estimate:
+    """Without a force, with the word of its traces; a stiffness may be good where z is unknown."""
+    missing, word = Estimate.missing("pN", ""), plateau.force_status
+    return missing if word == "ok" else replace(missing, status=word)
 
 
 def _number_or_none(force: Estimate) -> Estimate:

@@ -93,7 +93,10 @@ def _referenced(recording: Recording, choice: DriftChoice) -> Recording:
         if not used:
             tracked = [recording.positions_nm[b][:, axis] for b in recording.tethered]
             if any(np.isfinite(t).any() for t in tracked):
-                text = f"no reference bead was tracked along {name} for long enough to remove drift"
+                text = (
+                    f"No reference bead was tracked along {name} for long enough: drift along "
+                    f"{name} was not removed, and slow motion may contain it."
+                )
                 notices.append(Notice("no_reference", "caution", text, axis=name))
             continue
         weight = np.array([u.weight[axis] for u in used])

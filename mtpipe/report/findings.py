@@ -36,6 +36,7 @@ SMALLEST_CHANGE = 0.005
 UNCHECKED = (
     "The fit can be good and the force wrong, if the experiment was not as the setup states it."
 )
+NO_FORCE = "The fit gives no force to quote."
 MIXED = "The plateau mixes several states and gives no force."
 VERDICT_BEADS = {
     "good": "good beads",
@@ -95,7 +96,9 @@ def bead_finding(run: RunFolder, bead: Mapping[str, Any]) -> Finding:
         reasons = reasons[1:]
     return Finding(
         kind=kind,
-        details=reasons if kind == "refused" else _details(run, name, found),
+        details=reasons
+        if kind == "refused"
+        else _details(run, name, found, has_force=len(given) > 0),
         note="" if kind == "refused" else _note(bead, mismatch, run.setup.report.tolerance),
         forces=words.span(given["force_pN"].min(), given["force_pN"].max()) if len(given) else "",
         source=words.listed(sources),
@@ -137,9 +140,12 @@ def mixed_plateaus(run: RunFolder) -> list[str]:
     ]
 
 
-def _details(run: RunFolder, bead: str, found: Mapping[str, Any]) -> tuple[str, ...]:
+def _details(
+    run: RunFolder, bead: str, found: Mapping[str, Any], *, has_force: bool
+) -> tuple[str, ...]:
     if not found:
-        return (_unsimulated(run, bead) or f"{UNCHECKED} {_finds_out(run)}",)
+        fitted = UNCHECKED if has_force else NO_FORCE
+        return (_unsimulated(run, bead) or f"{fitted} {_finds_out(run)}",)
     sentences = [one["sentence"] for one in (*found["effects"], *found["terms"])]
     if found["verdict"] == "unexplained":
         sentences += _left(run, bead, found["located"])

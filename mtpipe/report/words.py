@@ -162,7 +162,7 @@ def measured(value: Measured, unit: str) -> str:
     # the digits the laboratory wrote, not a rounding of them
     shown = f"{value.value:.10g}"
     if value.usual:
-        return f"{shown} {unit} (usual error, ± {value.stderr:.2g})"
+        return f"{shown} {unit} (usual error, ± {number(value.stderr, 2)})"
     if value.stderr:
         shown = with_error(value.value, value.stderr)
     return f"{shown} {unit}"

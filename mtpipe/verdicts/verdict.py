@@ -205,12 +205,12 @@ def _why_short(
     if value is None or one.value > SHORT_PERSISTENCE * value:
         return ""
     if contour_too:
-        return "; as both lengths are off, z (its scale, or where it is 0) is likelier wrong"
+        return "; as both lengths are off, z (its scale, or where it is 0) is probably wrong"
     if len(others) < FEWEST_OTHERS:
         return "; z (its scale, or where it is 0) or the number of tethers may not be as stated"
     short = [other.persistence_length_nm.value < SHORT_PERSISTENCE * value for other in others]
     if 2 * sum(short) > len(short):
-        return "; the other beads differ too: z (its scale, or where it is 0) is likelier wrong"
+        return "; the other beads differ too: z (its scale, or where it is 0) is probably wrong"
     several = any(
         abs(one.value - value / n) < SIGMAS * math.hypot(one.stderr, stated.stderr / n)
         for n in SEVERAL_TETHERS
@@ -238,7 +238,7 @@ FLAG_WORDS = {
     "poor_fit": "spectrum unlike the model",
     "drift": "slow motion left in the trace",
     "effective_radius": "effective radius unlike the setup's",
-    "no_extension": "no extension",
+    "no_extension": "no extension, and so no force,",
     "extension": "extension impossible for the tether",
     "unlike_the_series": "traces that contradict the bead's other traces",
     "fx_fy": "forces from x and y differ",

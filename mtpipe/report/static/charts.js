@@ -49,7 +49,8 @@ const shown = new Map();
 
 function draw(place, figure) {
   shown.set(place, figure);
-  const { data, layout } = resolved(figure);
+  // on paper charts are smaller, and so is their type: labels of neighbouring lines would overlap
+  const { data, layout } = printing ? smallType(resolved(figure)) : resolved(figure);
   place.dataset.height = layout.height;
   place.style.height = `${layout.height}px`;
   Plotly.react(place, data, layout, "plain" in place.dataset ? PLAIN : CONFIG).then(() => {
@@ -140,7 +141,10 @@ function resize(place, width, shrink) {
   const height = Math.round(shrink * place.dataset.height);
   place.style.width = width === null ? "" : `${width}px`;
   place.style.height = `${height}px`;
-  Plotly.relayout(place, { width, height, autosize: width === null });
+  // margins shrink with the rest, or they would take all of it from what is drawn
+  const margin = Object.fromEntries(Object.entries(shown.get(place).layout.margin)
+    .map(([side, px]) => [side, Math.round(shrink * px)]));
+  Plotly.relayout(place, { width, height, margin, autosize: width === null });
 }
 
 window.addEventListener("beforeprint", () => {
