@@ -155,7 +155,7 @@ def test_the_sentence_says_cause_consequence_and_agreement(concealed):
     sentence = named["sentence"]
     cause, consequence = {
         "viscosity": ("The buffer's viscosity is", r"(raised|lowered) forces by up to SIZE %"),
-        "axial_scale": ("z is recorded", r"made forces down to SIZE times as high"),
+        "axial_scale": ("z is recorded", r"lowered forces to as little as SIZE of what they are"),
     }[concealed]
     assert sentence.startswith(cause)
     size = r"[\d.]+ ± [\d.]+"

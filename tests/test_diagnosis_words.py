@@ -40,7 +40,7 @@ def test_errors_are_those_of_the_factor_and_not_of_its_logarithm():
         ([1.2, -0.7, -0.7], [0.8, 0.8, 0.8], "raised 1 of 3 forces by 1.2 ± 0.8 %"),
         ([1.2, -0.7, -0.7], [1.3, 0.8, 0.8], "changed no force by more than its error"),
         ([-2.9, -2.0, -1.5], [0.6, 0.5, 0.5],
-         "lowered forces by up to 2.9 ± 0.6 % (median −2.0 %)"),
+         "lowered forces by up to 2.9 ± 0.6 % (median 2.0 %)"),
         ([-2.9, -2.0, 0.2], [0.6, 0.5, 0.5], "lowered 2 of 3 forces by up to 2.9 ± 0.6 %"),
         ([5.0, -3.0], [1.0, 1.0],
          "raised 1 of 2 forces by 5 ± 1 % and lowered 1 of 2 forces by 3 ± 1 %"),

@@ -111,7 +111,9 @@ def find(check: BeadCheck, random: np.random.Generator) -> Correction | None:
         f"{'s' * (len(seen) > 1)} {where})"
     )
     strength = Strength("slope_error", most.slope, most.stderr, "")
-    chance_p = min(one.p_value for one in seen)
+    # where frames do not follow each other, outliers and soft tethers are distributed like that too
+    told_apart = [one.p_value for one in seen if one.following > FOLLOWING]
+    chance_p = min(told_apart, default=None)
     return Correction(NAME, corrected, (strength,), cause, chance_p)
 
 

@@ -59,12 +59,21 @@ def explain(
         say("looking for sticking and pixel locking again")
         late = late_corrections(found.check, corrections, begun.case, random)
         again = several_causes(before, late[-1].after, effects, random, say) if late else None
-        if again is not None and (again.named or agrees(late[-1].after, before)):
+        if again is not None and (
+            again.named or agrees(late[-1].after, before) or any(map(_told_apart, late))
+        ):
             corrections, begun, found = [*corrections, *late], late[-1].after, again
         elif found.cut_short:
             found = several_causes(before, begun, effects, random, say)
     verdict, named, after, nearest = concluded(before, begun, corrections, found, random)
     return Explanation(before, after, tuple(named), verdict, nearest)
+
+
+def _told_apart(one: Named) -> bool:
+    """Whether a test of its own tells a correction from everything else: it is so whatever else is
+    left unexplained.
+    """
+    return isinstance(one.found, Correction) and one.found.chance_p is not None
 
 
 def explain_by_excerpt(

@@ -89,11 +89,13 @@ def _to_one_side(ln: FloatArray, stderr: FloatArray, moved: NDArray[np.bool_]) -
     forces = "forces" if many == of else f"{many} of {of} forces"
     if is_large(float(ln[worst])):
         size = factor(float(ln[worst]), float(stderr[worst]))
-        return f"made {forces} {'up' if up else 'down'} to {size} times as high"
+        if up:
+            return f"made {forces} up to {size} times as high"
+        return f"lowered {forces} to as little as {size} of what they are"
     size = percent(float(ln[worst]), float(stderr[worst]))
     by = f"by up to {size}" if many > 1 else f"by {size}"
-    median = f"{100 * math.expm1(float(np.median(ln))):+.1f} %".replace("-", "−")
-    middle = f" (median {median})" if many == of > 1 else ""
+    median = abs(100 * math.expm1(float(np.median(ln))))
+    middle = f" (median {median:.1f} %)" if many == of > 1 else ""
     return f"{'raised' if up else 'lowered'} {forces} {by}{middle}"
 
 

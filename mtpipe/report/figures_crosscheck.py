@@ -140,9 +140,8 @@ def curves_figure(arrays: Arrays, tables: Sequence[pd.DataFrame], axis_name: str
                 **on,
             },
         ]
-        # on paper the room between panels is just enough for numbers and a title
-        left = (number - 1) * 0.375
-        place: dict[str, Any] = {"domain": [left, left + 0.25], "anchor": f"y{suffix}"}
+        left = (number - 1) * 0.365
+        place: dict[str, Any] = {"domain": [left, left + 0.27], "anchor": f"y{suffix}"}
         titles = (
             ("frequency / Hz", "power density / (nm²/Hz)"),
             ("deviation from the mean / nm", "density / (1/µm)"),
