@@ -19,7 +19,7 @@ from mtpipe.crosschecking.prepared_bead import prepare
 from mtpipe.diagnosis.explain import explain
 from mtpipe.diagnosis.smooth_correction import smooth_correction, spectra_of
 from mtpipe.diagnosis.smooth_fit import spline_basis
-from mtpipe.diagnosis.unexplained import Rejected, alike, ln_force_bounds, unexplained
+from mtpipe.diagnosis.unexplained import Rejected, also_deviating, ln_force_bounds, unexplained
 from mtpipe.diagnosis.unexplained_content import content_of
 from mtpipe.drift import subtract_drift
 from mtpipe.effects.catalogue import OWN
@@ -95,7 +95,7 @@ def test_a_correction_of_one_plateau_is_known_to_be_of_that_one():
     found = smooth_correction(made_up(generator(13), (here.axis == ALONG_Y) & (here.plateau == 2)))
     (one,) = found.axes
     assert (one.axis, one.common) == (ALONG_Y, False)
-    assert alike(found, one) == [2]
+    assert also_deviating(found, one) == [2]
 
 
 def test_what_data_do_not_tell_is_as_uncertain_as_before_and_about_none():
