@@ -14,6 +14,7 @@ from mtpipe.corrections.surface_sticking import bound_stretches
 from mtpipe.crosschecking.check import BeadCheck, check_bead
 from mtpipe.crosschecking.nulls import Together
 from mtpipe.diagnosis import time_corrections as corrected_module
+from mtpipe.diagnosis.explain import explain
 from mtpipe.recording.plateaus import find_plateaus
 from mtpipe.recording.recording import Recording
 from tests import small_case
@@ -291,6 +292,19 @@ def test_a_curve_is_undone_exactly():
     straight = z_response.Curve(heights, heights)
     z_nm = 900.0 + 12.0 * many
     np.testing.assert_allclose(z_response.straightened(z_nm, straight), z_nm)
+
+
+@pytest.mark.parametrize(("outliers", "verdict"), [(False, "explained"), (True, "unexplained")])
+def test_a_curved_table_is_named_without_any_cause_and_beside_what_is_left(outliers, verdict):
+    """In a plateau whose frames follow each other; outliers of y have no name."""
+    raw = with_table(small_case.raw(21), 0, stepped, 1.5)
+    if outliers:
+        xyz, random = raw.positions_nm["b1"], small_case.generator(8)
+        wrong = random.random(len(xyz)) < 0.01
+        xyz[wrong, 1] += 200.0 * random.normal(size=wrong.sum())
+    told = explain(checked(raw), small_case.generator(6), effects=[])
+    assert [one.name for one in told.named] == ["z_response"]
+    assert told.verdict == verdict
 
 
 def test_heights_read_in_coarse_steps_have_no_curve():

@@ -226,8 +226,8 @@ def preference(fit: ConfiguredFit) -> float:
 
 
 def support(fit: ConfiguredFit) -> float:
-    """ln likelihood of a fit plus that of the forces known beforehand (nats), to choose the chain's
-    formula.
+    """ln likelihood of spectra and heights plus that of the forces that the setup states (nats), by
+    which the chain's formula is chosen.
     """
     return fit.log_likelihood + known_force_nats(fit)
 

@@ -40,7 +40,7 @@ class Method:
 
 
 def _of_field(name: str, error_on: Callable[[Plan, float, int], ForceError]) -> Method:
-    """A method of the field, of which the errors are known beforehand."""
+    """A method of the field, whose force errors have a closed form that needs no recording."""
     return Method(name, FIELD_METHODS[name].words, error_on)
 
 

@@ -54,8 +54,9 @@ def explain(
     say("looking for sticking and pixel locking")
     corrections, begun = corrected(before, random)
     found = several_causes(before, begun, effects, random, say, to_the_end=False)
-    if not found.named and found.check is not begun:
-        # what is seen in time has a test of its own, and effects of the spectrum may have hidden it
+    if not found.named and not agrees(found.check, before):
+        # what is seen in time has a test of its own, and effects of the spectrum may have hidden
+        # it; a curved table is looked for here first
         say("looking for sticking and pixel locking again")
         late = late_corrections(found.check, corrections, begun.case, random)
         again = several_causes(before, late[-1].after, effects, random, say) if late else None
