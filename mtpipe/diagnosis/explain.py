@@ -13,6 +13,7 @@ from dataclasses import replace
 
 import numpy as np
 
+from mtpipe.corrections.catalogue import CORRECTIONS, Find
 from mtpipe.corrections.correction import Correction
 from mtpipe.crosschecking.check import (
     CLEARLY_CONSISTENT,
@@ -53,19 +54,26 @@ def explain(
     effects = catalogue() if effects is None else effects
     say("looking for sticking and pixel locking")
     corrections, begun = corrected(before, random)
-    found = several_causes(before, begun, effects, random, say, to_the_end=False)
+    tried: list[Weighed] = []
+
+    def without_late(check: BeadCheck, finds: Sequence[Find] = ()) -> Weighed | None:
+        # what is seen in time has a test of its own, and effects of the spectrum may have hidden it
+        if tried:
+            return None
+        say("looking for what is seen in time beside causes")
+        late = late_corrections(check, corrections, begun.case, random, finds)
+        if not late:
+            return None
+        anew = several_causes(before, late[-1].after, effects, random, say)
+        tried.append(replace(anew, corrections=tuple(late)))
+        helps = anew.named or agrees(late[-1].after, before) or any(map(_told_apart, late))
+        return tried[0] if helps else None
+
+    found = several_causes(before, begun, effects, random, say, without_late)
     if not found.named and not agrees(found.check, before):
-        # what is seen in time has a test of its own, and effects of the spectrum may have hidden
-        # it; a curved table is looked for here first
-        say("looking for sticking and pixel locking again")
-        late = late_corrections(found.check, corrections, begun.case, random)
-        again = several_causes(before, late[-1].after, effects, random, say) if late else None
-        if again is not None and (
-            again.named or agrees(late[-1].after, before) or any(map(_told_apart, late))
-        ):
-            corrections, begun, found = [*corrections, *late], late[-1].after, again
-        elif found.cut_short:
-            found = several_causes(before, begun, effects, random, say)
+        found = without_late(found.check, CORRECTIONS) or found
+    if found.corrections:
+        corrections, begun = [*corrections, *found.corrections], found.corrections[-1].after
     verdict, named, after, nearest = concluded(before, begun, corrections, found, random)
     return Explanation(before, after, tuple(named), verdict, nearest)
 

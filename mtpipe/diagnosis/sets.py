@@ -51,7 +51,6 @@ from mtpipe.diagnosis.judging import (
 )
 from mtpipe.diagnosis.probability import smooth_gain, unknown_nats, weight
 from mtpipe.diagnosis.single_events import unseen_member
-from mtpipe.diagnosis.time_corrections import seen_late
 from mtpipe.diagnosis.unexplained import Rejected
 from mtpipe.diagnosis.why_not import gains_in_words, too_little
 from mtpipe.effects.effect import Effect
@@ -89,13 +88,17 @@ class Weighed:
         found; none where they do not, or where others weigh as much.
     check : with the last set that was compared with simulations; where none was, without any.
     nearest : the cause that came nearest where none is named, and why; None if none could be tried.
-    cut_short : whether it ended before its time, as a correction is seen beside the causes.
+    corrections : what is seen in time only beside causes, and was taken off before weighing these.
     """
 
     named: list[Named]
     check: BeadCheck
     nearest: Rejected | None = None
-    cut_short: bool = False
+    corrections: tuple[Named, ...] = ()
+
+
+def _nothing_else(check: BeadCheck) -> Weighed | None:
+    return None
 
 
 def several_causes(
@@ -104,15 +107,15 @@ def several_causes(
     effects: Sequence[Effect],
     random: np.random.Generator,
     say: Callable[[str], None],
-    to_the_end: bool = True,
+    instead: Callable[[BeadCheck], Weighed | None] = _nothing_else,
 ) -> Weighed:
     """Weigh causes as sets.
 
     Parameters
     ----------
     first : the bead's first check. begun : with what was taken off the traces in time, if anything.
-    to_the_end : also where a correction is seen beside the causes. What is the correction's would
-        be held against causes.
+    instead : what is found in another way, if anything, where simulations object to a set: asked
+        before a cause is blamed for what may not be its own.
     """
     without = begun.case.fit
     nothing = Causes((), without, 0.0)
@@ -122,7 +125,7 @@ def several_causes(
     rivals: list[Causes] = []
     refused: list[Refused] = []
     first_tried: FittedEffect | None = None
-    agreed: tuple[Causes, BeadCheck] | None = None
+    agreed: list[tuple[Causes, BeadCheck]] = []
     for _ in range(MOST_STEPS):
         say("weighing causes beside " + (", ".join(sorted(best.names)) or "none"))
         # the better the fit, the more of what differs is seen as what it is
@@ -141,12 +144,12 @@ def several_causes(
                 break
             wrong = unseen_member(begun.case, best, weighed.values(), random)
             if not wrong and agrees(check, first):
-                agreed = best, check
+                agreed.append((best, check))
                 if gained < FORM_NATS + ln_of(check.p_value) - ln_of(1.0):
-                    agreed = better_judged(best, check, rivals, begun, random)[:2]
+                    agreed[-1] = better_judged(best, check, rivals, begun, random)[:2]
                     break
-            if not (wrong or agreed or to_the_end) and seen_late(check, random):
-                return Weighed([], check, cut_short=True)
+            if not (wrong or agreed) and (other_way := instead(check)) is not None:
+                return other_way
             wrong = wrong or contradicted(begun, best, check, random)
             if wrong:
                 say(f"without {wrong}, which is not how positions are distributed")
@@ -164,7 +167,7 @@ def several_causes(
                     best, beam, rivals = larger, [larger], []
                     continue
                 refused.append(Refused(best, check, why))
-                if agreed is not None or len(refused) == MOST_REFUSED or in_vain(refused):
+                if agreed or len(refused) == MOST_REFUSED or in_vain(refused):
                     break
                 say("weighing other sets")
                 exchanged(best, without, members, evidence, weighed)
@@ -177,20 +180,25 @@ def several_causes(
             break
         best = next_best
         rivals = [one for one in beam if one is not best and best.score - one.score < ALIKE_NATS]
-    if agreed is None and refused:
+    if not agreed and refused:
         nearly = max(refused, key=lambda one: one.causes.worth)
         nearest = rejected(nearly.causes, nearly.why) or _nearest(
             first_tried, nearly.causes, without
         )
         return Weighed([], nearly.check, nearest)
-    if agreed is None:
+    if not agreed:
         return Weighed([], check, _nearest(first_tried, best, without))
-    # a larger set may have more likelihood, and not agree
-    best, check = agreed
     against = [one.causes for one in refused]
-    others = [objected(one, against) for names, one in weighed.items() if names != best.names]
     able = [one for one in members if not one.form]
-    return _named(best, others, begun, check, first, random, able)
+    told = []
+    # a larger set may have more likelihood, and not agree; or agree, and have a member for which
+    # there is no more to be said than that
+    for best, check in reversed(agreed):
+        others = [objected(one, against) for names, one in weighed.items() if names != best.names]
+        told.append(_named(best, others, begun, check, first, random, able))
+        if told[-1].named:
+            return told[-1]
+    return told[0]
 
 
 @dataclass(frozen=True, eq=False)

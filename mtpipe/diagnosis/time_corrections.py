@@ -23,7 +23,7 @@ MOST_OF_THE_ODDITY, HARDLY_LESS_ODD = 0.5, 0.8
 
 
 def corrected(
-    check: BeadCheck, random: np.random.Generator, beside: Sequence[Find] = ()
+    check: BeadCheck, random: np.random.Generator, finds: Sequence[Find] = CORRECTIONS
 ) -> tuple[list[Named], BeadCheck]:
     """Take off what is seen in time and not in spectra, as far as the battery objects less then.
 
@@ -31,10 +31,10 @@ def corrected(
 
     Parameters
     ----------
-    beside : corrections that are looked for besides.
+    finds : corrections that are looked for.
     """
     named = []
-    for find in (*CORRECTIONS, *beside):
+    for find in finds:
         found = find(check)
         if found is None or (found.chance_p is None and _hardly_helps(check, found)):
             continue
@@ -58,28 +58,23 @@ def _hardly_helps(check: BeadCheck, found: Correction) -> bool:
     return foreseen < min(ALARM_P, math.pow(check.p_value, HARDLY_LESS_ODD))
 
 
-def seen_late(check: BeadCheck, random: np.random.Generator) -> bool:
-    """Whether there is a correction that is of use once effects are there.
-
-    Parameters
-    ----------
-    check : with effects.
-    """
-    return any(find(check, random) is not None for find in LATE_CORRECTIONS)
-
-
 def late_corrections(
-    check: BeadCheck, corrections: Sequence[Named], case: PreparedBead, random: np.random.Generator
+    check: BeadCheck,
+    corrections: Sequence[Named],
+    case: PreparedBead,
+    random: np.random.Generator,
+    finds: Sequence[Find] = (),
 ) -> list[Named]:
     """Corrections that are of use once effects are there, as they are without these.
 
     Parameters
     ----------
-    check : with effects. case : without them.
+    check : with effects. corrections : taken off already. case : without effects.
+    finds : corrections that are looked for besides those that are only seen beside effects.
     """
     taken = {one.name for one in corrections}
     late = [partial(find, random=random) for find in LATE_CORRECTIONS]
-    found = [one for one in corrected(check, random, late)[0] if one.name not in taken]
+    found = [one for one in corrected(check, random, [*finds, *late])[0] if one.name not in taken]
     named: list[Named] = []
     for one in found:
         before = named[-1].after if named else check_bead(case, random)
