@@ -344,9 +344,9 @@ def test_a_correction_that_hardly_helps_is_not_simulated(monkeypatch, by, is_sim
         asked.append(case)
         return check
 
-    monkeypatch.setattr(corrected_module, "CORRECTIONS", (lambda check: found,))
     monkeypatch.setattr(corrected_module, "check_bead", simulated)
-    named, after = corrected_module.corrected(check, small_case.generator(2))
+    finds = (lambda check: found,)
+    named, after = corrected_module.corrected(check, small_case.generator(2), finds)
     assert asked == ([case] if is_simulated else [])
     # it is the simulation that decides
     assert named == []
