@@ -25,8 +25,8 @@ from mtpipe.diagnosis.explanation import Alternative, Explanation, Named, agrees
 from mtpipe.diagnosis.forces_to_quote import diagnosed_forces
 from mtpipe.diagnosis.heldout import halves_of
 from mtpipe.diagnosis.mismatch import Mismatch
+from mtpipe.diagnosis.naming import Weighed
 from mtpipe.diagnosis.refit import other_formulas
-from mtpipe.diagnosis.sets import Weighed
 from mtpipe.drift.lowpass import low_pass
 from mtpipe.effects.catalogue import OWN
 from mtpipe.effects.effect import Evidence

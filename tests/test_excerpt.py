@@ -12,6 +12,7 @@ from mtpipe.diagnosis.mismatch import diagnose
 from mtpipe.drift import subtract_drift
 from mtpipe.simulation.setup_experiment import stated_experiment
 from mtpipe.simulation.simulate import simulate_experiment
+from tests.curved_table import stepped, with_table
 from tests.small_case import NOISE_NM, generator, setup
 
 FORCES_PN = (5.0, 4.8, 5.2, 1.5, 0.5)
@@ -61,6 +62,17 @@ def test_a_cause_found_in_some_plateaus_is_fitted_to_all(few):
     (named,) = found.named
     assert named.probability > 0.5
     assert len(found.force_stderr_pN) == 5
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    ("factor", "names"), [(1.25, {"z_response", "lateral_scale"}), (1.0, {"z_response"})]
+)
+def test_a_curve_seen_beside_the_causes_of_an_excerpt_is_undone_in_all_plateaus(few, factor, names):
+    found = diagnose(with_table(scaled([factor] * 5), 4, stepped, 1.5)).beads["b1"]
+    assert {one.name for one in found.named} == names
+    assert found.verdict == "explained"
+    assert len(found.fit.force_pN) == 5
 
 
 @pytest.mark.slow

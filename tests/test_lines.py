@@ -17,7 +17,7 @@ from mtpipe.crosschecking.lines import (
     with_lines_apart,
 )
 from mtpipe.crosschecking.prepared_bead import described, prepare
-from mtpipe.diagnosis.sets import FORM_NATS
+from mtpipe.diagnosis.naming import FORM_NATS
 from mtpipe.drift import subtract_drift
 from mtpipe.effects.catalogue import OWN
 from mtpipe.effects.effect import Evidence

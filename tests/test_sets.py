@@ -10,7 +10,7 @@ import pytest
 from mtpipe.battery.statistic import Statistic
 from mtpipe.crosschecking.check import check_bead
 from mtpipe.crosschecking.prepared_bead import prepare
-from mtpipe.diagnosis import alternatives, judging, sets, single_events
+from mtpipe.diagnosis import alternatives, judging, naming, sets, single_events
 from mtpipe.diagnosis.alternatives import place_of
 from mtpipe.diagnosis.causes import (
     Causes,
@@ -27,6 +27,7 @@ from mtpipe.diagnosis.explain import explain
 from mtpipe.diagnosis.explanation import Alternative, Explanation, Named
 from mtpipe.diagnosis.forces_to_quote import diagnosed_forces
 from mtpipe.diagnosis.mismatch import bead_content
+from mtpipe.diagnosis.naming import Weighed, last_named
 from mtpipe.diagnosis.sets import several_causes
 from mtpipe.drift import subtract_drift
 from mtpipe.effects.catalogue import OWN
@@ -144,12 +145,12 @@ def test_a_member_that_gains_no_more_than_its_price_goes_whenever_it_was_found()
     both = causes_of((needless, needed), needed.fit, without)
     check = check_bead(replace(first.case, fit=both.fit), generator(6))
     places = [place_of(one, both.members, without, both.fit, ()) for one in both.members]
-    fewer = sets._without_weakest(both, check, places, first, first, generator(7))
+    fewer = naming._without_weakest(both, check, places, first, first, generator(7))
     assert fewer is not None
     assert fewer[0].names == {"mixing_z_in_x"}
     assert fewer[1].p_value > 0.01
     (place,) = [place_of(one, fewer[0].members, without, fewer[0].fit, ()) for one in [needed]]
-    assert sets._without_weakest(*fewer, [place], first, first, generator(8)) is None
+    assert naming._without_weakest(*fewer, [place], first, first, generator(8)) is None
 
 
 @pytest.fixture(scope="module")
@@ -236,8 +237,8 @@ def test_a_cause_on_which_another_rests_is_not_refused_for_want_of_a_held_out_ga
     (seen,) = try_effects(turns.fit, [BY_NAME["bead_turning"]], evidence, beside=True)
     both = causes_of((turns, seen), seen.fit, without)
     last = replace(check, case=replace(check.case, fit=both.fit))
-    assert np.isnan(sets._heldout(without, both, turns, last))
-    assert np.isfinite(sets._heldout(without, both, seen, last))
+    assert np.isnan(naming._heldout(without, both, turns, last))
+    assert np.isfinite(naming._heldout(without, both, seen, last))
 
 
 def test_friction_that_rises_is_described_and_not_named():
@@ -382,6 +383,24 @@ def test_hops_that_are_not_clearly_seen_cost_as_much_as_a_form(
     best, instead = Causes((drift, hopping), None, 60.0), Causes((drift, other), None, score)
     case = prepare(changed(np.eye(3)), "b1")
     assert single_events.unseen_member(case, best, [best, instead], generator(1)) == left_out
+
+
+@pytest.mark.parametrize(
+    ("nameable", "expected"), [("abc", "abc"), ("ab", "ab"), ("", ""), ("abc ab", "abc")]
+)
+def test_a_set_that_agrees_and_cannot_be_named_gives_way_to_a_smaller_one(nameable, expected):
+    agreed = [("a", 1), ("ab", 2), ("abc", 3)]
+    asked = []
+
+    def told(best, check):
+        asked.append((best, check))
+        return Weighed([best] if best in nameable.split() else [], check)
+
+    end = last_named(agreed, told)
+    assert end.named == ([expected] if expected else [])
+    # where none can be named, what is said is of the largest
+    assert end.check == (dict(agreed)[expected] if expected else 3)
+    assert asked == agreed[::-1][: len(asked)]
 
 
 @pytest.mark.parametrize(

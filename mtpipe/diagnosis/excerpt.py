@@ -12,13 +12,16 @@ from dataclasses import replace
 
 import numpy as np
 
+from mtpipe.corrections.catalogue import CORRECTIONS
+from mtpipe.corrections.correction import Correction
 from mtpipe.crosschecking.check import BeadCheck
 from mtpipe.diagnosis.alternatives import SEEN_NATS
 from mtpipe.diagnosis.causes import Causes, causes_of, settled
 from mtpipe.diagnosis.evidence import evidence_of
 from mtpipe.diagnosis.explanation import Alternative, Explanation, Named, agrees
 from mtpipe.diagnosis.judging import checked_with, rejected
-from mtpipe.diagnosis.sets import Weighed, in_order_found
+from mtpipe.diagnosis.naming import Weighed, in_order_found
+from mtpipe.diagnosis.time_corrections import late_corrections, told_apart
 from mtpipe.diagnosis.unexplained import Rejected
 from mtpipe.effects.effect import Effect
 from mtpipe.ground.errors import FitError
@@ -56,6 +59,7 @@ def in_all_plateaus(
     found: Explanation,
     first: BeadCheck,
     begun: BeadCheck,
+    corrections: Sequence[Named],
     random: np.random.Generator,
     say: Callable[[str], None],
 ) -> Weighed:
@@ -66,28 +70,40 @@ def in_all_plateaus(
 
     Parameters
     ----------
-    found : in the excerpt. first : the bead's first check. begun : with what was taken off the
-        traces in time, if anything; both of all plateaus.
+    found : in the excerpt. first : the bead's first check. begun : with corrections, which were
+        taken off the traces in time; both of all plateaus.
     """
     causes = [one for one in found.named if isinstance(one.found, FittedEffect)]
-    if not causes:
+    taken = {one.name for one in corrections}
+    late = [one for one in found.named if isinstance(one.found, Correction)]
+    seen = any(one.name not in taken for one in late)
+    if not causes and not seen:
         return Weighed([], begun, _nearest_there(found.nearest, begun))
     say("fitting to all plateaus " + ", ".join(one.name for one in causes))
     best = _fitted(causes, begun)
     if best is None:
         return Weighed([], begun)
     say("checking all plateaus")
+    besides: list[Named] = []
     try:
         check = checked_with(best, begun, first, random)
+        if seen and not agrees(check, first):
+            # what the excerpt showed only beside its causes
+            besides = late_corrections(check, corrections, begun, random, CORRECTIONS)
+        if besides:
+            begun = besides[-1].after
+            best = _fitted(causes, begun) or best
+            check = checked_with(best, begun, first, random)
         if not agrees(check, first):
             why = (
                 f"recording and simulation differ in all plateaus together (p {check.p_value:.1g})"
             )
-            return Weighed([], check, rejected(best, why))
+            certain = tuple(one for one in besides if told_apart(one))
+            return Weighed([], check, rejected(best, why), certain)
         named = in_order_found(begun, best, check, random)
     except (FitError, ValueError) as error:
         return Weighed([], begun, rejected(best, f"the bead cannot be simulated ({error})"))
-    if not named:
+    if causes and not named:
         return Weighed([], check, rejected(best, "nothing in data kept out of the fit"))
     told = [
         replace(
@@ -97,7 +113,7 @@ def in_all_plateaus(
         )
         for one, there in zip(named, causes, strict=True)
     ]
-    return Weighed(told, check)
+    return Weighed(told, check, corrections=tuple(besides))
 
 
 def _fitted(causes: Sequence[Named], begun: BeadCheck) -> Causes | None:

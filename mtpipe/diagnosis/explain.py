@@ -25,9 +25,10 @@ from mtpipe.diagnosis.bent_scale import Instead, bend_instead
 from mtpipe.diagnosis.excerpt import in_all_plateaus
 from mtpipe.diagnosis.explanation import ALARM_P, ALIKE_NATS, Explanation, Named, agrees, ln_of
 from mtpipe.diagnosis.heights import gained_by_scatter, wanders
+from mtpipe.diagnosis.naming import Weighed
 from mtpipe.diagnosis.probability import odds_against_correction
-from mtpipe.diagnosis.sets import Weighed, several_causes
-from mtpipe.diagnosis.time_corrections import corrected, late_corrections
+from mtpipe.diagnosis.sets import several_causes
+from mtpipe.diagnosis.time_corrections import corrected, late_corrections, told_apart
 from mtpipe.diagnosis.unexplained import Rejected
 from mtpipe.diagnosis.why_not import gains_in_words, heights_off
 from mtpipe.effects.catalogue import catalogue
@@ -61,28 +62,20 @@ def explain(
         if tried:
             return None
         say("looking for what is seen in time beside causes")
-        late = late_corrections(check, corrections, begun.case, random, finds)
+        late = late_corrections(check, corrections, begun, random, finds)
         if not late:
             return None
         anew = several_causes(before, late[-1].after, effects, random, say)
         tried.append(replace(anew, corrections=tuple(late)))
-        helps = anew.named or agrees(late[-1].after, before) or any(map(_told_apart, late))
-        return tried[0] if helps else None
+        return tried[0] if anew.named or agrees(late[-1].after, before) else None
 
     found = several_causes(before, begun, effects, random, say, without_late)
     if not found.named and not agrees(found.check, before):
         found = without_late(found.check, CORRECTIONS) or found
-    if found.corrections:
-        corrections, begun = [*corrections, *found.corrections], found.corrections[-1].after
+        if not found.named and tried and any(map(told_apart, tried[0].corrections)):
+            found = tried[0]
     verdict, named, after, nearest = concluded(before, begun, corrections, found, random)
     return Explanation(before, after, tuple(named), verdict, nearest)
-
-
-def _told_apart(one: Named) -> bool:
-    """Whether a test of its own tells a correction from everything else: it is so whatever else is
-    left unexplained.
-    """
-    return isinstance(one.found, Correction) and one.found.chance_p is not None
 
 
 def explain_by_excerpt(
@@ -101,7 +94,7 @@ def explain_by_excerpt(
     say = progress or (lambda step: None)
     corrections, begun = corrected(before, random)
     found = explain(part, random, progress=progress)
-    everywhere = in_all_plateaus(found, before, begun, random, say)
+    everywhere = in_all_plateaus(found, before, begun, corrections, random, say)
     verdict, named, after, nearest = concluded(before, begun, corrections, everywhere, random)
     return Explanation(before, after, tuple(named), verdict, nearest)
 
@@ -120,6 +113,8 @@ def concluded(
     ----------
     before : the bead's first check. begun : with the corrections. found : by weighing.
     """
+    if found.corrections:
+        corrections, begun = [*corrections, *found.corrections], found.corrections[-1].after
     causes, nearest, off = found.named, found.nearest, False
     if causes:
         causes, nearest, off = _held_by_heights(begun.case.fit, causes, random)

@@ -13,7 +13,6 @@ from mtpipe.corrections.catalogue import CORRECTIONS, LATE_CORRECTIONS, Find
 from mtpipe.corrections.correction import Correction
 from mtpipe.corrections.retraced import with_positions
 from mtpipe.crosschecking.check import BeadCheck, check_bead, comparable_p_values, foreseen_p_value
-from mtpipe.crosschecking.prepared_bead import PreparedBead
 from mtpipe.diagnosis.explanation import ALARM_P, Named
 
 # A correction is kept where it halves ln p; one that a test of its own tells from all else, where
@@ -61,7 +60,7 @@ def _hardly_helps(check: BeadCheck, found: Correction) -> bool:
 def late_corrections(
     check: BeadCheck,
     corrections: Sequence[Named],
-    case: PreparedBead,
+    begun: BeadCheck,
     random: np.random.Generator,
     finds: Sequence[Find] = (),
 ) -> list[Named]:
@@ -69,7 +68,7 @@ def late_corrections(
 
     Parameters
     ----------
-    check : with effects. corrections : taken off already. case : without effects.
+    check : with effects. corrections : taken off already. begun : with these, without effects.
     finds : corrections that are looked for besides those that are only seen beside effects.
     """
     taken = {one.name for one in corrections}
@@ -77,7 +76,14 @@ def late_corrections(
     found = [one for one in corrected(check, random, [*finds, *late])[0] if one.name not in taken]
     named: list[Named] = []
     for one in found:
-        before = named[-1].after if named else check_bead(case, random)
-        without = with_positions(case, one.after.case.positions_nm)
+        before = named[-1].after if named else begun
+        without = with_positions(begun.case, one.after.case.positions_nm)
         named.append(replace(one, before=before, after=check_bead(without, random)))
     return named
+
+
+def told_apart(one: Named) -> bool:
+    """Whether a test of its own tells a correction from everything else: it is so whatever else is
+    left unexplained.
+    """
+    return isinstance(one.found, Correction) and one.found.chance_p is not None
