@@ -50,7 +50,7 @@ VALIDITY: dict[Formula, Validity] = {
     ),
     "extensible": Validity(
         (0.0, 40.0),
-        "linear stretching holds up to about 40 pN (Wang et al. 1997); twist couples in above, and "
+        "linear stretching holds up to about 40 pN (Wang et al. 1997); above that, twist matters, and "
         "DNA overstretches at 65 pN",
     ),
     "extensible-marko-siggia": Validity(
