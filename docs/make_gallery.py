@@ -16,6 +16,7 @@ from pathlib import Path
 import numpy as np
 
 from mtpipe.corrections.catalogue import REMEDIES
+from mtpipe.diagnosis.size_words import capital
 from mtpipe.report.remedies import remedy
 from tests.test_effects import KNOWN, forces_of, model_of
 
@@ -27,12 +28,30 @@ HEAD = """# Gallery of mismatches
 What does a missing effect look like? Each picture shows the power spectrum of one bead with the
 effect (solid) and without it (dashed), at the force and along the axis where it shows most.
 
-`mtpipe run` names these effects where a recording has them and its setup does not list them. The
-sentence in italics is the one of the report; its numbers are those of the picture. What each
-effect is: [catalogue](effects.md).
+`mtpipe run` names these effects if a recording has them and its setup does not list them. The
+sentence in italics is the one that the report prints; its numbers are those of the picture. The
+name above it is the one to use in the setup. What each effect is: [catalogue](effects.md).
 
-Written by `python -m docs.make_gallery`.
+You have seen something in a spectrum? These effects show there:
+
+{index}
 """
+
+# What a reader sees first, and the effects that look so.
+SEEN = {
+    "lowest frequencies": ("drift", "reference_noise", "force_drift"),
+    "around the corner frequency": ("wall_drag", "rotation_coupling", "viscosity", "bead_radius"),
+    "high frequencies": ("tracking_noise", "exposure", "dropped_frames", "hydrodynamic_memory"),
+    "one narrow line": ("vibration",),
+    "x, y or both, but not z": (
+        "lateral_scale", "field_rotation", "magnetic_alignment", "lateral_magnet_stiffness",
+    ),
+    "z, with mean heights that are wrong": (
+        "axial_scale", "contour_length", "extensible_tether", "multiple_tethers",
+        "off_center_attachment", "anharmonic_tether", "z_response", "hopping",
+    ),
+    "z, with mean heights that are right": ("z_crosstalk", "bead_turning", "bead_rocking"),
+}  # fmt: skip
 
 
 @dataclass(frozen=True, eq=False)
@@ -130,7 +149,7 @@ def entries():
 
 def page():
     """The page's text."""
-    shows, parts = _shows(), [HEAD]
+    shows, parts = _shows(), [HEAD.format(index=_index())]
     for name, known in entries().items():
         parts += [
             f"## {name}\n",
@@ -141,14 +160,25 @@ def page():
         ]
     parts.append("## Found in the traces\n")
     parts.append(
-        "Two effects change no spectrum in a simple way. They are found in the traces over time.\n"
+        "Two effects change no spectrum in a simple way. They are found in the traces over time, "
+        "and corrected there. What to do about them:\n"
     )
     parts += [f"- `{name}`: {what}" for name, what in REMEDIES.items()]
     return "\n".join(parts) + "\n"
 
 
+def _index():
+    """Where something is seen, and which effects look so; each effect once."""
+    named = sorted(name for names in SEEN.values() for name in names)
+    assert named == sorted(entries()), "every effect has its place in SEEN"
+    return "\n".join(
+        f"- **{seen}**: {', '.join(f'[`{name}`](#{name})' for name in names)}"
+        for seen, names in SEEN.items()
+    )
+
+
 def _sentence(cause):
-    return f"{cause[0].upper()}{cause[1:]}."
+    return f"{capital(cause)}."
 
 
 def main():

@@ -55,5 +55,5 @@ def test_what_is_missing_is_told(monkeypatch):
     with pytest.raises(MtpipeError, match="no Dask scheduler answers"):
         cluster.scheduler("tcp://127.0.0.1:1", print, patience_s=1).__enter__()
     monkeypatch.setitem(sys.modules, "distributed", None)
-    with pytest.raises(MtpipeError, match=r"mtpipe\[cluster\]"):
+    with pytest.raises(MtpipeError, match=r"\.\[cluster\]"):
         cluster.scheduler("tcp://127.0.0.1:1", print).__enter__()

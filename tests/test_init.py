@@ -321,7 +321,7 @@ def test_what_cannot_be_read_yet_is_written_all_the_same(laboratory, tmp_path):
     answers.write_text('source.units.position = "mm"\n')
     done = run(tmp_path / "r.csv", "--answers", answers)
     assert done.exit_code == 1
-    assert "not a tethered bead, or not in nm" in done.output
+    assert "it is not tethered, or not in nm" in done.output
     text = (tmp_path / "setup.toml").read_text()
     assert 'units = { position = "mm" }' in text
     assert 'time = { column = "time"' in text

@@ -79,7 +79,7 @@ def test_forces_that_differ_by_a_tenth_are_the_oddest_thing(recorded):
     row = {"statistic": "known_force", "axis": "", "plateau": 1, "band_low_hz": math.nan}
     row |= {"time_low_s": math.nan, "value": -0.1, "simulated_median": 0.0, "p_value": 1e-6}
     row |= {"simulated_low": -0.01, "simulated_high": 0.01, "extrapolated": False}
-    assert "fitted force over the one that [[magnet]]" in crosscheck_words.comparison(row)
+    assert "fitted force compared with the one that [[magnet]]" in crosscheck_words.comparison(row)
 
 
 def test_their_stated_error_is_allowed_for(recorded):
@@ -131,7 +131,7 @@ def test_simulations_scatter_as_much_as_stated_values_leave_open(recorded):
 def test_where_known_forces_alone_disagree_no_effect_is_named(recorded):
     found = mtpipe.diagnose(mtpipe.subtract_drift(stating(recorded, 1.08)), seed=1).beads["b1"]
     assert (found.verdict, found.named) == ("unexplained", ())
-    assert "Fitted force over the one that [[magnet]] states" in found.unexplained.sentence
+    assert "Fitted force compared with the one that [[magnet]] states" in found.unexplained.sentence
 
 
 def test_a_wrong_contour_length_is_named_and_its_forces_agree_with_known_ones(recorded):

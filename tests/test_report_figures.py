@@ -185,8 +185,8 @@ def test_the_picture_shows_what_was_found(folder: Path) -> None:
         assert made is not None
         captions[bead] = made.caption
     assert captions["b10"] == "Motion along x after drift subtraction."
-    assert captions["b2"] == "Recorded over fitted power along x, plateau 0."
-    assert captions['../<b id="x">&b 1/2'].startswith("Recorded over expected power along")
+    assert captions["b2"] == "Recorded power along x, divided by the fitted: plateau 0."
+    assert captions['../<b id="x">&b 1/2'].startswith("Recorded power along")
 
 
 @pytest.mark.slow

@@ -54,7 +54,7 @@ def test_a_bead_says_what_where_and_how_large(folder: Path) -> None:
     assert sentence.endswith(": 9.5, simulated −1.9 to 2.1.")
     assert found.note == "What is not explained may move a force by up to 14 %."
     assert "→" in found.change
-    assert found.change.endswith(", +25 %")
+    assert found.change.endswith(", 25 % more")
 
 
 def test_the_clearest_correction_of_a_spectrum_is_said_in_numbers(folder: Path) -> None:
@@ -123,10 +123,10 @@ def test_an_unchecked_bead_says_what_that_means_and_how_to_check_it(folder: Path
     change_json(folder / "mismatch.json", lambda content: content["beads"].pop("more1"))
     found = finding(folder, "more1")
     assert found.kind == "unchecked"
-    assert "the force wrong" in found.details[0]
+    assert "gives a wrong force" in found.details[0]
     assert "without --no-crosscheck" in found.details[0]
     page = Page(write_report(folder))
-    assert page.words.count("To check it, run mtpipe again without --no-crosscheck.") == 1
+    assert page.words.count("To check this, run mtpipe again without --no-crosscheck.") == 1
     assert "1 good, 1 unchecked, 2 caution, 1 refused." in page.words
 
 
@@ -211,7 +211,7 @@ def test_the_terminal_ends_with_the_findings_and_the_report(
     assert mine == [
         f"{UNEXPLAINED}: caution. {found.headline}",
         *(f"  {one}" for one in (*found.details, found.note)),
-        f"  As configured → to quote: {found.change}.",
+        f"  As the setup states it → to quote: {found.change}.",
     ]
     assert lines.index("Reference bead ref2 jumps by 48 nm and is left out.") < at[UNEXPLAINED]
 

@@ -40,7 +40,7 @@ def test_the_most_informed_fit_needs_no_excuse() -> None:
     assert source is not None
     assert source.label == "joint"
     assert "6 spectra" in source.sentence
-    assert [reason[:26] for reason in source.reasons] == ["The friction agrees with t"]
+    assert [reason[:26] for reason in source.reasons] == ["The friction is the one ex"]
 
 
 def test_a_less_informed_fit_says_why() -> None:

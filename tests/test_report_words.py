@@ -139,7 +139,13 @@ def test_the_p_value_of_all_comparisons_is_a_sentence() -> None:
 
 def test_changes_of_a_force_are_said_in_percent_or_as_a_factor() -> None:
     shown = [words.change(ratio) for ratio in (1.02, 0.87, 1.0, 21.2, 0.3)]
-    assert shown == ["+2.0 %", "−13 %", "+0.0 %", "21 times as large", "0.3 times as large"]
+    assert shown == [
+        "2.0 % more",
+        "13 % less",
+        "0.0 % more",
+        "21 times as large",
+        "0.3 times as large",
+    ]
 
 
 def test_plateaus_are_listed_shortly() -> None:

@@ -191,8 +191,7 @@ def test_what_was_found_stands_beside_what_was_concealed():
     said = list(findings(SimpleNamespace(mismatch={"beads": beads}), truth))
     assert said == [
         "exposure was concealed; found: exposure. the camera exposes for 2 ms.",
-        "forces of the configured experiment are off by 10.0% (median), by 1.0% with what was "
-        "found.",
+        "with the setup as it is, forces are off by 10.0% (median); with what was found, by 1.0%.",
         "drift was concealed; found: no cause.",
         "nothing was concealed; recording and simulation agree.",
     ]

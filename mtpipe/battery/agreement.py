@@ -68,9 +68,15 @@ PER_TRACE = Group(
     per_trace,
     (
         Kind(
-            "stiffness", "stiffness", "stiffness of the trace alone over that of the joint fit (ln)"
+            "stiffness",
+            "stiffness",
+            "stiffness of the trace alone compared with that of the joint fit (ln of the ratio)",
         ),
-        Kind("friction", "friction", "friction of the trace alone over that of the joint fit (ln)"),
+        Kind(
+            "friction",
+            "friction",
+            "friction of the trace alone compared with that of the joint fit (ln of the ratio)",
+        ),
         Kind("stiffness_along_series", "stiffness", "trend of the stiffness along the series"),
         Kind("friction_along_series", "friction", "trend of the friction along the series"),
     ),
@@ -96,7 +102,7 @@ EXTENSIONS = Group(
         Kind(
             "extension",
             "extension",
-            "mean extension minus that of the chain (standard errors)",
+            "mean extension minus that of the chain (in standard errors)",
             odd="large pooled",
         ),
     ),
@@ -116,5 +122,11 @@ def known_forces(seen: Sequence[Observed], fixed: Fixed) -> Values:
 
 KNOWN_FORCES = Group(
     known_forces,
-    (Kind("known_force", "known forces", "fitted force over the one that [[magnet]] states (ln)"),),
+    (
+        Kind(
+            "known_force",
+            "known forces",
+            "fitted force compared with the one that [[magnet]] states (ln of the ratio)",
+        ),
+    ),
 )

@@ -148,8 +148,8 @@ def without_plateau(fit: TraceFit, expected_friction: float | None) -> str | Non
     if expected_friction is not None and friction > IMPLAUSIBLE_FRICTION * expected_friction:
         return None
     return (
-        "the spectrum does not level off at low frequencies, as a tethered bead's does: free "
-        "diffusion or drift look like this"
+        "the spectrum does not level off at low frequencies, as that of a tethered bead does: this "
+        "is how free diffusion or drift looks"
     )
 
 
@@ -179,7 +179,7 @@ def stuck(fit: TraceFit, conditions: Conditions, axis: int, tether_nm: float) ->
     if measured > least_power:
         return None
     return (
-        f"the bead moves {math.sqrt(measured / least_power):.2g} times as much as on a tether of "
-        f"{tether_nm:.0f} nm at {STRONGEST_TETHER_PN:.0f} pN, where DNA overstretches: it is "
-        "probably stuck"
+        f"the bead is probably stuck: it moves only {math.sqrt(measured / least_power):.2g} times "
+        f"as much as on a tether of {tether_nm:.0f} nm at {STRONGEST_TETHER_PN:.0f} pN, the most "
+        "that DNA bears"
     )

@@ -135,7 +135,7 @@ Methods = Annotated[
     list[str] | None,
     typer.Option(
         "--method",
-        help="Another method of the field by which each trace is calibrated too, for comparison: "
+        help="Another published method by which each trace is calibrated too, for comparison: "
         "equipartition, arctangent, allan, hadamard, … May be given several times.",
         callback=lambda names: known_methods(names or []),
     ),

@@ -120,7 +120,7 @@ def summary(out: Path) -> None:
     blocks: dict[tuple[str, ...], list[str]] = {}
     for bead in beads:
         found = bead_finding(run, bead)
-        change = [f"As configured → to quote: {found.change}."] if found.change else []
+        change = [f"As the setup states it → to quote: {found.change}."] if found.change else []
         note = [found.note] if found.note else []
         opening = f"{bead['verdict']}. {found.headline}"
         lines = (opening, *found.details, *note, *change, *found.reasons)

@@ -31,7 +31,7 @@ def _strengths(experiment: Experiment) -> list[tuple[str, float, str]]:
 
 
 _REMEDY = (
-    "measure it again; if it is confirmed, correct the scale of z (focus scan, "
+    "measure it again; if the value found here is right, correct the scale of z (focus scan, "
     "refractive index) in the setup."
 )
 EFFECT = Effect(

@@ -19,5 +19,7 @@ def _strengths(experiment: Experiment) -> list[tuple[str, float, str]]:
     return [("radius_nm", experiment.bead.radius_nm, "nm")]
 
 
-_REMEDY = "measure it again; if it is confirmed, correct [beads] radius_nm in the setup."
+_REMEDY = (
+    "measure it again; if the value found here is right, correct [beads] radius_nm in the setup."
+)
 EFFECT = Effect("bead_radius", _hypotheses, _cause, _strengths, remedy=_REMEDY)

@@ -13,6 +13,7 @@ from mtpipe.effects.magnetic_alignment import held_with, torque_stiffness
 from mtpipe.effects.off_center_attachment import attached_beside, offset
 from mtpipe.experiment.changes import with_magnets
 from mtpipe.experiment.description import Experiment
+from mtpipe.ground.written_numbers import rounded
 
 # Attachment's distance from the bead's axis, over the radius: starts of the fit, and its bound. At
 # 1 the bead would hang by its side.
@@ -56,7 +57,7 @@ def _cause(experiment: Experiment) -> str:
     ((_, beside_nm, _),), ((_, torque, _),) = offset(experiment), torque_stiffness(experiment)
     return (
         f"the bead rocks: its tether is attached {abs(beside_nm):.0f} nm beside its lowest "
-        f"point, and the field holds it with {torque:.2g} pN nm/rad at 1 pN"
+        f"point, and the field holds it with {rounded(torque, 2)} pN nm/rad at 1 pN"
     )
 
 

@@ -27,5 +27,8 @@ def _strengths(experiment: Experiment) -> list[tuple[str, float, str]]:
     return [("contour_length_nm", experiment.chain.contour_length_nm, "nm")]
 
 
-_REMEDY = "measure it again; if it is confirmed, correct [tether] contour_length_nm in the setup."
+_REMEDY = (
+    "measure it again; if the value found here is right, correct [tether] contour_length_nm in "
+    "the setup."
+)
 EFFECT = Effect("contour_length", _hypotheses, _cause, _strengths, remedy=_REMEDY)

@@ -19,7 +19,8 @@ def _hypotheses(experiment: Experiment, evidence: Evidence) -> list[Hypothesis]:
 
 def _cause(experiment: Experiment) -> str:
     return (
-        f"{experiment.clock.dropped_share:.1%} of the frames are missing without a gap in the file"
+        f"{100 * experiment.clock.dropped_share:.1f} % of the frames are missing, and the file "
+        "shows no gap there"
     )
 
 

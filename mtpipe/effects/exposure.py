@@ -43,5 +43,7 @@ def _strengths(experiment: Experiment) -> list[tuple[str, float, str]]:
     return [("exposure_s", experiment.camera.exposure_s, "s")]
 
 
-_REMEDY = "measure it again; if it is confirmed, correct [camera] exposure_s in the setup."
+_REMEDY = (
+    "measure it again; if the value found here is right, correct [camera] exposure_s in the setup."
+)
 EFFECT = Effect("exposure", _hypotheses, _cause, _strengths, shared=True, remedy=_REMEDY)

@@ -34,7 +34,7 @@ def _strengths(experiment: Experiment) -> list[tuple[str, float, str]]:
 
 
 _REMEDY = (
-    "measure it again; if it is confirmed, correct [field] direction, or the "
+    "measure it again; if the value found here is right, correct [field] direction, or the "
     "orientation of the camera, in the setup."
 )
 EFFECT = Effect(

@@ -15,6 +15,7 @@ from mtpipe.effects.effect import Effect, Evidence, Hypothesis, Read, plain
 from mtpipe.experiment.changes import with_magnets
 from mtpipe.experiment.description import Experiment, ForceCourse
 from mtpipe.experiment.parameter import Change, Parameter
+from mtpipe.ground.written_numbers import with_minus
 
 NAME = "relative change of the force"
 LARGEST, STEP = 1.0, 2e-3
@@ -73,11 +74,11 @@ def _cause(experiment: Experiment) -> str:
     courses = experiment.magnets.courses
     if _alike(experiment):
         return (
-            f"the force changes by {courses[0].relative_change:+.1%} during each plateau "
+            f"the force changes by {_percent(courses[0])} during each plateau "
             f"({_words(courses[0])})"
         )
     each = ", ".join(
-        f"{course.relative_change:+.1%} at {rest.magnet_mm:g} mm ({_words(course)})"
+        f"{_percent(course)} at {rest.magnet_mm:g} mm ({_words(course)})"
         for course, rest in zip(courses, experiment.rests, strict=True)
         if course.relative_change != 0
     )
@@ -88,7 +89,11 @@ def _words(course: ForceCourse) -> str:
     if course.kind == "ramp":
         return "steadily"
     kind = "settling with a time constant of" if course.kind == "settling" else "in a step at"
-    return f"{kind} {course.at:.0%} of the plateau"
+    return f"{kind} {100 * course.at:.0f} % of the plateau"
+
+
+def _percent(course: ForceCourse) -> str:
+    return with_minus(f"{100 * course.relative_change:+.1f} %")
 
 
 def _strengths(experiment: Experiment) -> list[tuple[str, float, str]]:

@@ -36,7 +36,7 @@ def _hypotheses(experiment: Experiment, evidence: Evidence) -> list[Hypothesis]:
 def _cause(experiment: Experiment) -> str:
     return (
         "the fluid that the bead has set in motion drags it along (hydrodynamic memory, "
-        f"{experiment.fluid.memory:.2g} of that far from any surface)"
+        f"{experiment.fluid.memory:.2g} times as strong as far from any surface)"
     )
 
 

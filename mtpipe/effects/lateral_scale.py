@@ -52,7 +52,7 @@ def _strengths(experiment: Experiment) -> list[tuple[str, float, str]]:
 
 
 _REMEDY = (
-    "measure it again; if it is confirmed, correct [camera] pixel_size_nm (the "
+    "measure it again; if the value found here is right, correct [camera] pixel_size_nm (the "
     "scale of x and y) in the setup."
 )
 EFFECT = Effect(

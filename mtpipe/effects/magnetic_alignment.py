@@ -5,6 +5,7 @@ from __future__ import annotations
 from mtpipe.effects.effect import Effect, Evidence, Hypothesis, logarithm
 from mtpipe.experiment.changes import with_magnets
 from mtpipe.experiment.description import Experiment
+from mtpipe.ground.written_numbers import rounded
 
 STARTS_PN_NM = (1e3, 3e4)
 
@@ -32,7 +33,7 @@ def _hypotheses(experiment: Experiment, evidence: Evidence) -> list[Hypothesis]:
 def _cause(experiment: Experiment) -> str:
     return (
         "the field holds the bead's axis with a torque stiffness of only "
-        f"{experiment.magnets.alignment_pN_nm or 0.0:.2g} pN nm/rad"
+        f"{rounded(experiment.magnets.alignment_pN_nm or 0.0, 2)} pN nm/rad"
     )
 
 

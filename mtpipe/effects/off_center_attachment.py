@@ -32,7 +32,8 @@ def _hypotheses(experiment: Experiment, evidence: Evidence) -> list[Hypothesis]:
 def _cause(experiment: Experiment) -> str:
     return (
         f"the tether is attached {experiment.bead.offset_nm:.0f} nm off the bead's axis, so that "
-        f"the recorded height lacks {experiment.bead.radius_nm - experiment.bead.lever_nm:.0f} nm"
+        f"the recorded height is {experiment.bead.radius_nm - experiment.bead.lever_nm:.0f} nm too "
+        "small"
     )
 
 

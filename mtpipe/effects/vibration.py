@@ -87,13 +87,13 @@ def _with(experiment: Experiment, number: int, **changes: Any) -> Experiment:
 def _cause(experiment: Experiment) -> str:
     first, *others = (_of_one(line) for line in experiment.stage.lines)
     also = "".join(f", and at {other}" for other in others)
-    return f"something vibrates (as recorded, perhaps an alias) at {first}{also}"
+    return f"something vibrates at {first}{also} (as recorded; it may be an alias)"
 
 
 def _of_one(line: Line) -> str:
     x, y, z = line.amplitude_nm
     steady = "" if math.isinf(line.coherence_s) else f", steady for {line.coherence_s:.2g} s"
-    return f"{line.frequency_hz:.2f} Hz{steady}, {x:.1f}, {y:.1f} and {z:.1f} nm in x, y and z"
+    return f"{line.frequency_hz:.2f} Hz{steady}, by {x:.1f}, {y:.1f} and {z:.1f} nm in x, y and z"
 
 
 def _strengths(experiment: Experiment) -> list[tuple[str, float, str]]:

@@ -20,7 +20,7 @@ def _strengths(experiment: Experiment) -> list[tuple[str, float, str]]:
 
 
 _REMEDY = (
-    "measure it again; if it is confirmed, correct [buffer] viscosity_mPa_s or "
+    "measure it again; if the value found here is right, correct [buffer] viscosity_mPa_s or "
     "temperature_K in the setup."
 )
 EFFECT = Effect("viscosity", _hypotheses, _cause, _strengths, shared=True, remedy=_REMEDY)

@@ -16,6 +16,7 @@ from mtpipe.experiment.changes import step_of, with_step
 from mtpipe.experiment.description import Experiment
 from mtpipe.experiment.step import Place, Seen
 from mtpipe.ground.types import FloatArray
+from mtpipe.ground.written_numbers import with_minus
 from mtpipe.physics.camera import Camera
 
 # Largest share of x or y in z. Real recordings have 0.02 to 0.35; with more, z is hardly a height.
@@ -74,8 +75,8 @@ def _hypotheses(experiment: Experiment, evidence: Evidence) -> list[Hypothesis]:
 def _cause(experiment: Experiment) -> str:
     share = _of(experiment)
     return (
-        f"the recorded height follows x and y: it contains {share.from_x:+.3f} of x and "
-        f"{share.from_y:+.3f} of y"
+        "the recorded height follows x and y: it contains "
+        f"{with_minus(f'{share.from_x:+.3f} times x and {share.from_y:+.3f} times y')}"
     )
 
 

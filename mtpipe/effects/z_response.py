@@ -153,9 +153,9 @@ def _hypothesis(experiment: Experiment, evidence: Evidence, length_nm: float) ->
 def _cause(experiment: Experiment) -> str:
     off, steepest = _largest(experiment)
     return (
-        "the look-up table's answer to height is a curve of its own, another at each position of "
-        f"the focus: heights are off by up to {off:.0f} nm, and z is recorded too large or too "
-        f"small by up to {100 * steepest:.0f} %"
+        "the look-up table does not follow the height in a straight line, and differently at each "
+        f"position of the focus: heights are off by up to {off:.0f} nm, and z is recorded "
+        f"too large or too small by up to {100 * steepest:.0f} %"
     )
 
 

@@ -72,7 +72,7 @@ def _imported(name: str) -> Any:
     except ImportError:
         raise MtpipeError(
             f"{name.replace('_', '-')} is not installed",
-            mend='Install mtpipe with it: pip install "mtpipe[cluster]".',
+            mend='In the folder of mtpipe: pip install ".[cluster]".',
         ) from None
 
 

@@ -31,6 +31,11 @@ def number(value: Any, digits: int = 3) -> str:
     return with_minus(shown.rstrip("0").rstrip(".") if "." in shown else shown)
 
 
+def rounded(value: float, digits: int) -> str:
+    """A number rounded to significant digits also before the decimal point: 1500, not 1483."""
+    return number(float(f"{value:.{digits - 1}e}"), digits)
+
+
 def with_error(value: Any, stderr: Any, *, brief: bool = True) -> str:
     """Value ± standard error, the error to one or two digits, the value to the same decimals.
 

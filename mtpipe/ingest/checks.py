@@ -169,7 +169,7 @@ def _check_units(tethered: Mapping[str, FloatArray], setup: Setup) -> list[Notic
         for axis in (0, 1):
             said = unlike_a_tether(xyz[:, axis], setup)
             if said:
-                said = f"Bead {bead} {said} in {AXES[axis]}: not a tethered bead, or not in nm."
+                said = f"Bead {bead} {said} in {AXES[axis]}: it is not tethered, or not in nm."
                 notices.append(Notice("unit", "warning", said, bead=bead, axis=AXES[axis]))
                 break
     if notices and len(notices) == len(tethered):

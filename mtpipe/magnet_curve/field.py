@@ -73,7 +73,8 @@ def field_T(distance_mm: FloatArray, of: dict[str, float], magnetised: str) -> F
         import magpylib
     except ImportError:
         raise MtpipeError(
-            "forces of [magnets] need magpylib", mend='pip install "mtpipe[magnets]"'
+            "forces of [magnets] need magpylib",
+            mend='In the folder of mtpipe: pip install ".[magnets]".',
         ) from None
     edges = [of[name] / 1e3 for name in ("width_mm", "length_mm", "height_mm")]
     aside = (of["gap_mm"] / 1e3 + edges[0]) / 2

@@ -50,8 +50,8 @@ VALIDITY: dict[Formula, Validity] = {
     ),
     "extensible": Validity(
         (0.0, 40.0),
-        "linear stretching holds up to about 40 pN (Wang et al. 1997); twist couples in above, and "
-        "DNA overstretches at 65 pN",
+        "linear stretching holds up to about 40 pN (Wang et al. 1997); above that, twist matters, "
+        "and DNA overstretches at 65 pN",
     ),
     "extensible-marko-siggia": Validity(
         (0.5, 40.0),

@@ -149,8 +149,8 @@ def findings(result: Run, truth: Mapping[str, Any]) -> Iterator[str]:
         )
         if named:
             yield (
-                f"forces of the configured experiment are off by {before:.1%} (median), by "
-                f"{after:.1%} with what was found."
+                f"with the setup as it is, forces are off by {before:.1%} (median); with what was "
+                f"found, by {after:.1%}."
             )
 
 
@@ -177,7 +177,7 @@ def _errors(forces: BeadForces, true_pN: tuple[float, ...]) -> tuple[list[float]
 
 _HEADINGS = (
     f"{'recording':20s}{'bead':6s}{'verdict':11s}{'true force (pN)':17s}{'median error':14s}"
-    f"{'in 68 %':11s}what it is"
+    f"{'in interval':13s}what it is"
 )
 
 
@@ -186,11 +186,11 @@ def _line(recording: str, score: BeadScore) -> str:
     if score.true_pN:
         force = f"{min(score.true_pN):.2f} to {max(score.true_pN):.2f}"
     if score.relative_errors:
-        sizes = sorted(abs(e) for e in score.relative_errors)
-        error = f"{sizes[len(sizes) // 2]:.1%}"
+        sizes = [abs(error) for error in score.relative_errors]
+        error = f"{statistics.median(sizes):.1%}"
         within = f"{score.inside} of {len(sizes)}"
     return (
-        f"{recording:20s}{score.bead:6s}{score.verdict:11s}{force:17s}{error:14s}{within:11s}"
+        f"{recording:20s}{score.bead:6s}{score.verdict:11s}{force:17s}{error:14s}{within:13s}"
         f"{score.what}"
     )
 

@@ -39,7 +39,7 @@ def verdict(p_value: float, comparisons: int, simulations: int) -> str:
     if p_value >= CONSISTENT:
         return f"Recording and simulations agree: {p} ({basis})."
     once = words.number(1 / max(p_value, 1e-300), 2)
-    often = f"one in {once} recordings of the configured experiment differs as much by chance"
+    often = f"by chance, one in {once} recordings of this experiment differs as much"
     if p_value >= MISMATCH:
         return f"No clear mismatch: {p}; {often} ({basis})."
     if p_value < 1 / (simulations + 1):

@@ -105,7 +105,8 @@ def _named(arrays: Arrays, named: Mapping[str, Any]) -> Picture | None:
     ratios = [*one["before"]["ratio"], *one["after"]["ratio"], 0.9, 1.1]
     return Picture(
         _over_frequency(data, one["frequency_hz"], ratios),
-        f"Recorded over expected power along {best}, plateau {one['plateau']}.",
+        f"Recorded power along {best}, divided by the expected: plateau {one['plateau']}, whose "
+        "spectrum changes most.",
     )
 
 
@@ -125,7 +126,7 @@ def _heights(arrays: Arrays, named: Mapping[str, Any]) -> Picture:
     )
     made["shapes"] = [_level(0)]
     return Picture(
-        {"data": data, "layout": made}, "Mean height, recorded less expected, by plateau."
+        {"data": data, "layout": made}, "Mean height of each plateau: recorded minus expected."
     )
 
 
@@ -137,7 +138,7 @@ def _left(arrays: Arrays, panel: Mapping[str, Any]) -> Picture:
     where = "all plateaus" if panel["plateau"] is None else f"plateau {panel['plateau']}"
     return Picture(
         _over_frequency(data, f, [*panel["ratio"], 0.9, 1.1]),
-        f"Recorded over expected power along {panel['axis']}, {where}.",
+        f"Recorded power along {panel['axis']}, divided by the expected: {where}.",
     )
 
 
@@ -209,7 +210,7 @@ def _spectrum_simulated(
     data = _among_simulated(arrays, f, ratio, low / middle, high / middle, AXIS_COLOUR[name])
     return Picture(
         _over_frequency(data, f, [*ratio, 0.9, 1.1], "recorded / simulated"),
-        f"Power over the median of simulations along {name}, plateau {plateau}.",
+        f"Recorded power along {name}, divided by the median of simulations: plateau {plateau}.",
     )
 
 
@@ -260,7 +261,7 @@ def _spectrum(arrays: Arrays, table: pd.DataFrame, name: str, plateau: int) -> P
     data = [_points(arrays, f, mean, error, colour, "circle", "recorded / fitted")]
     return Picture(
         _over_frequency(data, f, [*mean, 0.9, 1.1], "recorded / fitted"),
-        f"Recorded over fitted power along {name}, plateau {plateau}.",
+        f"Recorded power along {name}, divided by the fitted: plateau {plateau}.",
     )
 
 

@@ -14,7 +14,7 @@ from mtpipe.report import words
 from mtpipe.report.crosscheck_words import place_in_words
 from mtpipe.report.folder import RunFolder, records
 from mtpipe.report.plateau_forces import largest_change, quoted
-from mtpipe.report.remedies import remedy
+from mtpipe.report.remedies import remedy, stated
 
 HEADLINES = {
     "consistent": "The recording agrees with its simulation.",
@@ -33,9 +33,7 @@ OF_SPECTRA = ("psd_band", "allan_variance", "stiffness", "friction", "stiffness_
 SMALLEST_FACTOR = 0.01
 # Changes of a force by less than this are not worth a line.
 SMALLEST_CHANGE = 0.005
-UNCHECKED = (
-    "The fit can be good and the force wrong, if the experiment was not as the setup states it."
-)
+UNCHECKED = "Even a good fit gives a wrong force if the experiment was not as the setup states it."
 NO_FORCE = "The fit gives no force to quote."
 MIXED = "The plateau mixes several states and gives no force."
 VERDICT_BEADS = {
@@ -162,7 +160,7 @@ def _finds_out(run: RunFolder) -> str:
     """What to do about beads that nobody has cross-checked yet."""
     if any(n.code == "crosscheck_to_come" for n in run.notices):
         return "The cross-check is still to come."
-    return "To check it, run mtpipe again without --no-crosscheck."
+    return "To check this, run mtpipe again without --no-crosscheck."
 
 
 def _left(run: RunFolder, bead: str, located: Sequence[Mapping[str, Any]]) -> list[str]:
@@ -274,6 +272,7 @@ def _actions(
         return (_finds_out(run),)
     named = tuple(
         f"{words.label(one['effect']).capitalize()}: {remedy(one['effect'])}"
+        f"{stated(one['effect'], run.setup)}"
         for one in found["effects"]
     )
     if kind == "explained":

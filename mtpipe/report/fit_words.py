@@ -15,6 +15,9 @@ from typing import Any
 from mtpipe.report import words
 
 LEFT_OUT = "unlike_the_series"
+# A friction of single traces is told beside the one of the joint fit if it differs by more than
+# these: standard errors, and share.
+CLEARLY, LEAST_TOLD = 2, 0.05
 _JOINT = re.compile(
     "series of spectra: (x and y share the force|x and y apart), "
     "friction (expected from the setup|measured on this bead)"
@@ -108,13 +111,26 @@ def _friction(joint: JointFit, bead: Mapping[str, Any], *, radius_known: bool) -
             "The bead's radius is unknown in the setup, so it was fitted together with the friction"
         )
     if joint.friction_expected:
-        return "The friction agrees with the one expected from radius, viscosity and height"
+        return (
+            "The friction is the one expected from radius, viscosity and height, which fits "
+            f"the spectra together{_unlike_alone(bead)}"
+        )
     ratio = words.with_error(bead["friction_ratio"], bead["friction_ratio_stderr"])
     seen = f"; spectra fitted one by one have {ratio} times as much" if ratio != words.EMPTY else ""
     return (
         "The friction was measured on this bead, because its spectra contradict the one expected "
         f"from radius, viscosity and height{seen}"
     )
+
+
+def _unlike_alone(bead: Mapping[str, Any]) -> str:
+    """What single traces give, where that is clearly another friction."""
+    ratio, stderr = bead["friction_ratio"], bead["friction_ratio_stderr"]
+    if not (words.is_number(ratio) and words.is_number(stderr)):
+        return ""
+    if abs(ratio - 1) < max(CLEARLY * stderr, LEAST_TOLD):
+        return ""
+    return f"; spectra fitted one by one have {words.with_error(ratio, stderr)} times as much"
 
 
 def _left_out(lateral: Sequence[Mapping[str, Any]]) -> list[str]:

@@ -131,7 +131,8 @@ def span(low: Any, high: Any) -> str:
 def change(ratio: float) -> str:
     """A ratio as a change in percent, or as a factor where it is 2 or more either way."""
     if 0.5 < ratio < 2:
-        return f"{signed(100 * (ratio - 1), 1 if abs(ratio - 1) < 0.1 else 0)} %"
+        size = 100 * abs(ratio - 1)
+        return f"{size:.{1 if size < 10 else 0}f} % {'more' if ratio >= 1 else 'less'}"
     return f"{number(ratio, 2)} times as large"
 
 
