@@ -145,3 +145,17 @@ def test_camera_refuses_an_exposure_longer_than_a_frame():
     with pytest.raises(ValueError, match="exposure"):
         Camera(0.01, 0.02)
     Camera(0.01, 0.010005)  # rounding to 0.1 % is forgiven
+
+
+@pytest.mark.parametrize("exposure", [0.0, 0.3, 1.0])
+def test_how_frames_follow_each_other_tells_the_relaxation_time(exposure):
+    camera = cam.Camera(0.01, 0.01 * exposure)
+    tau_s = 0.01 * np.geomspace(0.03, 300, 40)
+    follows = cam.following(tau_s, camera)
+    assert (np.diff(follows) > 0).all()
+    c0 = cam.frame_variance(1.0, tau_s, camera)
+    c1 = cam.lag_one_covariance(1.0, tau_s, camera)
+    c2 = c1 * np.exp(-0.01 / tau_s)
+    np.testing.assert_allclose(follows, (c0 - c2) / (c0 - c1) - 1, rtol=1e-3, atol=1e-12)
+    if exposure == 0:
+        np.testing.assert_allclose(follows, np.exp(-0.01 / tau_s), rtol=1e-9)

@@ -28,10 +28,12 @@ class Correction:
 
     Attributes
     ----------
-    name : as FORMATS section 5 has it. case : with the effect taken off, fitted again.
+    name : as FORMATS section 5 has it; of a form, the form and its axis. case : with the effect
+        taken off, fitted again.
     strengths : its parameters. cause : what it is, as in `Effect`.
     chance_p : p-value of a test that tells it from everything else that a recording may contain;
         None where its own test does not.
+    form, axes : of a term, where nothing tells which of several effects it is; else empty.
     """
 
     name: str
@@ -39,3 +41,5 @@ class Correction:
     strengths: tuple[Strength, ...]
     cause: str
     chance_p: float | None = None
+    form: str = ""
+    axes: tuple[str, ...] = ()

@@ -100,7 +100,7 @@ class Named:
     @property
     def form(self) -> str:
         """Of a term; empty for an effect."""
-        return self.found.effect.form if isinstance(self.found, FittedEffect) else ""
+        return self.found.effect.form if isinstance(self.found, FittedEffect) else self.found.form
 
     @property
     def name(self) -> str:

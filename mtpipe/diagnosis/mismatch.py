@@ -286,10 +286,10 @@ def _effect(found: Explanation, one: Named) -> dict[str, Any]:
 
 
 def _term(found: Explanation, one: Named) -> dict[str, Any]:
-    assert isinstance(one.found, FittedEffect)
+    form = one.found.effect if isinstance(one.found, FittedEffect) else one.found
     return {
-        "form": one.form,
-        "axes": list(one.found.effect.axes),
+        "form": form.form,
+        "axes": list(form.axes),
         "plateaus": [plateau.number for plateau in found.before.case.plateaus],
         **_size_and_gain(found, one),
     }

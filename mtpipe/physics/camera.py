@@ -85,6 +85,16 @@ def lag_one_covariance(variance: ArrayLike, tau_s: ArrayLike, camera: Camera) ->
     return np.asarray(variance, dtype=float) * edge**2 * dead
 
 
+def following(tau_s: ArrayLike, camera: Camera) -> FloatArray:
+    """Mean square step over two frames over that over one, less 1: e^{−D/τ} for short exposures.
+
+    (c₁ − c₂)/(c₀ − c₁), which slow drift of the recorded positions hardly changes.
+    """
+    tau = np.asarray(tau_s, dtype=float)
+    alone, next_one = (of(1.0, tau, camera) for of in (frame_variance, lag_one_covariance))
+    return np.asarray(next_one * -np.expm1(-camera.frame_s / tau) / (alone - next_one))
+
+
 def mean_variance(
     variance: ArrayLike, tau_s: ArrayLike, camera: Camera, frames: int | NDArray[np.int64]
 ) -> FloatArray:
