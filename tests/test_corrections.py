@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from mtpipe.corrections import pixel_locking, surface_sticking, z_response
+from mtpipe.corrections import height_curve, pixel_locking, softness, surface_sticking, z_response
 from mtpipe.corrections.catalogue import CORRECTIONS
 from mtpipe.corrections.correction import Correction
 from mtpipe.corrections.surface_sticking import bound_stretches
@@ -285,13 +285,13 @@ def correlation(one, other):
 
 def test_a_curve_is_undone_exactly():
     heights = np.linspace(-2.0, 2.0, 13)
-    curve = z_response.Curve(heights, stepped(heights, 1.0))
+    curve = height_curve.Curve(heights, stepped(heights, 1.0))
     many = np.linspace(-5.0, 5.0, 1001)
     recorded = curve.answered(many)
     assert (np.diff(recorded) > 0).all()
     np.testing.assert_allclose(curve.undone(curve.recorded), heights, atol=1e-12)
     np.testing.assert_allclose(curve.undone(recorded), many, atol=0.03)
-    straight = z_response.Curve(heights, heights)
+    straight = height_curve.Curve(heights, heights)
     z_nm = 900.0 + 12.0 * many
     np.testing.assert_allclose(z_response.straightened(z_nm, straight), z_nm)
 
@@ -313,19 +313,20 @@ def softer_at_some_heights(frames, steps, random):
 def test_a_tether_that_is_softer_at_some_heights_shows_as_much_in_steps_as_expected(steps):
     """By brute force, with frames of 0.2 to 2 relaxation times that are exposed throughout."""
     random, camera = small_case.generator(31), Camera(1.0, 1.0)
-    z = z_response._standardised(softer_at_some_heights(12000, steps, random))
+    z = height_curve.standardised(softer_at_some_heights(12000, steps, random))
     straight = [
-        z_response._standardised(z_response.tether_like(None, 50 / steps, camera, random))
+        height_curve.standardised(softness.tether_like(None, 50 / steps, camera, random))
         for _ in range(24)
     ]
-    quantiles = np.mean([np.quantile(one, z_response.SHARES) for one in straight], axis=0)
-    curve = z_response.Curve(quantiles, np.quantile(z, z_response.SHARES))
+    quantiles = np.mean([np.quantile(one, height_curve.SHARES) for one in straight], axis=0)
+    curve = height_curve.Curve(quantiles, np.quantile(z, height_curve.SHARES))
     by_table = [curve.answered(one) for one in straight]
     steps_of = [
-        np.array([z_response._fast_by_height(one) for one in some]) for some in (straight, by_table)
+        np.array([height_curve.fast_by_height(one) for one in some])
+        for some in (straight, by_table)
     ]
-    share, stderr = z_response._share(z_response._fast_by_height(z), *steps_of)
-    expected, its_stderr = z_response._of_softness(curve, z, camera, random)
+    share, stderr = height_curve.share_of_way(height_curve.fast_by_height(z), *steps_of)
+    expected, its_stderr = softness.steps_of_softness(curve, z, camera, random)
     assert stderr < 0.15
     assert abs(share - expected) < 2.6 * np.hypot(stderr, its_stderr)
     assert expected < 1 - 2.6 * stderr or steps == 100
@@ -341,7 +342,7 @@ def test_a_tether_that_is_softer_at_some_heights_shows_as_much_in_steps_as_expec
     ],
 )
 def test_a_table_is_told_from_a_tether_by_more_than_chance(share, stderr, of_softness, told_apart):
-    curve = z_response.Curve(np.arange(3.0), np.arange(3.0))
+    curve = height_curve.Curve(np.arange(3.0), np.arange(3.0))
     one = z_response.PlateauCurve(0, curve, 0.2, 0.02, 1e-9, (share, stderr), (of_softness, 0.03))
     assert one.told_apart is told_apart
 

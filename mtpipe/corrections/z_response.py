@@ -18,55 +18,31 @@ from dataclasses import dataclass
 
 import numpy as np
 from scipy import stats
-from scipy.interpolate import PchipInterpolator
-from scipy.ndimage import gaussian_filter1d
 
 from mtpipe.corrections.correction import Correction, Strength
+from mtpipe.corrections.height_curve import (
+    SHARES,
+    Curve,
+    fast_by_height,
+    share_of_way,
+    standardised,
+)
 from mtpipe.corrections.retraced import with_positions
+from mtpipe.corrections.softness import steps_of_softness
 from mtpipe.crosschecking.check import CLEARLY_NOT, BeadCheck, p_value_but_moments
 from mtpipe.crosschecking.prepared_bead import PreparedBead
 from mtpipe.crosschecking.twin import TwinMaker
 from mtpipe.effects.z_response import EFFECT
 from mtpipe.ground.errors import FitError
 from mtpipe.ground.types import FloatArray
-from mtpipe.physics.camera import Camera, following
 
 NAME = EFFECT.name
 # Simulations without a curve, and as many with it: means and spreads are known to a fifth.
 SIMULATIONS = 24
-# Shares of the heights below each point of the curve: outside, few frames say how it goes on.
-SHARES = np.linspace(0.02, 0.98, 13)
 # p-values of the distribution and of how fast motion depends on height: of each, and of both.
 EACH_P, BOTH_P = 1e-2, 1e-5
 # With the curve of the distribution, half or less is left of how fast motion depends on height.
 LEFT_WITH_IT = 0.5
-# Relaxation times, in frames, among which that of the heights is found.
-RELAXATION_FRAMES = np.geomspace(0.05, 1000.0, 400)
-# Heights of a tether that is softer at some of them: number of frames, farthest from the mean and
-# width over which the bumps of the density of noisy quantiles are smoothed (standard deviations),
-# longest step (relaxation times), fewest steps of a frame.
-FRAMES, FARTHEST, SMOOTH, LARGEST_STEP, FEWEST_STEPS = 4000, 5.0, 0.25, 0.05, 10
-
-
-@dataclass(frozen=True, eq=False)
-class Curve:
-    """What a table makes of heights about their mean, both in standard deviations of z.
-
-    Attributes
-    ----------
-    heights, recorded : (13,) increasing.
-    """
-
-    heights: FloatArray
-    recorded: FloatArray
-
-    def answered(self, heights: FloatArray) -> FloatArray:
-        """What is recorded of heights."""
-        return _through(self.heights, self.recorded, heights)
-
-    def undone(self, recorded: FloatArray) -> FloatArray:
-        """Heights of which this was recorded."""
-        return _through(self.recorded, self.heights, recorded)
 
 
 @dataclass(frozen=True, eq=False)
@@ -172,16 +148,16 @@ def curves(case: PreparedBead, random: np.random.Generator) -> list[PlateauCurve
     twins = [maker.draw(random).positions_nm for _ in range(SIMULATIONS)]
     seen = []
     for i, position in enumerate(case.positions_nm):
-        z = _standardised(position[:, 2])
-        simulated = [_standardised(twin[i][:, 2]) for twin in twins]
+        z = standardised(position[:, 2])
+        simulated = [standardised(twin[i][:, 2]) for twin in twins]
         each = np.array([np.nanquantile(one, SHARES) for one in simulated])
         curve = Curve(each.mean(axis=0), np.nanquantile(z, SHARES))
         if not (np.diff(curve.recorded) > 0).all():
             continue  # heights are read in coarse steps
-        curved = [_standardised(curve.answered(one)) for one in simulated]
-        fast = _fast_by_height(z)
+        curved = [standardised(curve.answered(one)) for one in simulated]
+        fast = fast_by_height(z)
         straight, foretold = (
-            np.array([_fast_by_height(one) for one in some]) for some in (simulated, curved)
+            np.array([fast_by_height(one) for one in some]) for some in (simulated, curved)
         )
         both = _odd_p(curve.recorded, each), _odd_p(fast, straight)
         p_value = len(case.positions_nm) * float(stats.combine_pvalues(both).pvalue)
@@ -193,77 +169,10 @@ def curves(case: PreparedBead, random: np.random.Generator) -> list[PlateauCurve
         own = np.array([_slope_spread(Curve(curve.heights, one)) for one in each])
         slope = math.sqrt(max(_slope_spread(curve) ** 2 - np.mean(own**2), 0.0))
         stderr = float(np.std(own, ddof=1))
-        softness = _of_softness(curve, z, case.fit.model.experiment.camera, random)
-        in_steps = _share(fast, straight, foretold)
+        softness = steps_of_softness(curve, z, case.fit.model.experiment.camera, random)
+        in_steps = share_of_way(fast, straight, foretold)
         seen.append(PlateauCurve(i, curve, slope, stderr, p_value, in_steps, softness))
     return seen
-
-
-def _share(fast: FloatArray, straight: FloatArray, foretold: FloatArray) -> tuple[float, float]:
-    """How far numbers (m,) are from those of simulations without a curve to those with it: 0 to 1;
-    and the standard error.
-
-    Parameters
-    ----------
-    straight, foretold : (simulations, m).
-    """
-    way = foretold.mean(axis=0) - straight.mean(axis=0)
-    weight = way / straight.var(axis=0, ddof=1)
-    shares = [float((one - straight.mean(axis=0)) @ weight / (way @ weight)) for one in straight]
-    share = float((fast - straight.mean(axis=0)) @ weight / (way @ weight))
-    return share, float(np.std(shares, ddof=1))
-
-
-def _of_softness(curve: Curve, z: FloatArray, camera: Camera, random: np.random.Generator) -> float:
-    """How much of what a curve of the table does to steps a tether does that is softer where the
-    table would be steep, and gives the same distribution: by simulation (`tether_like`), as how far
-    the bead moves within a frame depends on the form of the curve; and the standard error.
-    """
-    able_s = RELAXATION_FRAMES * camera.frame_s
-    tau_s = float(np.interp(_following(z), following(able_s, camera), able_s))
-    heights = [tether_like(None, tau_s, camera, random) for _ in range(SIMULATIONS)]
-    softer = [tether_like(curve, tau_s, camera, random) for _ in range(SIMULATIONS)]
-    straight = [_standardised(one) for one in heights]
-    each = np.array([np.quantile(one, SHARES) for one in straight])
-    of_softer = np.mean([np.quantile(_standardised(one), SHARES) for one in softer], axis=0)
-    own = Curve(each.mean(axis=0), of_softer)
-    share, stderr = _share(
-        np.mean([_fast_by_height(_standardised(one)) for one in softer], axis=0),
-        np.array([_fast_by_height(one) for one in straight]),
-        np.array([_fast_by_height(own.answered(one)) for one in straight]),
-    )
-    return share, stderr / math.sqrt(SIMULATIONS)
-
-
-def tether_like(
-    curve: Curve | None, tau_s: float, camera: Camera, random: np.random.Generator
-) -> FloatArray:
-    """(4000,) heights that are recorded of a bead on a spring that is softer where a curve is
-    steep, so that they are distributed by it; None: a spring of one stiffness.
-
-    Parameters
-    ----------
-    tau_s : relaxation time of the spring of one stiffness, whose standard deviation is 1.
-    """
-    # numba is loaded where something is simulated only
-    from mtpipe.simulation.axial_steps import averaged_heights
-
-    at = np.linspace(-FARTHEST, FARTHEST, 401)
-    ln_density = -(at**2) / 2
-    if curve is not None:
-        heights = curve.undone(at)
-        ln_density = np.log(np.gradient(heights, at)) - heights**2 / 2
-        bumps = ln_density + at**2 / 2
-        ln_density = gaussian_filter1d(bumps, SMOOTH / (at[1] - at[0]), mode="nearest") - at**2 / 2
-    steps = max(math.ceil(camera.frame_s / (LARGEST_STEP * tau_s)), FEWEST_STEPS)
-    step = camera.frame_s / steps / tau_s
-    exposed = round(steps * camera.exposure_s / camera.frame_s)
-    move, spread = np.gradient(ln_density, at) * step, np.full(len(at), math.sqrt(2 * step))
-    begun = random.normal()
-    found, _ = averaged_heights(
-        move, spread, -FARTHEST, FARTHEST, begun, FRAMES, steps, exposed, random
-    )
-    return found
 
 
 def _odd_p(recorded: FloatArray, simulated: FloatArray) -> float:
@@ -286,49 +195,7 @@ def _far(one: FloatArray, simulated: FloatArray) -> float:
     return float(np.sum(((one - simulated.mean(axis=0)) / spread) ** 2))
 
 
-def _fast_by_height(z: FloatArray) -> FloatArray:
-    """(12,) ln of the root mean square step from one frame to the next, by the height at which it
-    is made, about the mean over heights.
-
-    Parameters
-    ----------
-    z : (n,) NaN where lost.
-    """
-    step, height = np.diff(z), (z[1:] + z[:-1]) / 2
-    known = np.isfinite(step)
-    step, height = step[known], height[known]
-    edges = np.quantile(height, SHARES)
-    place = np.digitize(height, edges)
-    squares = np.bincount(place, step**2, minlength=len(SHARES) + 1)[1 : len(SHARES)]
-    counts = np.bincount(place, minlength=len(SHARES) + 1)[1 : len(SHARES)]
-    with np.errstate(divide="ignore", invalid="ignore"):  # NaN where no step is made at a height
-        size = 0.5 * np.log(squares / counts)
-    return np.asarray(size - size.mean())
-
-
-def _following(z: FloatArray) -> float:
-    """Mean square step over two frames over that over one, less 1, as `physics.camera.following`.
-
-    Noise makes it smaller, so that less is told apart.
-    """
-    one, two = (float(np.nanmean((z[by:] - z[:-by]) ** 2)) for by in (1, 2))
-    return two / one - 1
-
-
 def _slope_spread(curve: Curve) -> float:
     """Standard deviation of a curve's slope over the heights, relative to its mean."""
     slope = np.diff(curve.recorded) / np.diff(curve.heights)
     return float(np.std(slope) / np.mean(slope))
-
-
-def _standardised(z: FloatArray) -> FloatArray:
-    return np.asarray((z - np.nanmean(z)) / np.nanstd(z))
-
-
-def _through(x: FloatArray, y: FloatArray, values: FloatArray) -> FloatArray:
-    """A smooth rising curve through points, and straight on beyond them."""
-    curve = PchipInterpolator(x, y)
-    inside = np.clip(values, x[0], x[-1])
-    below = (y[1] - y[0]) / (x[1] - x[0]) * np.minimum(values - x[0], 0.0)
-    above = (y[-1] - y[-2]) / (x[-1] - x[-2]) * np.maximum(values - x[-1], 0.0)
-    return np.asarray(curve(inside) + below + above)
