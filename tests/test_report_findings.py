@@ -57,6 +57,17 @@ def test_a_bead_says_what_where_and_how_large(folder: Path) -> None:
     assert found.change.endswith(", 25 % more")
 
 
+def test_a_cause_of_a_part_is_not_said_to_be_unknown(folder: Path) -> None:
+    def some(content: dict[str, Any]) -> None:
+        named = {"effect": "z_response", "sentence": "The table is curved.", "parameters": {}}
+        content["beads"][UNEXPLAINED]["effects"] = [named]
+
+    change_json(folder / "mismatch.json", some)
+    found = finding(folder, UNEXPLAINED)
+    assert found.details[0] == "The table is curved."
+    assert found.headline.endswith("What was found explains a part of it.")
+
+
 def test_the_clearest_correction_of_a_spectrum_is_said_in_numbers(folder: Path) -> None:
     place = {"plateau": None, "band_hz": [0.4, 2.5], "factor": 1.16, "factor_stderr": 0.02}
     fainter = place | {"plateau": 2, "factor": 1.9, "factor_stderr": 0.4}

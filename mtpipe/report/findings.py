@@ -25,6 +25,7 @@ HEADLINES = {
     "unchecked": "Not checked against a simulation.",
     "refused": "This bead gives no force.",
 }
+PARTLY = "The recording differs from its simulation. What was found explains a part of it."
 DIFFERENT = ("explained", "described", "unexplained")
 # Statistics of the cross-check that are about the spectrum or what follows from it.
 OF_SPECTRA = ("psd_band", "allan_variance", "stiffness", "friction", "stiffness_along_series",
@@ -51,6 +52,7 @@ class Finding:
     Attributes
     ----------
     kind : a key of `HEADLINES`.
+    named : whether a cause or a term is among the details.
     details : what, where and how large.
     note : what it may do to the forces; empty where nobody looked.
     forces : range of the forces to quote; empty where there is none.
@@ -61,6 +63,7 @@ class Finding:
     """
 
     kind: str
+    named: bool
     details: tuple[str, ...]
     note: str
     forces: str
@@ -71,8 +74,8 @@ class Finding:
 
     @property
     def headline(self) -> str:
-        """The finding in one sentence, the same for all beads of a kind."""
-        return HEADLINES[self.kind]
+        """The finding in one sentence, or two short ones, the same for all beads of a kind."""
+        return PARTLY if self.kind == "unexplained" and self.named else HEADLINES[self.kind]
 
 
 def bead_finding(run: RunFolder, bead: Mapping[str, Any]) -> Finding:
@@ -94,6 +97,7 @@ def bead_finding(run: RunFolder, bead: Mapping[str, Any]) -> Finding:
         reasons = reasons[1:]
     return Finding(
         kind=kind,
+        named=any(found.get(part) for part in ("effects", "terms")),
         details=reasons
         if kind == "refused"
         else _details(run, name, found, has_force=len(given) > 0),
