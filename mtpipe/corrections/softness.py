@@ -38,8 +38,7 @@ def steps_of_softness(
     table would be steep, and gives the same distribution: by simulation (`tether_like`), as how far
     the bead moves within a frame depends on the form of the curve; and the standard error.
     """
-    able_s = RELAXATION_FRAMES * camera.frame_s
-    tau_s = float(np.interp(following_of(z), following(able_s, camera), able_s))
+    tau_s = relaxation_s(z, camera)
     heights = [tether_like(None, tau_s, camera, random) for _ in range(SIMULATIONS)]
     softer = [tether_like(curve, tau_s, camera, random) for _ in range(SIMULATIONS)]
     straight = [standardised(one) for one in heights]
@@ -55,9 +54,13 @@ def steps_of_softness(
 
 
 def tether_like(
-    curve: Curve | None, tau_s: float, camera: Camera, random: np.random.Generator
+    curve: Curve | None,
+    tau_s: float,
+    camera: Camera,
+    random: np.random.Generator,
+    frames: int = FRAMES,
 ) -> FloatArray:
-    """(4000,) heights that are recorded of a bead on a spring that is softer where a curve is
+    """(frames,) heights that are recorded of a bead on a spring that is softer where a curve is
     steep, so that they are distributed by it; None: a spring of one stiffness.
 
     Parameters
@@ -80,9 +83,15 @@ def tether_like(
     move, spread = np.gradient(ln_density, at) * step, np.full(len(at), math.sqrt(2 * step))
     begun = random.normal()
     found, _ = averaged_heights(
-        move, spread, -FARTHEST, FARTHEST, begun, FRAMES, steps, exposed, random
+        move, spread, -FARTHEST, FARTHEST, begun, frames, steps, exposed, random
     )
     return found
+
+
+def relaxation_s(z: FloatArray, camera: Camera) -> float:
+    """Relaxation time of heights, by how frames follow each other."""
+    able_s = RELAXATION_FRAMES * camera.frame_s
+    return float(np.interp(following_of(z), following(able_s, camera), able_s))
 
 
 def following_of(z: FloatArray) -> float:
