@@ -343,7 +343,9 @@ def test_a_tether_that_is_softer_at_some_heights_shows_as_much_in_steps_as_expec
 )
 def test_a_table_is_told_from_a_tether_by_more_than_chance(share, stderr, of_softness, told_apart):
     curve = height_curve.Curve(np.arange(3.0), np.arange(3.0))
-    one = z_response.PlateauCurve(0, curve, 0.2, 0.02, 1e-9, (share, stderr), (of_softness, 0.03))
+    one = z_response.PlateauCurve(
+        0, curve, 0.2, 0.02, 1e-9, (share, stderr), (of_softness, 0.03), 3
+    )
     assert one.told_apart is told_apart
 
 

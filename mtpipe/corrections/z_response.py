@@ -56,7 +56,7 @@ class PlateauCurve:
         together (Fisher), times the number of plateaus.
     in_steps : how much of what the curve foretells of the steps they show, and the standard error.
     of_softness : how much they would if it were a tether that is softer at some heights, and the
-        standard error.
+        standard error. plateaus : in which a curve was looked for.
     """
 
     plateau: int
@@ -66,13 +66,14 @@ class PlateauCurve:
     p_value: float
     in_steps: tuple[float, float]
     of_softness: tuple[float, float]
+    plateaus: int
 
     @property
     def told_apart(self) -> bool:
         """Whether steps show more than a tether's softness would, and rather all of it."""
         (share, stderr), (softness, its_stderr) = self.in_steps, self.of_softness
-        more = stats.norm.sf((share - softness) / math.hypot(stderr, its_stderr)) < EACH_P
-        return bool(more and share > (1 + softness) / 2)
+        p_value = self.plateaus * stats.norm.sf((share - softness) / math.hypot(stderr, its_stderr))
+        return bool(p_value < EACH_P and share > (1 + softness) / 2)
 
 
 def find(check: BeadCheck, random: np.random.Generator) -> Correction | None:
@@ -171,7 +172,8 @@ def curves(case: PreparedBead, random: np.random.Generator) -> list[PlateauCurve
         stderr = float(np.std(own, ddof=1))
         softness = steps_of_softness(curve, z, case.fit.model.experiment.camera, random)
         in_steps = share_of_way(fast, straight, foretold)
-        seen.append(PlateauCurve(i, curve, slope, stderr, p_value, in_steps, softness))
+        number = len(case.positions_nm)
+        seen.append(PlateauCurve(i, curve, slope, stderr, p_value, in_steps, softness, number))
     return seen
 
 
