@@ -385,6 +385,22 @@ def test_hops_that_are_not_clearly_seen_cost_as_much_as_a_form(
     assert single_events.unseen_member(case, best, [best, instead], generator(1)) == left_out
 
 
+@pytest.mark.parametrize(("nats", "odds"), [(20.0, 0.0), (0.0, 1.0), (-1.0, 1.0), (4.0, 0.3)])
+def test_gaussian_motion_of_their_power_is_as_likely_as_hops_that_heights_do_not_show(
+    monkeypatch, nats, odds
+):
+    monkeypatch.setattr(single_events, "seen_nats", lambda case, single, random: nats)
+    hopping, drift = (
+        FittedEffect(BY_NAME[name], None, None, 0.0, 0.0, None, 0) for name in ("hopping", "drift")
+    )
+    case = prepare(changed(np.eye(3)), "b1")
+    given = single_events.odds_of_smooth(case, case.fit, hopping, generator(1))
+    assert given >= odds if nats <= 0 else given <= odds
+    assert single_events.odds_of_smooth(case, case.fit, drift, generator(1)) == 0
+    # as likely as not: it is told by what it does
+    assert BY_NAME["hopping"].unnamed == ("lorentzian", ("z",))
+
+
 @pytest.mark.parametrize(
     ("nameable", "expected"), [("abc", "abc"), ("ab", "ab"), ("", ""), ("abc ab", "abc")]
 )
@@ -418,6 +434,7 @@ def test_what_simulations_object_to_pays_for_a_term_and_for_no_name(name, object
     [
         ("lateral_scale", 0.02, None, "lateral_scale"),
         ("lateral_scale", 50.0, None, "gain"),
+        ("hopping", 50.0, None, "lorentzian"),
         ("lateral_scale", 1.5, 0.5, "lateral_scale"),
         ("z_crosstalk", 1.5, None, "mixing"),
         ("viscosity", 1.5, None, None),

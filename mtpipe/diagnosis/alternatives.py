@@ -131,6 +131,8 @@ def or_by_form(one: Named) -> Named | None:
     if not form:
         return None
     effect = replace(one.found.effect, form=form, axes=axes)
+    if effect.single is not None:
+        effect = replace(effect, cause=effect.single.power)
     return replace(one, found=replace(one.found, effect=effect), alternatives=())
 
 

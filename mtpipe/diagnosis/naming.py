@@ -27,6 +27,7 @@ from mtpipe.diagnosis.explanation import Named, agrees, ln_of
 from mtpipe.diagnosis.heldout import heldout_gain
 from mtpipe.diagnosis.judging import better_judged, checked_with, rejected
 from mtpipe.diagnosis.probability import smooth_gain, unknown_nats, weight
+from mtpipe.diagnosis.single_events import odds_of_smooth
 from mtpipe.diagnosis.unexplained import Rejected
 from mtpipe.effects.effect import Effect
 from mtpipe.ground.errors import FitError
@@ -111,6 +112,8 @@ def named_of(
     told = []
     for one, place in zip(named, places, strict=True):
         sets = weight(unknown) + weight_without(one.name, best, others)
+        if isinstance(one.found, FittedEffect):
+            sets += odds_of_smooth(begun.case, best.fit, one.found, random)
         one = with_alternatives(one, best.names, place, check, sets, left_smooth)
         likely = or_by_form(one)
         if likely is None:

@@ -12,10 +12,11 @@ from mtpipe.crosschecking.prepared_bead import PreparedBead, described
 from mtpipe.crosschecking.twin import TwinMaker
 from mtpipe.diagnosis.causes import Causes
 from mtpipe.diagnosis.explanation import ALIKE_NATS
-from mtpipe.diagnosis.probability import CAUSE_NATS, TERM_NATS
+from mtpipe.diagnosis.probability import CAUSE_NATS, TERM_NATS, weight
 from mtpipe.effects.effect import SingleEvents
 from mtpipe.ground.errors import FitError
 from mtpipe.ground.types import FloatArray
+from mtpipe.joint_fit.fit import ConfiguredFit
 from mtpipe.joint_fit.hypotheses import FittedEffect
 
 # Simulations with events, and as many with Gaussian motion of their power: means and spreads of
@@ -67,6 +68,25 @@ def _formed(one: FittedEffect, causes: Causes, weighed: Iterable[Causes]) -> boo
         and all(member.effect.form for member in other.members if member.effect.name not in rest)
         for other in weighed
     )
+
+
+def odds_of_smooth(
+    case: PreparedBead, fit: ConfiguredFit, one: FittedEffect, random: np.random.Generator
+) -> float:
+    """Weight of Gaussian motion that has the power of an effect's events, over that of the events:
+    where traces do not clearly show these, they have cost as much as a term, and are as likely.
+
+    Parameters
+    ----------
+    case : of the bead, with any fit. fit : with all that is named.
+    """
+    if one.effect.single is None:
+        return 0.0
+    try:
+        nats = seen_nats(replace(case, fit=fit), one.effect.single, random)
+    except (FitError, ValueError):
+        return 0.0
+    return weight(-nats) if nats < ALIKE_NATS else 0.0
 
 
 def seen_nats(case: PreparedBead, single: SingleEvents, random: np.random.Generator) -> float:

@@ -96,10 +96,12 @@ class SingleEvents:
         experiment, the force (pN) of each plateau, the frame interval (s) and the heights (frames,)
         of each (nm, NaN where lost). What it is for either is for simulations to say.
     smooth : the experiment with Gaussian motion of the same power in the place of the events.
+    power : says what they do to spectra, of traces that do not show them.
     """
 
     nats: Callable[[Experiment, Sequence[float], float, Sequence[FloatArray]], float]
     smooth: Callable[[Experiment], Experiment]
+    power: Callable[[Experiment], str]
 
 
 @dataclass(frozen=True)

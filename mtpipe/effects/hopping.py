@@ -204,6 +204,15 @@ def _cause(experiment: Experiment) -> str:
     )
 
 
+def _power(experiment: Experiment) -> str:
+    hopping = step_of(experiment, Hopping)
+    rate_hz = 0.0 if hopping is None else hopping.rate_hz
+    return (
+        f"z has additional power around {rate_hz:.2g} Hz, most at one force, as of a tether that "
+        f"changes its length; jumps between two lengths are not seen in the heights"
+    )
+
+
 def _strengths(experiment: Experiment) -> list[tuple[str, float, str]]:
     hopping = step_of(experiment, Hopping)
     if hopping is None:
@@ -226,6 +235,7 @@ EFFECT = Effect(
     _strengths,
     still=_still,
     events=_hops,
-    single=SingleEvents(_two_levels, _smooth),
+    single=SingleEvents(_two_levels, _smooth, _power),
+    unnamed=("lorentzian", ("z",)),
     remedy=_REMEDY,
 )
