@@ -160,7 +160,7 @@ def test_the_sentence_says_cause_consequence_and_agreement(concealed):
     assert sentence.startswith(cause)
     size = r"[\d.]+ ± [\d.]+"
     assert re.search(f"Ignoring it {consequence.replace('SIZE', size)}", sentence)
-    assert "With it the recording agrees with its simulation" in sentence
+    assert "With this cause the recording agrees with its simulation" in sentence
     place = r"This shows most (along the field \(x\)|across the field \(y\)|in height \(z\))"
     where = rf"{place}.*(at [\d.–]+ pN \(plateaus? [\d, ]+\)|at all forces)\. Ignoring"
     assert re.search(where, sentence)

@@ -40,7 +40,8 @@ def sentence(found: Explanation, one: Named) -> str:
         if found.verdict in ("explained", "described")
         else "is nearer to its simulation, but still differs"
     )
-    with_it = f"With it the recording {agrees} (p {before} → {after})"
+    kind = "term" if one.form else "cause"
+    with_it = f"With this {kind} the recording {agrees} (p {before} → {after})"
     without = "Ignoring it"
     if not single:
         with_it = f"With all causes found the recording {agrees}; this one changes p from {before} "

@@ -86,7 +86,7 @@ def magnet_unit(values: FloatArray) -> tuple[str, str]:
         unit = "um" if largest < 1e3 * LONGEST_MAGNET_MM else "nm"
     elif 0 < largest < 1e-3 * LONGEST_MAGNET_MM and largest < 0.02:
         unit = "m"
-    return unit, f"unit guessed: the largest value is {_short(largest)}"
+    return unit, f"its unit is a guess: values are up to {_short(largest)}"
 
 
 def rotation_unit(name: str, values: FloatArray) -> tuple[str, str]:
@@ -96,7 +96,7 @@ def rotation_unit(name: str, values: FloatArray) -> tuple[str, str]:
     largest = float(np.nanmax(np.abs(values), initial=0.0))
     unit = "degree" if largest > MOST_TURNS else "turn"
     assert unit in TURNS_PER_UNIT
-    return unit, f"unit guessed: the largest value is {_short(largest)}"
+    return unit, f"its unit is a guess: values are up to {_short(largest)}"
 
 
 def _tremble(values: FloatArray) -> float:

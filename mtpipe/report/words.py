@@ -85,6 +85,16 @@ LABELS = {
 # Below this the tail of a hundred simulations says no more than "very small".
 SMALLEST_P = 1e-12
 SEVERITY_ORDER = {"warning": 0, "caution": 1, "info": 2}
+# Steps of a run, by their names in `run.json`.
+STEPS = {
+    "track": "tracking",
+    "read": "reading",
+    "drift": "subtracting drift",
+    "states": "testing plateaus",
+    "calibrate": "calibration",
+    "crosscheck": "cross-check",
+    "force-extension": "force–extension curves",
+}
 
 
 def text(value: Any) -> str:
@@ -171,7 +181,8 @@ def measured(value: Measured, unit: str) -> str:
 
 def setup_in_words(setup: Setup) -> list[tuple[str, str]]:
     """The setup as pairs of a name and a phrase."""
-    camera, across = setup.camera, "y" if setup.field.direction == "x" else "x"
+    camera, along = setup.camera, setup.field.direction
+    across = "y" if along == "x" else "x"
     exposure = measured(camera.exposure_s, "s")
     if camera.exposure_s.value is not None and camera.frame_rate_hz.value is not None:
         share = 100 * camera.exposure_s.value * camera.frame_rate_hz.value
@@ -189,7 +200,7 @@ def setup_in_words(setup: Setup) -> list[tuple[str, str]]:
         ("Persistence length", measured(setup.tether.persistence_length_nm, "nm")),
         ("Temperature", measured(setup.buffer.temperature_K, "K")),
         ("Viscosity", measured(setup.buffer.viscosity_mPa_s, "mPa·s")),
-        ("Magnetic field", f"along {setup.field.direction}; the bead's rotation adds to {across}"),
+        ("Magnetic field", f"along {along}; a bead that turns also moves along {across}"),
         ("Effects in the model", effects or "none beyond the baseline"),
         *([("Forces known from elsewhere", known)] if known else []),
     ]

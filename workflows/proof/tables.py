@@ -225,8 +225,9 @@ def by_verdict(scores: Sequence[Score]) -> str:
     return _table(head, rows) + (
         "\n\nErrors are medians over plateaus. The stated limit of what is unexplained "
         f"(`force_bound_percent`) holds, at every plateau, in {_portion(len(within), len(left))} "
-        f"of the unexplained recordings; of those whose limit is below {TOLERANCE:.0%}, and which "
-        f"are therefore good, {_portion(len(kept), len(small))} have no force that is off by more."
+        f"of the unexplained recordings. Those whose limit is below {TOLERANCE:.0%} count as good; "
+        f"no force of them is off by more than {TOLERANCE:.0%} in "
+        f"{_portion(len(kept), len(small))}."
     )
 
 
