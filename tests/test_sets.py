@@ -1,6 +1,7 @@
 """Several causes at once, on small recordings with a fixed seed."""
 
 import itertools
+import math
 from dataclasses import replace
 from types import SimpleNamespace
 
@@ -8,6 +9,7 @@ import numpy as np
 import pytest
 
 from mtpipe.battery.statistic import Statistic
+from mtpipe.corrections.correction import Correction
 from mtpipe.crosschecking.check import check_bead
 from mtpipe.crosschecking.prepared_bead import prepare
 from mtpipe.diagnosis import alternatives, judging, naming, sets, single_events
@@ -23,7 +25,7 @@ from mtpipe.diagnosis.causes import (
     worth_in_any,
 )
 from mtpipe.diagnosis.evidence import evidence_of
-from mtpipe.diagnosis.explain import explain
+from mtpipe.diagnosis.explain import _holds_by_itself, explain
 from mtpipe.diagnosis.explanation import Alternative, Explanation, Named
 from mtpipe.diagnosis.forces_to_quote import diagnosed_forces
 from mtpipe.diagnosis.mismatch import bead_content
@@ -383,6 +385,18 @@ def test_hops_that_are_not_clearly_seen_cost_as_much_as_a_form(
     best, instead = Causes((drift, hopping), None, 60.0), Causes((drift, other), None, score)
     case = prepare(changed(np.eye(3)), "b1")
     assert single_events.unseen_member(case, best, [best, instead], generator(1)) == left_out
+
+
+@pytest.mark.parametrize(
+    ("p_after", "chance_p", "holds"),
+    [(1e-7, 1e-9, True), (1e-12, 1e-9, False), (1e-7, None, False)],
+)
+def test_a_curve_beside_an_unexplained_rest_is_one_that_brings_the_simulation_nearer(
+    p_after, chance_p, holds
+):
+    before, after = SimpleNamespace(p_value=1e-8), SimpleNamespace(p_value=p_after)
+    curve = Named(Correction("z_response", None, (), "", chance_p), (), before, after, math.nan)
+    assert _holds_by_itself([curve]) is holds
 
 
 @pytest.mark.parametrize(("nats", "odds"), [(20.0, 0.0), (0.0, 1.0), (-1.0, 1.0), (4.0, 0.3)])

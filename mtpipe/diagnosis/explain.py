@@ -59,23 +59,33 @@ def explain(
 
     def without_late(check: BeadCheck, finds: Sequence[Find] = ()) -> Weighed | None:
         # what is seen in time has a test of its own, and effects of the spectrum may have hidden it
-        if tried:
+        if tried and not finds:
             return None
         say("looking for what is seen in time beside causes")
-        late = late_corrections(check, corrections, begun, random, finds)
+        late = late_corrections(check, corrections, begun, random, finds, curves=not tried)
         if not late:
             return None
         anew = several_causes(before, late[-1].after, effects, random, say)
         tried.append(replace(anew, corrections=tuple(late)))
-        return tried[0] if anew.named or agrees(late[-1].after, before) else None
+        return tried[-1] if anew.named or agrees(late[-1].after, before) else None
 
     found = several_causes(before, begun, effects, random, say, without_late)
     if not found.named and not agrees(found.check, before):
         found = without_late(found.check, CORRECTIONS) or found
-        if not found.named and tried and any(map(told_apart, tried[0].corrections)):
-            found = tried[0]
+        by_themselves = [one for one in tried if _holds_by_itself(one.corrections)]
+        if not found.named and not found.corrections and by_themselves:
+            found = by_themselves[0]
     verdict, named, after, nearest = concluded(before, begun, corrections, found, random)
     return Explanation(before, after, tuple(named), verdict, nearest)
+
+
+def _holds_by_itself(corrections: Sequence[Named]) -> bool:
+    """Whether corrections may be named beside a rest that is unexplained: a test of its own tells
+    one from all else, and with them the recording is no further from its simulation, as it would be
+    if the rest were what that test has seen.
+    """
+    nearer = corrections[-1].after.p_value >= corrections[0].before.p_value
+    return nearer and any(map(told_apart, corrections))
 
 
 def explain_by_excerpt(

@@ -63,16 +63,17 @@ def late_corrections(
     begun: BeadCheck,
     random: np.random.Generator,
     finds: Sequence[Find] = (),
+    curves: bool = True,
 ) -> list[Named]:
     """Corrections that are of use once effects are there, as they are without these.
 
     Parameters
     ----------
     check : with effects. corrections : taken off already. begun : with these, without effects.
-    finds : corrections that are looked for besides those that are only seen beside effects.
+    finds : corrections that are looked for. curves : also those that are only seen beside effects.
     """
     taken = {one.name for one in corrections}
-    late = [partial(find, random=random) for find in LATE_CORRECTIONS]
+    late = [partial(find, random=random) for find in LATE_CORRECTIONS if curves]
     found = [one for one in corrected(check, random, [*finds, *late])[0] if one.name not in taken]
     named: list[Named] = []
     for one in found:
