@@ -16,7 +16,7 @@ from typing import Any
 import numpy as np
 from clean import draw
 
-from mtpipe.corrections.height_curve import SHARES, Curve
+from mtpipe.corrections.height_curve import SHARES, Curve, standardised
 from mtpipe.corrections.retraced import with_positions
 from mtpipe.corrections.softness import following_of, relaxation_s, tether_like
 from mtpipe.corrections.z_response import curves
@@ -49,8 +49,8 @@ def with_z(case: PreparedBead, plateau: int, z: FloatArray) -> PreparedBead:
     there = positions[plateau][:, 2]
     known = np.isfinite(there)
     spread, mean = np.std(there[known]), np.mean(there[known])
-    z = (z - z[known].mean()) / z[known].std()
-    positions[plateau][:, 2] = np.where(known, mean + spread * z, np.nan)
+    other = standardised(np.where(known, z, np.nan))
+    positions[plateau][:, 2] = mean + spread * other
     return with_positions(case, tuple(positions))
 
 
@@ -63,9 +63,8 @@ def looked_at(job: tuple[int, int]) -> list[dict[str, Any]]:
     plateau = int(random.integers(len(case.positions_nm)))
     z = case.positions_nm[plateau][:, 2]
     curve, camera = drawn_curve(random), clean.experiment.camera
-    standardised = (z - np.nanmean(z)) / np.nanstd(z)
     softer = tether_like(curve, relaxation_s(z, camera), camera, random, frames=len(z))
-    changed = (z, curve.answered(standardised), softer)
+    changed = (z, curve.answered(standardised(z)), softer)
     rows = []
     for kind, other in zip(KINDS, changed, strict=True):
         try:
