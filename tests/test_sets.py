@@ -25,12 +25,13 @@ from mtpipe.diagnosis.causes import (
     worth_in_any,
 )
 from mtpipe.diagnosis.evidence import evidence_of
-from mtpipe.diagnosis.explain import _holds_by_itself, explain
+from mtpipe.diagnosis.explain import explain
 from mtpipe.diagnosis.explanation import Alternative, Explanation, Named
 from mtpipe.diagnosis.forces_to_quote import diagnosed_forces
 from mtpipe.diagnosis.mismatch import bead_content
 from mtpipe.diagnosis.naming import Weighed, last_named
 from mtpipe.diagnosis.sets import several_causes
+from mtpipe.diagnosis.time_corrections import hold_by_themselves
 from mtpipe.drift import subtract_drift
 from mtpipe.effects.catalogue import OWN
 from mtpipe.effects.hopping import Hopping
@@ -396,7 +397,7 @@ def test_a_curve_beside_an_unexplained_rest_is_one_that_brings_the_simulation_ne
 ):
     before, after = SimpleNamespace(p_value=1e-8), SimpleNamespace(p_value=p_after)
     curve = Named(Correction("z_response", None, (), "", chance_p), (), before, after, math.nan)
-    assert _holds_by_itself([curve]) is holds
+    assert hold_by_themselves([curve]) is holds
 
 
 @pytest.mark.parametrize(("nats", "odds"), [(20.0, 0.0), (0.0, 1.0), (-1.0, 1.0), (4.0, 0.3)])

@@ -21,7 +21,7 @@ from mtpipe.diagnosis.evidence import evidence_of
 from mtpipe.diagnosis.explanation import Alternative, Explanation, Named, agrees
 from mtpipe.diagnosis.judging import checked_with, rejected
 from mtpipe.diagnosis.naming import Weighed, in_order_found
-from mtpipe.diagnosis.time_corrections import late_corrections, told_apart
+from mtpipe.diagnosis.time_corrections import hold_by_themselves, late_corrections
 from mtpipe.diagnosis.unexplained import Rejected
 from mtpipe.effects.effect import Effect
 from mtpipe.ground.errors import FitError
@@ -98,7 +98,7 @@ def in_all_plateaus(
             why = (
                 f"recording and simulation differ in all plateaus together (p {check.p_value:.1g})"
             )
-            certain = tuple(one for one in besides if told_apart(one))
+            certain = tuple(besides) if hold_by_themselves(besides) else ()
             return Weighed([], check, rejected(best, why), certain)
         named = in_order_found(begun, best, check, random)
     except (FitError, ValueError) as error:

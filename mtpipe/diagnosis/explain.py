@@ -28,7 +28,7 @@ from mtpipe.diagnosis.heights import gained_by_scatter, wanders
 from mtpipe.diagnosis.naming import Weighed
 from mtpipe.diagnosis.probability import odds_against_correction
 from mtpipe.diagnosis.sets import several_causes
-from mtpipe.diagnosis.time_corrections import corrected, late_corrections, told_apart
+from mtpipe.diagnosis.time_corrections import corrected, hold_by_themselves, late_corrections
 from mtpipe.diagnosis.unexplained import Rejected
 from mtpipe.diagnosis.why_not import gains_in_words, heights_off
 from mtpipe.effects.catalogue import catalogue
@@ -72,20 +72,11 @@ def explain(
     found = several_causes(before, begun, effects, random, say, without_late)
     if not found.named and not agrees(found.check, before):
         found = without_late(found.check, CORRECTIONS) or found
-        by_themselves = [one for one in tried if _holds_by_itself(one.corrections)]
+        by_themselves = [one for one in tried if hold_by_themselves(one.corrections)]
         if not found.named and not found.corrections and by_themselves:
             found = by_themselves[0]
     verdict, named, after, nearest = concluded(before, begun, corrections, found, random)
     return Explanation(before, after, tuple(named), verdict, nearest)
-
-
-def _holds_by_itself(corrections: Sequence[Named]) -> bool:
-    """Whether corrections may be named beside a rest that is unexplained: a test of its own tells
-    one from all else, and with them the recording is no further from its simulation, as it would be
-    if the rest were what that test has seen.
-    """
-    nearer = corrections[-1].after.p_value >= corrections[0].before.p_value
-    return nearer and any(map(told_apart, corrections))
 
 
 def explain_by_excerpt(

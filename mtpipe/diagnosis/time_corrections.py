@@ -83,8 +83,12 @@ def late_corrections(
     return named
 
 
-def told_apart(one: Named) -> bool:
-    """Whether a test of its own tells a correction from everything else: it is so whatever else is
-    left unexplained.
+def hold_by_themselves(corrections: Sequence[Named]) -> bool:
+    """Whether corrections may be named beside a rest that is unexplained: a test of its own tells
+    one from all else, and with them the recording is no further from its simulation, as it would be
+    if the rest were what that test has seen.
     """
-    return isinstance(one.found, Correction) and one.found.chance_p is not None
+    tested = any(
+        isinstance(one.found, Correction) and one.found.chance_p is not None for one in corrections
+    )
+    return tested and corrections[-1].after.p_value >= corrections[0].before.p_value
