@@ -16,9 +16,9 @@ from numpy.typing import NDArray
 from scipy import stats
 
 from mtpipe.ground.types import FloatArray
-from mtpipe.states.blocks import LEAST_BLOCKS, Blocks, block_width, blocks_of
+from mtpipe.states.blocks import LEAST_BLOCKS, Blocks, block_means, block_width, blocks_of
 from mtpipe.states.edges import LEAST_FRAMES, sides_of
-from mtpipe.states.level import FEWEST_BLOCKS, StepScores, step_scores
+from mtpipe.states.level import FEWEST_BLOCKS, StepScores, step_scores, usual_score
 from mtpipe.states.motion import Motion, height_relaxation, slowest_relaxation
 
 # Probability that a step of one bead is taken for one that the others show too.
@@ -66,7 +66,7 @@ class _Scan:
     width : frames per block of heights. blocks, scored : by bead. focus_nm : (places,) how far the
         focus moves about each. nearest : (places,) place of sideways motion, whose blocks may be
         wider, that is nearest to each. within : (places,) whether a step is looked for there.
-    together : scores of all beads together.
+    subtracted_nm : (blocks,) height of the references that was subtracted; None without them.
     """
 
     width: int
@@ -75,15 +75,32 @@ class _Scan:
     focus_nm: FloatArray
     nearest: NDArray[np.int64]
     within: NDArray[np.bool_]
-    together: list[StepScores]
+    subtracted_nm: FloatArray | None
 
     @property
-    def most(self) -> list[tuple[bool, float, int]]:
-        """Of all beads together and of each: which, strength and place of the strongest step."""
-        alone = self.scored.values() if len(self.scored) > 1 else ()
-        looked = [(True, self.together), *((False, one) for one in alone)]
-        strengths = [(which, np.where(self.within, _strength(one), -1.0)) for which, one in looked]
-        return [(which, float(each.max()), int(np.argmax(each))) for which, each in strengths]
+    def most(self) -> list[tuple[int, float, int]]:
+        """Of all beads together, in each way, and of each bead: how many looks of its kind there
+        are, strength and place of the strongest step.
+        """
+        together = self.together(list(self.scored))
+        alone = list(self.scored.values()) if len(self.scored) > 1 else []
+        looked = [(len(together), one) for one in together]
+        looked += [(len(alone), [each.score for each in one]) for one in alone]
+        strengths = [(looks, np.where(self.within, _strength(one), -1.0)) for looks, one in looked]
+        return [(looks, float(each.max()), int(np.argmax(each))) for looks, each in strengths]
+
+    def together(self, beads: Sequence[str]) -> list[list[FloatArray]]:
+        """(places,) scores of height and sideways motion of beads together, in one way or two.
+
+        Either the noise that they share is told by the sum of their heights. Or it is at most the
+        motion of the references: what the beads share, and the references do not, is the force.
+        """
+        blocks = [self.blocks[bead] for bead in beads]
+        scored = [self.scored[bead] for bead in beads]
+        found = [_of_sum(blocks, scored, self.focus_nm, self.nearest)]
+        if self.subtracted_nm is not None and len(beads) > 1:
+            found.append(_sum_of_scores(blocks, scored, self.subtracted_nm))
+        return found
 
 
 def strongest_change(motion: Motion, start: int, stop: int, log_p: float) -> Change | None:
@@ -106,9 +123,9 @@ def strongest_change(motion: Motion, start: int, stop: int, log_p: float) -> Cha
         places = sum(int(np.count_nonzero(scan.within)) for scan in scans)
         among = sum(1 for one in ladders if one)
         for scan in scans:
-            for together, most, place in scan.most:
-                looks = 1 if len(scan.scored) == 1 else 2 if together else 2 * len(scan.scored)
-                found.append((math.log(among * places * looks) - most, place, scan))
+            kinds = 1 if len(scan.scored) == 1 else 2
+            for looks, most, place in scan.most:
+                found.append((math.log(among * places * kinds * looks) - most, place, scan))
     for chance, place, scan in sorted(found, key=lambda one: one[0]):
         if chance > log_p:
             return None
@@ -145,11 +162,13 @@ def _scanned(motion: Motion, start: int, stop: int, width: int, lateral: int) ->
     if not scored:
         return None
     blocks = {bead: every[bead] for bead in scored}
-    together = _together(list(blocks.values()), list(scored.values()), focus, nearest)
+    subtracted = motion.subtracted_nm
+    if subtracted is not None:
+        subtracted = block_means(subtracted[start : start + count * width], width)
     rows = (np.arange(count - 1) + 1) * width
     least = max(lateral, EDGE_SHARE * (stop - start))
     within = (rows >= least) & (rows <= stop - start - least)
-    return _Scan(width, blocks, scored, focus, nearest, within, together)
+    return _Scan(width, blocks, scored, focus, nearest, within, subtracted)
 
 
 def _nearest_places(width: int, places: int, wider: int, there: int) -> NDArray[np.int64]:
@@ -178,12 +197,12 @@ def _unless(excused: NDArray[np.bool_], scores: StepScores) -> StepScores:
     return replace(scores, score=np.where(excused, 0.0, scores.score))
 
 
-def _together(
+def _of_sum(
     blocks: Sequence[Blocks],
     scored: Sequence[list[StepScores]],
     focus_nm: FloatArray,
     nearest: NDArray[np.int64],
-) -> list[StepScores]:
+) -> list[FloatArray]:
     """Scores of the sum over beads, each over its noise; noise that they share is the sum's too."""
     sizes = [s[0].size for b, s in zip(blocks, scored, strict=True) if b.height_nm is not None]
     excused = np.median(np.abs(sizes), axis=0) < focus_nm if sizes else None
@@ -204,13 +223,36 @@ def _together(
             of_sum = _at(of_sum, nearest)
         elif excused is not None:
             of_sum = _unless(excused, of_sum)
-        sums.append(of_sum)
+        sums.append(of_sum.score)
     return sums
 
 
-def _strength(scores: Sequence[StepScores]) -> FloatArray:
+def _sum_of_scores(
+    blocks: Sequence[Blocks], scored: Sequence[list[StepScores]], subtracted_nm: FloatArray
+) -> list[FloatArray]:
+    """Sums of beads' own scores over their standard deviation, if heights share no more than the
+    references' motion.
+    """
+    found = []
+    heights = [
+        one[0] for each, one in zip(blocks, scored, strict=True) if each.height_nm is not None
+    ]
+    if heights:
+        shared = sum(usual_score(subtracted_nm, one.noise) for one in heights)
+        found.append(_summed(heights) / math.hypot(math.sqrt(len(heights)), shared))
+    motions = [one[-1] for each, one in zip(blocks, scored, strict=True) if each.motion is not None]
+    if motions:
+        found.append(_summed(motions) / math.sqrt(len(motions)))
+    return found
+
+
+def _summed(scores: Sequence[StepScores]) -> FloatArray:
+    return np.asarray(np.sum([one.score for one in scores], axis=0))
+
+
+def _strength(scores: Sequence[FloatArray]) -> FloatArray:
     """(places,) minus ln of the probability of the scores of all quantities by chance."""
-    squared = np.sum([one.score**2 for one in scores], axis=0)
+    squared = np.sum([one**2 for one in scores], axis=0)
     return np.asarray(-stats.chi2.logsf(squared, len(scores)))
 
 
@@ -220,30 +262,25 @@ def _common(scan: _Scan, place: int) -> bool:
     Which way the force goes is known from that bead, so only steps of this direction count: of
     height, of sideways motion, or of both, at the place and the ones about it.
     """
-    scored = scan.scored
+    scored = {bead: [one.score for one in each] for bead, each in scan.scored.items()}
     if len(scored) == 1:
         return True
     near = slice(max(place - NEAR_BLOCKS, 0), place + NEAR_BLOCKS + 1)
     most = max(scored, key=lambda bead: float(_strength(scored[bead])[near].max()))
     others = [bead for bead in scored if bead != most]
-    rest = _together(
-        [scan.blocks[bead] for bead in others],
-        [scored[bead] for bead in others],
-        scan.focus_nm,
-        scan.nearest,
-    )
     signs = _as_force(scored[most], [scan.blocks[most]], near)
-    first = float(signs.flat[int(np.argmax(np.abs(signs)))])
-    second = math.copysign(1, first) * _as_force(rest, [scan.blocks[bead] for bead in others], near)
-    chance = second.size * stats.norm.sf(float(second.max()))
+    sign = math.copysign(1, float(signs.flat[int(np.argmax(np.abs(signs)))]))
+    blocks = [scan.blocks[bead] for bead in others]
+    rest = np.stack([sign * _as_force(one, blocks, near) for one in scan.together(others)])
+    chance = rest.size * stats.norm.sf(float(rest.max()))
     return bool(chance < SUPPORT_P)
 
 
-def _as_force(scores: Sequence[StepScores], blocks: Sequence[Blocks], near: slice) -> FloatArray:
+def _as_force(scores: Sequence[FloatArray], blocks: Sequence[Blocks], near: slice) -> FloatArray:
     """(3, places) scores of a rising force: by height, by sideways motion, which is less then, and
     by both.
     """
-    each = [one.score[near] for one in scores]
+    each = [one[near] for one in scores]
     height = each[0] if any(one.height_nm is not None for one in blocks) else 0 * each[0]
     motion = -each[-1] if any(one.motion is not None for one in blocks) else 0 * each[0]
     return np.stack([height, motion, (height + motion) / math.sqrt(2)])

@@ -83,6 +83,12 @@ def step_scores(level: FloatArray) -> StepScores:
     return StepScores(size, score, noises[int(np.argmax(weights))])
 
 
+def usual_score(level: FloatArray, noise: Noise) -> float:
+    """Root mean square score of the steps that a level of its own, (n,), makes beside a noise."""
+    size, stderr = _steps(np.diff(level), noise)
+    return float(np.sqrt(np.mean((size / stderr) ** 2)))
+
+
 def fit_noise_about_step(level: FloatArray) -> Noise:
     """White noise and walk of a series of block means (n,) without its strongest step."""
     return fit_noise(_without_step(np.diff(level), WHITE), WHITE)

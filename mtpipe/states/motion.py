@@ -34,12 +34,14 @@ class Motion:
     focus_nm : (n_frames,) how far someone moves the focus about each frame, 0 where nobody does.
         Look-up tables are not alike (PHYSICS 8.8), so that z may change by some of it while the
         force does not.
+    subtracted_nm : (n_frames,) height of the references that was subtracted; None without them.
     """
 
     time_s: FloatArray
     frame_s: float
     position_nm: Mapping[str, FloatArray]
     focus_nm: FloatArray
+    subtracted_nm: FloatArray | None
 
     def rows_s(self, rows: float) -> float:
         """Duration of a number of rows in seconds."""
@@ -55,19 +57,28 @@ def motion_of(recording: Recording) -> Motion:
         pieces = [without_mistracked(xyz[a:b])[0] for a, b in itertools.pairwise(starts)]
         cleaned[bead] = np.concatenate(pieces)
     frame_s = float(np.median(np.diff(recording.time_s)))
-    return Motion(recording.time_s, frame_s, cleaned, focus_moves_nm(recording, frame_s))
+    focus_nm = focus_moves_nm(recording, frame_s)
+    return Motion(recording.time_s, frame_s, cleaned, focus_nm, _height_of_references(recording))
+
+
+def _height_of_references(recording: Recording) -> FloatArray | None:
+    """(n_frames,) z of the references that was subtracted; None where none was."""
+    if recording.drift is None or recording.drift.method != "reference":
+        return None
+    subtracted = recording.drift.subtracted_nm[:, 2]
+    known = np.flatnonzero(np.isfinite(subtracted))
+    if not len(known):
+        return None
+    return np.interp(np.arange(len(subtracted)), known, subtracted[known])
 
 
 def focus_moves_nm(recording: Recording, frame_s: float) -> FloatArray:
     """(n_frames,) range of the subtracted motion in z within FOCUS_S of each frame, where it is far
     beyond the usual.
     """
-    stage = np.zeros(len(recording.time_s))
-    if recording.drift is not None and recording.drift.method == "reference":
-        subtracted = recording.drift.subtracted_nm[:, 2]
-        known = np.flatnonzero(np.isfinite(subtracted))
-        if len(known):
-            stage = np.interp(np.arange(len(stage)), known, subtracted[known])
+    stage = _height_of_references(recording)
+    if stage is None:
+        return np.zeros(len(recording.time_s))
     width = 2 * max(1, round(FOCUS_S / frame_s)) + 1
     moved = ndimage.maximum_filter1d(stage, width) - ndimage.minimum_filter1d(stage, width)
     return np.where(moved > FOCUS_TIMES * float(np.median(moved)), moved, 0.0)
