@@ -42,7 +42,7 @@ def values(found, statistic, axis="x", pooled=False):
     return {
         look: value
         for look, value in found
-        if (look.statistic, look.axis, look.pooled) == (statistic, axis, pooled)
+        if (look.kind, look.axis, look.pooled) == (statistic, axis, pooled)
     }
 
 
@@ -447,4 +447,4 @@ def test_a_p_value_beyond_the_simulations_says_so():
     assert odd.extrapolated
     assert odd.p_value < 1e-4
     assert not calm.extrapolated
-    assert 1 <= calm.looks[0] <= 40
+    assert 1 <= calm.numbers[0] <= 40

@@ -25,7 +25,7 @@ from mtpipe.diagnosis.pooled import (
     UNKNOWN,
     Ballot,
     Curve,
-    Settled,
+    Outcome,
     also_in,
     common,
     pooled_penalty,
@@ -109,7 +109,7 @@ def test_what_several_beads_have_alike_is_shared():
 
 def test_what_one_bead_has_alone_is_its_own():
     beads = [naming(0.10, bead_radius=-2.0), without(0.0), without(0.0)]
-    assert verdict(beads) == Settled(("bead_radius",))
+    assert verdict(beads) == Outcome(("bead_radius",))
 
 
 def test_beads_that_cannot_tell_change_nothing():

@@ -54,7 +54,7 @@ def moved(recording, motion_nm, bead="b1"):
 def oddest(found, below=1e-3):
     """The looks with the smallest p-values, oddest first."""
     order = np.argsort(found.p_values)
-    return [found.looks[i] for i in order if found.p_values[i] < below]
+    return [found.statistics[i] for i in order if found.p_values[i] < below]
 
 
 @pytest.fixture(scope="module")
@@ -70,7 +70,7 @@ def calm(clean):
 def test_a_recording_as_configured_is_consistent(calm):
     assert calm.p_value > 0.01
     assert not calm.overall.extrapolated
-    assert {look.axis for look in calm.looks} >= {"x", "y", "z", "xy", "xz", "yz"}
+    assert {look.axis for look in calm.statistics} >= {"x", "y", "z", "xy", "xz", "yz"}
     assert np.isfinite(calm.observed).all()
     assert np.isfinite(calm.simulated).all()
 
@@ -104,7 +104,7 @@ def test_a_vibration_is_found_where_it_is(clean):
     wave = 8 * np.sin(2 * np.pi * 31.7 * clean.time_s)
     found = check(moved(clean, np.outer(wave, [0, 1, 0])))
     assert found.p_value < 1e-4
-    look = next(look for look in oddest(found) if look.statistic == "line")
+    look = next(look for look in oddest(found) if look.kind == "line")
     assert look.axis == "y"
     assert look.band_hz[0] - 0.2 < 31.7 < look.band_hz[1] + 0.2
     assert {one.axis for one in oddest(found, 1e-6)} <= {"y", "xy", "yz"}
@@ -116,14 +116,14 @@ def test_a_wrong_viscosity_is_seen_in_lateral_motion(clean):
     wrong = setup(buffer={"viscosity_mPa_s": 0.89 / 1.4})
     found = check(replace(clean, setup=wrong))
     assert found.p_value < 1e-6
-    assert "friction" in {look.statistic for look in oddest(found)}
+    assert "friction" in {look.kind for look in oddest(found)}
 
 
 def test_drift_that_the_reference_does_not_share_is_seen_at_low_frequencies(clean):
     walk = np.cumsum(generator(3).normal(size=(len(clean.time_s), 3)), axis=0)
     found = check(moved(clean, 0.5 * walk))
     assert found.p_value < 1e-4
-    low = [look.band_hz for look in oddest(found, 1e-6) if look.statistic == "psd_band"]
+    low = [look.band_hz for look in oddest(found, 1e-6) if look.kind == "psd_band"]
     assert min(top for _, top in low) < 5.0
 
 
@@ -218,9 +218,9 @@ def test_table_has_a_row_per_look_and_its_columns(clean):
     table = found.table
     check_of = found.beads["b1"]
     assert tuple(table.columns) == COLUMNS
-    assert len(table) == len(check_of.looks)
+    assert len(table) == len(check_of.statistics)
     assert (table["bead_p_value"] == check_of.p_value).all()
-    assert table["plateau"].isna().sum() == sum(look.pooled for look in check_of.looks)
+    assert table["plateau"].isna().sum() == sum(look.pooled for look in check_of.statistics)
     assert table["p_value"].between(0, 1).all()
     assert (table["simulated_low"] <= table["simulated_high"]).all()
     assert crosscheck_table(found).equals(table)
@@ -285,7 +285,7 @@ def test_without_reference_beads_the_drift_is_seen(clean):
     assert found.case.references_nm is None
     assert found.p_value < 1e-4
     # a drift of z is a trend, and puts mean heights off as much
-    assert {"mean_trend", "extension"} <= {look.statistic for look in oddest(found)}
+    assert {"mean_trend", "extension"} <= {look.kind for look in oddest(found)}
 
 
 def shaken(recording, size_nm):

@@ -12,6 +12,7 @@ import pytest
 
 from mtpipe.drift import reference_noise_nm, subtract_drift
 from mtpipe.drift.lowpass import low_pass
+from mtpipe.drift.stage_moves import stage_moves_nm
 from mtpipe.recording.recording import Plateau, Recording
 from mtpipe.setup.setup import parse_setup
 from mtpipe.setup.tables import DriftChoice
@@ -238,6 +239,30 @@ def test_the_only_reference_is_named_when_it_jumps_and_the_stage_is_not():
     assert "jumps once along x" in result.drift.references[0].reason
     both = {bead: xyz + jump for bead, xyz in positions.items()}
     assert codes(subtract_drift(recording_of(both, references))) == []
+
+
+@pytest.mark.parametrize("lasts_s", [0.0, 0.3])
+def test_a_focus_that_is_moved_leaves_no_swing(lasts_s):
+    """A low-pass would leave half of the move, and ten times the noise for half a second."""
+    rng = np.random.default_rng(11)
+    drift = walk(rng, N, 0.2)
+    time_s = np.arange(N) / RATE_HZ
+    drift[:, 2] += np.interp(time_s, [30.0, 30.0 + lasts_s + 0.5 / RATE_HZ], [0.0, 400.0])
+    recording = recording_of(*scene(rng, drift))
+    wrong = subtract_drift(recording).drift.subtracted_nm[:, 2] - drift[:, 2]
+    wrong -= np.median(wrong)
+    about = np.abs(time_s - 30.0) < 1.0
+    assert np.abs(wrong[about]).max() < 40.0 if lasts_s else np.abs(wrong[about]).max() < 5.0
+    assert wrong[about].std() < 4.0 if lasts_s else wrong[about].std() < 1.5
+
+
+@pytest.mark.parametrize("name", STAGES)
+def test_other_stages_are_left_to_the_low_pass(name):
+    rng = np.random.default_rng(12)
+    drift = stage(name, rng)
+    for axis in range(3):
+        seen = drift[:, axis] + 1.5 * rng.standard_normal(N)
+        assert not stage_moves_nm(seen, RATE_HZ).any()
 
 
 def test_a_reference_that_is_lost_for_a_while_leaves_no_step():

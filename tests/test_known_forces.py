@@ -45,7 +45,7 @@ def stating(recording, factor=1.0, relative_stderr=0.0):
 
 def looks_of(recording):
     check = check_bead(case(recording), generator(1), rounds=ROUNDS)
-    mine = [i for i, look in enumerate(check.looks) if look.statistic == "known_force"]
+    mine = [i for i, look in enumerate(check.statistics) if look.kind == "known_force"]
     return check, mine
 
 
@@ -58,7 +58,7 @@ def test_without_known_forces_nothing_is_compared(recorded):
 
 def test_true_forces_agree_and_are_looked_at_one_by_one_and_together(recorded):
     check, mine = looks_of(stating(recorded))
-    assert [(check.looks[i].plateaus, check.looks[i].pooled) for i in mine] == [
+    assert [(check.statistics[i].plateaus, check.statistics[i].pooled) for i in mine] == [
         ((0,), False), ((1,), False), ((2,), False), ((0, 1, 2), True),
     ]  # fmt: skip
     assert check.p_values[mine].min() > 0.01
@@ -139,5 +139,5 @@ def test_a_wrong_contour_length_is_named_and_its_forces_agree_with_known_ones(re
     found = mtpipe.diagnose(mtpipe.subtract_drift(stating(wrong)), seed=1).beads["b1"]
     assert found.verdict == "explained"
     assert [one.name for one in found.named] == ["contour_length"]
-    mine = [look.statistic == "known_force" for look in found.after.looks]
+    mine = [look.kind == "known_force" for look in found.after.statistics]
     assert found.before.p_values[mine].min() < 1e-6 < 0.01 < found.after.p_values[mine].min()

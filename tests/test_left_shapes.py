@@ -44,8 +44,8 @@ def oddest(check, statistic):
     """The look of that statistic along x that is oddest."""
     mine = [
         (float(p), look)
-        for look, p in zip(check.looks, check.p_values, strict=True)
-        if (look.statistic, look.axis) == (statistic, "x")
+        for look, p in zip(check.statistics, check.p_values, strict=True)
+        if (look.kind, look.axis) == (statistic, "x")
     ]
     return min(mine, key=lambda one: one[0])[1]
 

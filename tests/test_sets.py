@@ -344,7 +344,7 @@ def test_a_member_is_contradicted_by_what_likelihood_does_not_know(
 
     def check(p_value, simulated):
         return SimpleNamespace(
-            looks=(look,),
+            statistics=(look,),
             p_values=np.array([p_value]),
             observed=np.array([3.0]),
             simulated=np.full((24, 1), simulated),

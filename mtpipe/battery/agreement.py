@@ -59,8 +59,8 @@ def per_trace(seen: Sequence[Observed], fixed: Fixed) -> Values:
                 values.append((Statistic(statistic, name, everywhere, pooled=True), mean))
                 tilt = weight * (trend - weight @ trend / weight.sum())
                 slope = float(tilt @ changes[:, axis, kind] / np.sqrt(np.sum(tilt**2)))
-                look = Statistic(f"{statistic}_along_series", name, everywhere, pooled=True)
-                values.append((look, slope))
+                entry = Statistic(f"{statistic}_along_series", name, everywhere, pooled=True)
+                values.append((entry, slope))
     return values
 
 
@@ -91,8 +91,8 @@ def extensions(seen: Sequence[Observed], fixed: Fixed) -> Values:
     ]
     values: Values = [(Statistic("extension", "z", (i,)), pull) for i, pull in enumerate(pulls)]
     if len(seen) > 1:
-        look = Statistic("extension", "z", tuple(range(len(seen))), pooled=True)
-        values.append((look, float(np.log1p(np.sum(np.square(pulls))))))
+        entry = Statistic("extension", "z", tuple(range(len(seen))), pooled=True)
+        values.append((entry, float(np.log1p(np.sum(np.square(pulls))))))
     return values
 
 

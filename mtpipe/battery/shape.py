@@ -52,8 +52,8 @@ def moments(seen: Sequence[Observed], fixed: Fixed) -> Values:
         found = each[statistic, name]
         values += [(Statistic(statistic, name, (i,)), value) for i, value in enumerate(found)]
         if len(found) > 1:
-            look = Statistic(statistic, name, tuple(range(len(seen))), pooled=True)
-            values.append((look, float(np.mean(found))))
+            entry = Statistic(statistic, name, tuple(range(len(seen))), pooled=True)
+            values.append((entry, float(np.mean(found))))
     return values
 
 
@@ -95,8 +95,8 @@ def allan(seen: Sequence[Observed], fixed: Fixed) -> Values:
             variance = 0.5 * np.mean(np.diff(means) ** 2, axis=1)
             band = (1 / (4 * m * one.frame_s), 1 / (2 * m * one.frame_s))
             for axis, name in enumerate(AXES):
-                look = Statistic("allan_variance", name, (i,), band)
-                values.append((look, float(np.log(max(variance[axis], 1e-12)))))
+                entry = Statistic("allan_variance", name, (i,), band)
+                values.append((entry, float(np.log(max(variance[axis], 1e-12)))))
     return values
 
 

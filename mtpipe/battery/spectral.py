@@ -105,8 +105,8 @@ def lines(seen: Sequence[Observed], fixed: Fixed) -> Values:
             at = int(np.argmax(mean[2:])) + 2
             band = (2 * coarsest * at, 2 * coarsest * (at + 1))
             everywhere = tuple(range(len(seen)))
-            look = Statistic("line", name, everywhere, band, pooled=True)
-            values.append((look, float(np.log(mean[at]))))
+            entry = Statistic("line", name, everywhere, band, pooled=True)
+            values.append((entry, float(np.log(mean[at]))))
     return values
 
 
@@ -159,8 +159,10 @@ def between_axes(seen: Sequence[Observed], fixed: Fixed) -> Values:
             values.append((Statistic("correlation", AXES[a] + AXES[b], (i,), band), value))
             pooled.append(value)
         if len(pooled) > 1:
-            look = Statistic("correlation", AXES[a] + AXES[b], tuple(range(len(seen))), pooled=True)
-            values.append((look, float(np.sum(pooled) / np.sqrt(len(pooled)))))
+            entry = Statistic(
+                "correlation", AXES[a] + AXES[b], tuple(range(len(seen))), pooled=True
+            )
+            values.append((entry, float(np.sum(pooled) / np.sqrt(len(pooled)))))
     return values
 
 
@@ -190,12 +192,12 @@ def with_reference(seen: Sequence[Observed], fixed: Fixed) -> Values:
             common = np.real(spectrum.bead[axis] * np.conj(spectrum.reference[axis]))
             value = float(common[inside].sum() / np.sqrt(inside.sum() / 2))
             ends = spectrum.frequency_hz[inside][[0, -1]]
-            look = Statistic("reference_coherence", name, (i,), (float(ends[0]), float(ends[1])))
-            values.append((look, value))
+            entry = Statistic("reference_coherence", name, (i,), (float(ends[0]), float(ends[1])))
+            values.append((entry, value))
             pooled.append(value)
         if len(pooled) > 1:
-            look = Statistic("reference_coherence", name, tuple(range(len(seen))), pooled=True)
-            values.append((look, float(np.sum(pooled) / np.sqrt(len(pooled)))))
+            entry = Statistic("reference_coherence", name, tuple(range(len(seen))), pooled=True)
+            values.append((entry, float(np.sum(pooled) / np.sqrt(len(pooled)))))
     return values
 
 

@@ -19,7 +19,7 @@ class Statistic:
 
     Attributes
     ----------
-    statistic : its name.
+    kind : its name, that of a `Kind`.
     axis : "x", "y", "z", two of them, or "" for all.
     plateaus : indices of the plateaus it is about; all where it is pooled.
     band_hz : frequencies, or None where it is no matter of frequency.
@@ -27,7 +27,7 @@ class Statistic:
     pooled : several plateaus are taken together.
     """
 
-    statistic: str
+    kind: str
     axis: str
     plateaus: tuple[int, ...]
     band_hz: tuple[float, float] | None = None

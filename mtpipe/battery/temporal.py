@@ -51,13 +51,13 @@ def over_time(seen: Sequence[Observed], fixed: Fixed) -> Values:
                  float(quiet[axis, lowest[axis]] - np.median(quiet[axis]))),
             ]  # fmt: skip
             values += found
-            for look, value in found[:1] + found[3:4]:
-                pooled.setdefault((look.statistic, name), []).append(value)
+            for entry, value in found[:1] + found[3:4]:
+                pooled.setdefault((entry.kind, name), []).append(value)
     everywhere = tuple(range(len(seen)))
     if len(seen) > 1:
         for (statistic, name), each in pooled.items():
-            look = Statistic(statistic, name, everywhere, pooled=True)
-            values.append((look, float(np.sum(each))))
+            entry = Statistic(statistic, name, everywhere, pooled=True)
+            values.append((entry, float(np.sum(each))))
     return values
 
 

@@ -103,17 +103,17 @@ class Response:
 
 @dataclass(frozen=True)
 class Period:
-    """A period in nm, and χ² of a response with it; `looks` : how many periods were tried."""
+    """A period in nm, and χ² of a response with it; `tried` : how many periods were."""
 
     nm: float
     stderr_nm: float
     chi2: float
     freedom: int
-    looks: int
+    tried: int
 
     def p_value(self, usual: float) -> float:
         """Of the response, where χ² without one is `usual` times that of an autoregression."""
-        return min(1.0, self.looks * float(stats.chi2.sf(self.chi2 / usual, self.freedom)))
+        return min(1.0, self.tried * float(stats.chi2.sf(self.chi2 / usual, self.freedom)))
 
 
 def find(check: BeadCheck) -> Correction | None:
@@ -186,8 +186,8 @@ def period(axes: Sequence[Sequence[Trace]], stated_nm: float | None) -> Period:
     widest = min(max(trace.spread_nm for trace in traces) for traces in axes)
     lowest = max(1 / LONGEST_NM, LEAST_WIDTH / (2 * np.pi * widest))
     highest = max(1 / SHORTEST_NM, lowest)
-    looks = math.ceil((highest - lowest) / step)
-    grid = np.linspace(lowest, highest, looks + 1)
+    tried = math.ceil((highest - lowest) / step)
+    grid = np.linspace(lowest, highest, tried + 1)
     best = float(grid[int(np.argmax([gain(inverse) for inverse in grid]))])
     bounds = (max(best - step, lowest), best + step)
     found = optimize.minimize_scalar(

@@ -48,13 +48,13 @@ class BeadCheck:
 
     Attributes
     ----------
-    looks : (statistics,) the statistics and their places. observed : the recording's values.
+    statistics : each with its place. observed : the recording's values.
     simulated : (simulations, statistics). p_values : of each by itself.
     overall : all together. curves : to draw; empty where not asked for.
     """
 
     case: PreparedBead
-    looks: tuple[Statistic, ...]
+    statistics: tuple[Statistic, ...]
     observed: FloatArray
     simulated: FloatArray
     p_values: FloatArray
@@ -63,8 +63,8 @@ class BeadCheck:
 
     def __repr__(self) -> str:
         return (
-            f"BeadCheck of {self.case.bead}: p = {number(self.p_value, 2)} by {len(self.looks)} "
-            f"statistics and {len(self.simulated)} simulations"
+            f"BeadCheck of {self.case.bead}: p = {number(self.p_value, 2)} by "
+            f"{len(self.statistics)} statistics and {len(self.simulated)} simulations"
         )
 
     @property
@@ -92,7 +92,7 @@ def check_bead(
     """
     recorded = recorded_of(case)
     battery = _Battery(case, recorded)
-    looks, observed = battery.looks(recorded)
+    statistics, observed = battery.values(recorded)
     maker = TwinMaker(case)
     simulated: list[FloatArray] = [] if begun is None else list(begun.simulated)
     curves = CurveSet(recorded) if with_curves else None
@@ -112,7 +112,7 @@ def check_bead(
         except (FitError, ValueError):
             draws.back_to(len(simulated) - numbers.start)
             raise
-        p_values, overall = _judged(looks, observed, np.array(simulated))
+        p_values, overall = _judged(statistics, observed, np.array(simulated))
         if open_as_yet is not None:
             correlation = rounds_correlation(open_as_yet.own, overall.own[: len(open_as_yet.own)])
             p_value = second_round_p_value(overall.p_value, CLEARLY_CONSISTENT, correlation)
@@ -129,7 +129,7 @@ def check_bead(
             curves.add(curves.values(battery.simulated(maker.draw(beside))))
     return BeadCheck(
         case,
-        looks,
+        statistics,
         observed,
         np.array(simulated),
         p_values,
@@ -165,7 +165,7 @@ def _looked_at(
     """Values of all statistics of a simulation, and of its curves where they are wanted."""
     battery, curves = shared.value()
     seen = battery.simulated(twin)
-    values = battery.looks(seen)[1]
+    values = battery.values(seen)[1]
     return values, curves.values(seen) if drawn and curves is not None else None
 
 
@@ -178,7 +178,7 @@ def comparable_p_values(one: BeadCheck, other: BeadCheck) -> tuple[float, float]
     if simulations >= ENOUGH:
         return one.p_value, other.p_value
     first, second = (
-        _judged(check.looks, check.observed, check.simulated[:simulations])[1].p_value
+        _judged(check.statistics, check.observed, check.simulated[:simulations])[1].p_value
         for check in (one, other)
     )
     return first, second
@@ -189,9 +189,9 @@ def p_value_but_moments(check: BeadCheck) -> float:
 
     One swing of a slow trace makes either large, and some fifty simulations may have none.
     """
-    rest = [i for i, look in enumerate(check.looks) if look.statistic not in MOMENTS]
-    looks = tuple(check.looks[i] for i in rest)
-    return _judged(looks, check.observed[rest], check.simulated[:, rest])[1].p_value
+    rest = [i for i, statistic in enumerate(check.statistics) if statistic.kind not in MOMENTS]
+    left = tuple(check.statistics[i] for i in rest)
+    return _judged(left, check.observed[rest], check.simulated[:, rest])[1].p_value
 
 
 def foreseen_p_value(check: BeadCheck, case: PreparedBead) -> float:
@@ -206,34 +206,36 @@ def foreseen_p_value(check: BeadCheck, case: PreparedBead) -> float:
     check : of the traces before the change. case : with the changed traces, fitted.
     """
     recorded = recorded_of(case)
-    looks, observed = _Battery(case, recorded).looks(recorded)
-    before, there = _numbered(check.looks), _numbered(looks)
+    statistics, observed = _Battery(case, recorded).values(recorded)
+    before, there = _numbered(check.statistics), _numbered(statistics)
     both = [key for key in there if key in before and KINDS[str(key[0])].relative]
     new, old = [there[key] for key in both], [before[key] for key in both]
-    judged = tuple(looks[i] for i in new)
+    judged = tuple(statistics[i] for i in new)
     return _judged(judged, observed[new], check.simulated[:, old])[1].p_value
 
 
-def _numbered(looks: tuple[Statistic, ...]) -> dict[tuple[object, ...], int]:
+def _numbered(statistics: tuple[Statistic, ...]) -> dict[tuple[object, ...], int]:
     """Index of each statistic, by its place and its number among those of the same place."""
     found: dict[tuple[object, ...], int] = {}
     count: dict[tuple[object, ...], int] = {}
-    for i, look in enumerate(looks):
-        kind = look.statistic, look.axis, look.plateaus, look.pooled
+    for i, statistic in enumerate(statistics):
+        kind = statistic.kind, statistic.axis, statistic.plateaus, statistic.pooled
         count[kind] = count.get(kind, 0) + 1
         found[*kind, count[kind]] = i
     return found
 
 
 def _judged(
-    looks: tuple[Statistic, ...], observed: FloatArray, simulated: FloatArray
+    statistics: tuple[Statistic, ...], observed: FloatArray, simulated: FloatArray
 ) -> tuple[FloatArray, Together]:
     """p-value of each statistic, and that of all together."""
-    upper = np.array([KINDS[look.statistic].only_large(look.pooled) for look in looks])
-    pooled = np.array([look.pooled for look in looks])
-    kinds = [(look.statistic, look.pooled) for look in looks]
-    statistic = np.array([kinds.index(kind) for kind in kinds])
-    nulls = Nulls(simulated, upper, statistic)
+    upper = np.array(
+        [KINDS[statistic.kind].only_large(statistic.pooled) for statistic in statistics]
+    )
+    pooled = np.array([statistic.pooled for statistic in statistics])
+    kinds = [(statistic.kind, statistic.pooled) for statistic in statistics]
+    number_of = np.array([kinds.index(kind) for kind in kinds])
+    nulls = Nulls(simulated, upper, number_of)
     # where the fitted experiment is so far off that a statistic has no value, p is the least
     p_values = np.nan_to_num(nulls.p_values(observed), nan=SMALLEST_P)
     own = np.nan_to_num(nulls.own_p_values(), nan=1.0)
@@ -266,10 +268,10 @@ class _Battery:
         off = np.log(again.force_pN / case.fit.force_pN) - twin.ln_force_misstated
         return _observed(case, twin.positions_nm, twin.references_nm, data, again.expected, off)
 
-    def looks(self, seen: list[Observed]) -> tuple[tuple[Statistic, ...], FloatArray]:
+    def values(self, seen: list[Observed]) -> tuple[tuple[Statistic, ...], FloatArray]:
         """All statistics, and their values."""
         values = [value for group in GROUPS for value in group.values(seen, self.fixed)]
-        return tuple(look for look, _ in values), np.array([value for _, value in values])
+        return tuple(statistic for statistic, _ in values), np.array([value for _, value in values])
 
 
 def recorded_of(case: PreparedBead) -> list[Observed]:

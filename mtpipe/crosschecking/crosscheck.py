@@ -99,19 +99,19 @@ def _rows(check: BeadCheck) -> list[dict[str, object]]:
     low, high = np.quantile(check.simulated, INTERVAL_95, axis=0)
     smallest = 1 / (len(check.simulated) + 1)
     rows: list[dict[str, object]] = []
-    for i, look in enumerate(check.looks):
-        plateau = None if look.pooled else check.case.plateaus[look.plateaus[0]]
+    for i, statistic in enumerate(check.statistics):
+        plateau = None if statistic.pooled else check.case.plateaus[statistic.plateaus[0]]
         rows.append(
             {
                 "bead": check.case.bead,
-                "statistic": look.statistic,
-                "axis": look.axis,
+                "statistic": statistic.kind,
+                "axis": statistic.axis,
                 "plateau": None if plateau is None else plateau.number,
                 "magnet_mm": None if plateau is None else plateau.magnet_mm,
-                "band_low_hz": None if look.band_hz is None else look.band_hz[0],
-                "band_high_hz": None if look.band_hz is None else look.band_hz[1],
-                "time_low_s": None if look.time_s is None else look.time_s[0],
-                "time_high_s": None if look.time_s is None else look.time_s[1],
+                "band_low_hz": None if statistic.band_hz is None else statistic.band_hz[0],
+                "band_high_hz": None if statistic.band_hz is None else statistic.band_hz[1],
+                "time_low_s": None if statistic.time_s is None else statistic.time_s[0],
+                "time_high_s": None if statistic.time_s is None else statistic.time_s[1],
                 "value": check.observed[i],
                 "simulated_median": median[i],
                 "simulated_low": low[i],

@@ -25,7 +25,7 @@ from mtpipe.ground.types import FloatArray
 
 # Prior of skewnesses: standard deviation of a statistic's mean skewness about 0, that of its places
 # about this mean, and the number of places that the second is worth as evidence.
-OF_STATISTICS, OF_LOOKS, LOOKS_BEFOREHAND = 0.7, 0.2, 10
+OF_STATISTICS, OF_PLACES, PLACES_BEFOREHAND = 0.7, 0.2, 10
 # Prior of the excess kurtosis that skewness leaves, of all places of a statistic: standard
 # deviation about 0. Below the least a tail is a normal one.
 OF_KURTOSES, LEAST_KURTOSIS = 1.0, 0.01
@@ -104,13 +104,13 @@ class Nulls:
         # a place without values takes nothing from the others
         by_itself = np.clip(np.nan_to_num(by_itself), -LARGEST_SKEWNESS, LARGEST_SKEWNESS)
         member, index = self._places
-        looks = member.sum(axis=1)
+        places = member.sum(axis=1)
         # variance of the skewness of s normal variates (Fisher 1930)
         chance = 6 * s * (s - 1) / ((s - 2) * (s + 1) * (s + 3))
-        mean = (by_itself @ member.T / (looks + chance / OF_STATISTICS**2))[..., index]
+        mean = (by_itself @ member.T / (places + chance / OF_STATISTICS**2))[..., index]
         square = (by_itself - mean) ** 2 @ member.T
-        square += LOOKS_BEFOREHAND * (OF_LOOKS**2 + chance)
-        between = np.maximum(square / (looks + LOOKS_BEFOREHAND) - chance, 0.0)[..., index]
+        square += PLACES_BEFOREHAND * (OF_PLACES**2 + chance)
+        between = np.maximum(square / (places + PLACES_BEFOREHAND) - chance, 0.0)[..., index]
         return np.asarray(mean + (by_itself - mean) * between / (between + chance))
 
     def _kurtosis(self, by_itself: FloatArray, skewness: FloatArray, s: int) -> FloatArray:
@@ -169,13 +169,13 @@ class Together:
     Attributes
     ----------
     p_value : of the recording.
-    looks : effective number of statistics in each family.
+    numbers : effective number of statistics in each family.
     extrapolated : the p-value is smaller than the simulations alone can support.
     own : (simulations,) p-value of each simulation judged by all the others.
     """
 
     p_value: float
-    looks: tuple[float, ...]
+    numbers: tuple[float, ...]
     extrapolated: bool
     own: FloatArray
 
@@ -189,19 +189,19 @@ def together(p_values: FloatArray, own: FloatArray, families: list[NDArray[np.bo
     families : which statistics belong together; every family gets the same share, so that a
         few pooled ones are not drowned by many single ones.
     """
-    looks, observed, simulated = [], [], []
+    numbers, observed, simulated = [], [], []
     for family in families:
         if not family.any():
             continue
         smallest = own[:, family].min(axis=1)
         n = _effective_number(smallest)
-        looks.append(n)
+        numbers.append(n)
         observed.append(_adjusted(np.array([p_values[family].min()]), n)[0])
         simulated.append(_adjusted(smallest, n))
     best = np.min(np.array(simulated), axis=0)
     final = _effective_number(best)
     p = float(_adjusted(np.array([min(observed)]), final)[0])
-    return Together(p, tuple(looks), p < 1 / (len(own) + 1), _adjusted(best, final))
+    return Together(p, tuple(numbers), p < 1 / (len(own) + 1), _adjusted(best, final))
 
 
 def second_round_p_value(p_value: float, below: float, correlation: float) -> float:

@@ -173,7 +173,7 @@ def grown(
     firsts.sort(key=by_score, reverse=True)
     seconds.sort(key=by_score, reverse=True)
     # what is tried is not fitted to the end, and lineages are compared by what they come to
-    beam = [settled(one) for one in _followed([*firsts, *seconds])]
+    beam = [begun_afresh(one) for one in _followed([*firsts, *seconds])]
     weighed |= {one.names: one for one in beam}
     return beam, max(strongest, key=lambda other: other.gain - price(other), default=None)
 
@@ -253,7 +253,7 @@ def _needed(
     return causes_of(members, fit, without)
 
 
-def settled(one: Causes) -> Causes:
+def begun_afresh(one: Causes) -> Causes:
     """The set with forces begun afresh and the formula of the chain that suits it best: what was
     chosen without any of it may be wrong with it.
     """

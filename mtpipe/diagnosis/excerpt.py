@@ -16,7 +16,7 @@ from mtpipe.corrections.catalogue import CORRECTIONS
 from mtpipe.corrections.correction import Correction
 from mtpipe.crosschecking.check import BeadCheck
 from mtpipe.diagnosis.alternatives import SEEN_NATS
-from mtpipe.diagnosis.causes import Causes, causes_of, settled
+from mtpipe.diagnosis.causes import Causes, begun_afresh, causes_of
 from mtpipe.diagnosis.evidence import evidence_of
 from mtpipe.diagnosis.explanation import Alternative, Explanation, Named, agrees
 from mtpipe.diagnosis.judging import checked_with, rejected
@@ -126,7 +126,7 @@ def _fitted(causes: Sequence[Named], begun: BeadCheck) -> Causes | None:
         if fitted is None:
             return None
         best = causes_of((*best.members, fitted), fitted.fit, without)
-    return settled(best)
+    return begun_afresh(best)
 
 
 def _one_fitted(effect: Effect, beside: Causes, begun: BeadCheck) -> FittedEffect | None:

@@ -136,9 +136,9 @@ def contradicted(
     blame without which simulations only scatter more.
     """
     odd = {
-        look: abs(observed - simulated)
-        for look, p_value, observed, simulated in _compared(check)
-        if look.statistic not in OF_LIKELIHOOD and p_value < REFUTED_P
+        statistic: abs(observed - simulated)
+        for statistic, p_value, observed, simulated in _compared(check)
+        if statistic.kind not in OF_LIKELIHOOD and p_value < REFUTED_P
     }
     for one in causes.members if odd else ():
         rest = [other for other in causes.members if other is not one]
@@ -151,9 +151,9 @@ def contradicted(
         except (FitError, ValueError):
             continue
         if any(
-            p_value > AGREES_P and abs(observed - simulated) < LEFT_OF_IT * odd[look]
-            for look, p_value, observed, simulated in _compared(other)
-            if look in odd
+            p_value > AGREES_P and abs(observed - simulated) < LEFT_OF_IT * odd[statistic]
+            for statistic, p_value, observed, simulated in _compared(other)
+            if statistic in odd
         ):
             return one.effect.name
     return ""
@@ -162,7 +162,7 @@ def contradicted(
 def _compared(check: BeadCheck) -> Iterator[tuple[Statistic, float, float, float]]:
     """Of each statistic its p-value, what was recorded and the mean of simulations."""
     means = check.simulated.mean(axis=0)
-    return zip(check.looks, check.p_values, check.observed, means, strict=True)
+    return zip(check.statistics, check.p_values, check.observed, means, strict=True)
 
 
 def hopeful(check: BeadCheck) -> float:

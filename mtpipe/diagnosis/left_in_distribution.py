@@ -74,13 +74,13 @@ class LeftInDistribution:
         )
 
 
-def left_in_distribution(check: BeadCheck, look: Statistic) -> LeftInDistribution | None:
+def left_in_distribution(check: BeadCheck, statistic: Statistic) -> LeftInDistribution | None:
     """The distribution that a statistic judges, in the plateau where it is clearest; None if it is
     about none, or the distribution is not worth a curve.
     """
-    if look.statistic not in STATISTICS:
+    if statistic.kind not in STATISTICS:
         return None
-    axis, plateau = AXES.index(look.axis), clearest_plateau(check, look)
+    axis, plateau = AXES.index(statistic.axis), clearest_plateau(check, statistic)
     one = recorded_of(check.case)[plateau]
     x = one.position_nm[:, axis]
     x = x[np.isfinite(x)]

@@ -74,15 +74,15 @@ class LeftInTime:
         return f"{words}; alone, its first half gives a force of {first} pN, the second {second} pN"
 
 
-def left_in_time(check: BeadCheck, look: Statistic) -> LeftInTime | None:
+def left_in_time(check: BeadCheck, statistic: Statistic) -> LeftInTime | None:
     """The course that a statistic judges, in the plateau where it is clearest; None if it is about
     none, or the course is not worth a curve.
     """
-    kind = KINDS.get(look.statistic)
+    kind = KINDS.get(statistic.kind)
     if kind is None:
         return None
-    axis = AXES.index(look.axis)
-    plateau = clearest_plateau(check, look)
+    axis = AXES.index(statistic.axis)
+    plateau = clearest_plateau(check, statistic)
     one = recorded_of(check.case)[plateau]
     means, logs = in_windows(one)
     if kind == "mean":
@@ -99,23 +99,23 @@ def left_in_time(check: BeadCheck, look: Statistic) -> LeftInTime | None:
     return LeftInTime(kind, axis, plateau, values, stderr, curve, halves)
 
 
-def clearest_plateau(check: BeadCheck, look: Statistic) -> int:
+def clearest_plateau(check: BeadCheck, statistic: Statistic) -> int:
     """Index of the plateau in which the statistic differs most along its axis."""
     odd = {
         one.plateaus[0]: float(check.p_values[i])
-        for i, one in enumerate(check.looks)
-        if (one.statistic, one.axis, len(one.plateaus)) == (look.statistic, look.axis, 1)
-        and set(one.plateaus) <= set(look.plateaus)
+        for i, one in enumerate(check.statistics)
+        if (one.kind, one.axis, len(one.plateaus)) == (statistic.kind, statistic.axis, 1)
+        and set(one.plateaus) <= set(statistic.plateaus)
     }
-    return min(odd, key=lambda k: odd[k], default=look.plateaus[0])
+    return min(odd, key=lambda k: odd[k], default=statistic.plateaus[0])
 
 
 def _simulated_spread(check: BeadCheck, axis: int, plateau: int) -> float:
     """Standard deviation of ln of the windows' variances, as simulated."""
     own = [
         i
-        for i, one in enumerate(check.looks)
-        if (one.statistic, one.axis, one.plateaus) == ("variance_spread", AXES[axis], (plateau,))
+        for i, one in enumerate(check.statistics)
+        if (one.kind, one.axis, one.plateaus) == ("variance_spread", AXES[axis], (plateau,))
     ]
     return float(np.median(check.simulated[:, own[0]]))
 

@@ -25,22 +25,22 @@ def located(check: BeadCheck) -> list[dict[str, Any]]:
     places: list[dict[str, Any]] = []
     seen: set[tuple[str, str]] = set()
     for i in np.argsort(check.p_values):
-        look, p = check.looks[int(i)], float(check.p_values[int(i)])
+        statistic, p = check.statistics[int(i)], float(check.p_values[int(i)])
         if len(places) >= MOST_PLACES or (p > PLACE_P and places):
             break
-        if (look.statistic, look.axis) in seen:
+        if (statistic.kind, statistic.axis) in seen:
             continue
-        seen.add((look.statistic, look.axis))
+        seen.add((statistic.kind, statistic.axis))
         places += [
             {
                 "axis": axis,
-                "plateaus": [check.case.plateaus[k].number for k in concerned(check, look)],
-                "band_hz": None if look.band_hz is None else list(look.band_hz),
-                "time_s": None if look.time_s is None else list(look.time_s),
-                "statistic": look.statistic,
+                "plateaus": [check.case.plateaus[k].number for k in concerned(check, statistic)],
+                "band_hz": None if statistic.band_hz is None else list(statistic.band_hz),
+                "time_s": None if statistic.time_s is None else list(statistic.time_s),
+                "statistic": statistic.kind,
                 "p_value": p,
             }
-            for axis in look.axis or AXES
+            for axis in statistic.axis or AXES
         ]
     return places[:MOST_PLACES]
 
@@ -57,17 +57,17 @@ def bent_heights(check: BeadCheck, beside: Beside) -> dict[str, Any]:
     }
 
 
-def concerned(check: BeadCheck, look: Statistic) -> tuple[int, ...]:
+def concerned(check: BeadCheck, statistic: Statistic) -> tuple[int, ...]:
     """Plateaus of a statistic; of a pooled one those that show it by themselves, or all."""
-    if not look.pooled:
-        return look.plateaus
+    if not statistic.pooled:
+        return statistic.plateaus
     alone = {
         other.plateaus[0]
-        for other, p in zip(check.looks, check.p_values, strict=True)
+        for other, p in zip(check.statistics, check.p_values, strict=True)
         if not other.pooled
-        and other.statistic == look.statistic
-        and other.axis == look.axis
-        and (look.band_hz is None or other.band_hz == look.band_hz)
+        and other.kind == statistic.kind
+        and other.axis == statistic.axis
+        and (statistic.band_hz is None or other.band_hz == statistic.band_hz)
         and p < 0.01
     }
-    return tuple(sorted(alone)) or look.plateaus
+    return tuple(sorted(alone)) or statistic.plateaus

@@ -131,7 +131,7 @@ def _climbed(
 
 
 @dataclass(frozen=True)
-class Settled:
+class Outcome:
     """What the beads together make of one effect that a bead names.
 
     Attributes
@@ -147,7 +147,7 @@ class Settled:
     beside: bool = False
 
 
-def weighed(ballots: Mapping[str, Ballot], bead: str, slot: Mapping[str, float]) -> Settled:
+def weighed(ballots: Mapping[str, Ballot], bead: str, slot: Mapping[str, float]) -> Outcome:
     """Decide what a bead may name: each of its explanations is weighed together with the best that
     all other beads can then have.
 
@@ -177,7 +177,7 @@ def weighed(ballots: Mapping[str, Ballot], bead: str, slot: Mapping[str, float])
     hidden = max(beside, key=lambda effect: beside[effect], default=first)
     top, other = totals[first], max(own, beside.get(hidden, -math.inf))
     if other > max(top, own) + TOLD_NATS:
-        return Settled((hidden,), of_others[hidden], beside=True)
+        return Outcome((hidden,), of_others[hidden], beside=True)
     if other > top + TOLD_NATS:
         totals = {effect: totals[effect] for effect in private}
     best = max(totals.values(), default=0.0)
@@ -185,11 +185,11 @@ def weighed(ballots: Mapping[str, Ballot], bead: str, slot: Mapping[str, float])
     supported = top > other + TOLD_NATS
     refuted = agreed < max(top, other) - TOLD_NATS
     if refuted and not supported and not set(left) & set(private):
-        return Settled(())
-    return Settled(tuple(left), of_others.get(first) if supported and len(left) == 1 else None)
+        return Outcome(())
+    return Outcome(tuple(left), of_others.get(first) if supported and len(left) == 1 else None)
 
 
-def also_in(ballots: Mapping[str, Ballot], bead: str, effect: str) -> Settled | None:
+def also_in(ballots: Mapping[str, Ballot], bead: str, effect: str) -> Outcome | None:
     """A shared effect that others have, in a bead that did without it; None where it is hidden."""
     curves = {name: b.curves[effect] for name, b in ballots.items() if effect in b.curves}
     penalty = pooled_penalty([curve.penalty for curve in curves.values()])
@@ -197,7 +197,7 @@ def also_in(ballots: Mapping[str, Ballot], bead: str, effect: str) -> Settled | 
     if mine is None or not curves or any(effect in slot for slot in ballots[bead].slots):
         return None
     others = common(curves, penalty)
-    return Settled((effect,), others, beside=True) if mine.at(others.value) > mine.hidden else None
+    return Outcome((effect,), others, beside=True) if mine.at(others.value) > mine.hidden else None
 
 
 def pooled_penalty(penalties: Sequence[float]) -> float:

@@ -16,7 +16,7 @@ from mtpipe.crosschecking.check import check_bead
 from mtpipe.diagnosis.explain import explain
 from mtpipe.diagnosis.explanation import Alternative, Explanation, Named, agrees
 from mtpipe.diagnosis.heldout import heldout_gain
-from mtpipe.diagnosis.pooled import Common, Settled
+from mtpipe.diagnosis.pooled import Common, Outcome
 from mtpipe.diagnosis.refit import begun_again, best_formula
 from mtpipe.diagnosis.unexplained import Rejected
 from mtpipe.effects.effect import Effect, Evidence
@@ -31,13 +31,13 @@ class Change:
 
     Attributes
     ----------
-    place : among the named. settled : what it may be.
+    place : among the named. outcome : of the beads together.
     effect : the shared effect it is about, not always one that the bead knew of.
     told : what the other beads say of it, in words.
     """
 
     place: int
-    settled: Settled
+    outcome: Outcome
     effect: Effect
     told: str
 
@@ -70,16 +70,16 @@ def with_changes(
     one : that is not unexplained. changes : none: it stays as it is. random : of simulations.
     """
     for change in changes:
-        if not change.settled.left:
+        if not change.outcome.left:
             return _excluded(one, change)
-        if change.settled.beside:
+        if change.outcome.beside:
             return _begun_again(one, change, random)
     named = list(one.named)
     for change in changes:
-        named[change.place] = _settled(named[change.place], change)
+        named[change.place] = _named_by_outcome(named[change.place], change)
     unchecked = replace(one, named=tuple(named))
     switched = [c for c in changes if named[c.place].name != one.named[c.place].name]
-    told = {c.place: c.settled.others for c in changes if c.settled.others is not None}
+    told = {c.place: c.outcome.others for c in changes if c.outcome.others is not None}
     if not switched and not told:
         return unchecked
     try:
@@ -103,23 +103,23 @@ def with_changes(
     return replace(one, named=tuple(named), after=after)
 
 
-def _settled(named: Named, change: Change) -> Named:
+def _named_by_outcome(named: Named, change: Change) -> Named:
     """The effect as it may be named: unchanged if the other beads still allow it, else the best
     that they allow.
     """
     left = {
         tried.effect.name: (tried, net)
         for tried, net in accounts(named)
-        if tried.effect.name in change.settled.left
+        if tried.effect.name in change.outcome.left
     }
-    name = named.name if named.name in left else change.settled.left[0]
+    name = named.name if named.name in left else change.outcome.left[0]
     found, own = left.pop(name)
     alternatives = tuple(Alternative(tried, net - own) for tried, net in left.values())
     return replace(named, found=found, alternatives=alternatives, others=_sentence(change))
 
 
 def _sentence(change: Change) -> str:
-    if change.effect.name in change.settled.left:
+    if change.effect.name in change.outcome.left:
         return f"All beads share this: {change.told}."
     return f"It is not {change.effect.name}, which all beads would share: {change.told}."
 
@@ -158,7 +158,7 @@ def _with_prior(fit: ConfiguredFit, tried: FittedEffect, common: Common) -> Conf
 
 def _begun_again(one: Explanation, change: Change, random: np.random.Generator) -> Explanation:
     """Weighed again with the size that the other beads have of a shared effect."""
-    known, common = change.known(one), change.settled.others
+    known, common = change.known(one), change.outcome.others
     # a bead that did without it by itself may go on doing so
     otherwise = one if known is None else _excluded(one, change)
     first = next(named for named in one.named if isinstance(named.found, FittedEffect))

@@ -102,17 +102,17 @@ def _to_one_side(ln: FloatArray, stderr: FloatArray, moved: NDArray[np.bool_]) -
 
 def _mended(one: Named) -> Statistic | None:
     """The statistic whose p rises most with the effect; None where none does."""
-    after = dict(zip(one.after.looks, one.after.p_values, strict=True))
+    after = dict(zip(one.after.statistics, one.after.p_values, strict=True))
     rises = {
-        look: math.log(max(float(after[look]), 1e-300) / max(float(p), 1e-300))
-        for look, p in zip(one.before.looks, one.before.p_values, strict=True)
-        if look in after
+        statistic: math.log(max(float(after[statistic]), 1e-300) / max(float(p), 1e-300))
+        for statistic, p in zip(one.before.statistics, one.before.p_values, strict=True)
+        if statistic in after
     }
-    best = max(rises, key=lambda look: rises[look], default=None)
+    best = max(rises, key=lambda statistic: rises[statistic], default=None)
     return best if best is not None and rises[best] > 0 else None
 
 
-def _where(check: BeadCheck, look: Statistic, force_pN: FloatArray) -> str:
+def _where(check: BeadCheck, statistic: Statistic, force_pN: FloatArray) -> str:
     """Axes, frequencies and forces that a statistic is about.
 
     Parameters
@@ -121,12 +121,14 @@ def _where(check: BeadCheck, look: Statistic, force_pN: FloatArray) -> str:
     """
     along = AXES[check.case.fit.model.experiment.along]
     names = {"z": "in height (z)", along: f"along the field ({along})"}
-    axes = [names.get(axis, f"across the field ({axis})") for axis in look.axis] or ["on all axes"]
+    axes = [names.get(axis, f"across the field ({axis})") for axis in statistic.axis] or [
+        "on all axes"
+    ]
     parts = [" and ".join(axes)]
-    if look.band_hz is not None:
-        low, high = (f"{hz:.3g}" for hz in look.band_hz)
+    if statistic.band_hz is not None:
+        low, high = (f"{hz:.3g}" for hz in statistic.band_hz)
         parts.append(f"{low} Hz" if low == high else f"{low}–{high} Hz")
-    plateaus = concerned(check, look)
+    plateaus = concerned(check, statistic)
     if len(plateaus) == len(check.case.plateaus):
         parts.append("at all forces")
     else:

@@ -18,6 +18,7 @@ from mtpipe.crosschecking.check import BeadCheck
 from mtpipe.diagnosis.causes import (
     BEAM,
     Causes,
+    begun_afresh,
     by_score,
     causes_of,
     exchanged,
@@ -25,7 +26,6 @@ from mtpipe.diagnosis.causes import (
     likeliest_left,
     objected,
     price,
-    settled,
 )
 from mtpipe.diagnosis.evidence import evidence_of
 from mtpipe.diagnosis.explanation import ALIKE_NATS, agrees, ln_of
@@ -179,7 +179,7 @@ def _nearest(
     """The strongest cause by itself, where no set with a cause was compared with simulations."""
     if strongest is None:
         return None
-    fit = settled(causes_of((strongest,), strongest.fit, without)).fit
+    fit = begun_afresh(causes_of((strongest,), strongest.fit, without)).fit
     gain = fit.log_likelihood - without.log_likelihood
     strongest = replace(strongest, fit=fit, gain=gain)
     if strongest.gain <= price(strongest):

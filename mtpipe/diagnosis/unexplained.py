@@ -42,7 +42,7 @@ SPECTRAL = (
     "psd_band", "allan_variance", "stiffness", "friction", "stiffness_along_series",
     "friction_along_series",
 )  # fmt: skip
-ODD_P, MOST_LOOKS = 1e-3, 2
+ODD_P, MOST_SAID = 1e-3, 2
 # Distance from none, in standard errors, from which a plateau's own correction is mentioned.
 CLEAR = 3.0
 INTERVAL_95 = (0.025, 0.975)
@@ -87,26 +87,26 @@ class Unexplained:
         return f"Unexplained of {self.check.case.bead}: {self.sentence}"
 
     @functools.cached_property
-    def looks(self) -> tuple[int, ...]:
+    def contradicting(self) -> tuple[int, ...]:
         """Indices of the statistics that differ most and that the correction is not about, the most
         significant first; of each kind one.
         """
         kinds: dict[tuple[str, str], int] = {}
         for i in np.argsort(self.check.p_values, kind="stable").tolist():
-            look = self.check.looks[i]
-            if self.correction is None or look.statistic not in SPECTRAL:
+            statistic = self.check.statistics[i]
+            if self.correction is None or statistic.kind not in SPECTRAL:
                 odd = self.check.p_values[i] < ODD_P
                 if odd or (self.correction is None and not kinds):
-                    kinds.setdefault((look.statistic, look.axis), i)
-        return tuple(kinds.values())[:MOST_LOOKS]
+                    kinds.setdefault((statistic.kind, statistic.axis), i)
+        return tuple(kinds.values())[:MOST_SAID]
 
     @functools.cached_property
     def shapes(self) -> tuple[LeftInTime | LeftInDistribution, ...]:
         """Courses of time and distributions that the statistics are about, each once."""
         found: dict[tuple[str, int, int], LeftInTime | LeftInDistribution] = {}
-        for i in self.looks:
-            look = self.check.looks[i]
-            one = left_in_time(self.check, look) or left_in_distribution(self.check, look)
+        for i in self.contradicting:
+            statistic = self.check.statistics[i]
+            one = left_in_time(self.check, statistic) or left_in_distribution(self.check, statistic)
             if one is not None:
                 found.setdefault((one.kind, one.axis, one.plateau), one)
         return tuple(found.values())
@@ -120,13 +120,13 @@ class Unexplained:
             else "No effect in the catalogue explains the difference from the simulation."
         )
         spectral = [] if self.correction is None else self._of_spectra(self.correction)
-        looks = [capital(self._of_look(i)) + "." for i in self.looks]
-        looks += [
+        said = [capital(self._of_statistic(i)) + "." for i in self.contradicting]
+        said += [
             f"In plateau {self.number(one.plateau)}, along {AXES[one.axis]}, {one.words}."
             for one in self.shapes
         ]
         first = int(np.argmin(self.check.p_values))
-        inner = looks + spectral if first in self.looks else spectral + looks
+        inner = said + spectral if first in self.contradicting else spectral + said
         if self.bend is not None:
             inner.insert(0, self._of_heights(self.bend))
         closing = [] if self.nearest or self.beside else ["No effect could be tried."]
@@ -191,17 +191,19 @@ class Unexplained:
         """Of a plateau, by its index."""
         return self.check.case.plateaus[plateau].number
 
-    def _of_look(self, i: int) -> str:
-        look, value = self.check.looks[i], float(self.check.observed[i])
-        what = KINDS[look.statistic].words
-        parts = [f"along {' and '.join(look.axis)}"] if look.axis else []
+    def _of_statistic(self, i: int) -> str:
+        statistic, value = self.check.statistics[i], float(self.check.observed[i])
+        what = KINDS[statistic.kind].words
+        parts = [f"along {' and '.join(statistic.axis)}"] if statistic.axis else []
         parts.append(
-            "over all plateaus" if look.pooled else f"in plateau {self.number(look.plateaus[0])}"
+            "over all plateaus"
+            if statistic.pooled
+            else f"in plateau {self.number(statistic.plateaus[0])}"
         )
-        if look.band_hz is not None:
-            parts.append(f"at {look.band_hz[0]:.3g} to {look.band_hz[1]:.3g} Hz")
-        if look.time_s is not None:
-            parts.append(f"from {look.time_s[0]:.3g} to {look.time_s[1]:.3g} s")
+        if statistic.band_hz is not None:
+            parts.append(f"at {statistic.band_hz[0]:.3g} to {statistic.band_hz[1]:.3g} Hz")
+        if statistic.time_s is not None:
+            parts.append(f"from {statistic.time_s[0]:.3g} to {statistic.time_s[1]:.3g} s")
         median, low, high = self.simulated(i)
         return (
             f"{what} {' '.join(parts)} is {value:.3g}; simulations give {median:.3g} "

@@ -28,7 +28,7 @@ def content_of(left: Unexplained) -> dict[str, Any]:
     correction = left.correction
     return {
         "sentence": left.sentence,
-        "looks": [_look_dict(left, i) for i in left.looks],
+        "looks": [_statistic_dict(left, i) for i in left.contradicting],
         "shapes": [_shape_dict(left, one) for one in left.shapes],
         "nearest": None
         if left.nearest is None
@@ -75,16 +75,16 @@ def _bend_dict(left: Unexplained, beside: Beside) -> dict[str, Any]:
     }
 
 
-def _look_dict(left: Unexplained, i: int) -> dict[str, Any]:
-    look = left.check.looks[i]
+def _statistic_dict(left: Unexplained, i: int) -> dict[str, Any]:
+    statistic = left.check.statistics[i]
     values = float(left.check.observed[i]), *left.simulated(i), float(left.check.p_values[i])
     names = "value", "simulated_median", "simulated_low", "simulated_high", "p_value"
     return {
-        "statistic": look.statistic,
-        "axis": look.axis,
-        "plateaus": [left.number(k) for k in look.plateaus],
-        "band_hz": None if look.band_hz is None else list(look.band_hz),
-        "time_s": None if look.time_s is None else list(look.time_s),
+        "statistic": statistic.kind,
+        "axis": statistic.axis,
+        "plateaus": [left.number(k) for k in statistic.plateaus],
+        "band_hz": None if statistic.band_hz is None else list(statistic.band_hz),
+        "time_s": None if statistic.time_s is None else list(statistic.time_s),
         **{name: _finite(value) for name, value in zip(names, values, strict=True)},
     }
 

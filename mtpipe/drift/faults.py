@@ -76,7 +76,7 @@ def mistracked(
             continue
         if witnesses_nm:
             shared = [
-                np.abs(_excursion(_held(w[known]), width)[far] - away[far]) < np.abs(away[far]) / 2
+                np.abs(_excursion(held(w[known]), width)[far] - away[far]) < np.abs(away[far]) / 2
                 for w in witnesses_nm
             ]
             far[far] = np.mean(shared, axis=0) < 0.5
@@ -168,7 +168,7 @@ def _usual_step(series: FloatArray) -> float:
     return float(np.median(moving)) if len(moving) else 0.0
 
 
-def _held(series: FloatArray) -> FloatArray:
+def held(series: FloatArray) -> FloatArray:
     """The series with lost frames holding the last known position."""
     known = np.isfinite(series)
     if known.all() or not known.any():
@@ -186,7 +186,7 @@ def _steps(
         n = (stop - start) // size
         if n < 3:
             continue
-        blocks = _held(series[start : start + n * size]).reshape(n, size)
+        blocks = held(series[start : start + n * size]).reshape(n, size)
         middle = np.median(blocks, axis=1)
         steps.append(middle[2:] - middle[:-2])
         rows.append(start + size * np.arange(1, n - 1, dtype=np.int64))

@@ -23,6 +23,7 @@ from mtpipe.drift.lowpass import (
 )
 from mtpipe.drift.noise import OWN_MOTION_HZ
 from mtpipe.drift.references import Assessment, assess
+from mtpipe.drift.stage_moves import stage_moves_nm
 from mtpipe.drift.uncorrected import course_left, left_notice
 from mtpipe.ground.notice import Notice, Severity
 from mtpipe.ground.types import FloatArray
@@ -104,12 +105,14 @@ def _referenced(recording: Recording, choice: DriftChoice) -> Recording:
         series = combined([found.axes[u.bead][axis].series_nm for u in used], weight, grid.rate_hz)
         white_nm = float(np.sqrt(np.sum((weight * noise) ** 2)))
         share = max(found.axes[u.bead][axis].own_share for u in used)
+        moves = stage_moves_nm(series, grid.rate_hz)
+        series = series - moves
         chosen = _cutoff(series, grid, white_nm, share, choice)
         cutoffs[axis], added[axis] = chosen.cutoff_hz, chosen.noise_added_nm
         drift = low_pass(series, grid.rate_hz, chosen.cutoff_hz)
         frames = _start_frames(grid, chosen.cutoff_hz)
         start[axis] = chosen.start_stderr_nm / math.sqrt(frames)
-        subtracted[:, axis] = (drift - _start(drift, frames))[grid.row]
+        subtracted[:, axis] = (drift - _start(drift, frames) + moves)[grid.row]
         if name == "z":
             for bead in recording.tethered:
                 z = grid.series_nm(recording, bead, axis)

@@ -9,6 +9,7 @@ from mtpipe.experiment.changed import with_root
 from mtpipe.experiment.changes import with_stage
 from mtpipe.experiment.description import Experiment
 from mtpipe.experiment.parameter import Parameter
+from mtpipe.experiment.step import axes_with_another
 
 LARGEST_NM_PER_ROOT_S = 300.0
 
@@ -31,8 +32,14 @@ def _hypotheses(experiment: Experiment, evidence: Evidence) -> list[Hypothesis]:
 
 
 def left(experiment: Experiment) -> Hypothesis:
-    """Drift that was not subtracted, a random walk along each axis."""
-    return Hypothesis(experiment, tuple(along(i, name) for i, name in enumerate("xyz")))
+    """Drift that was not subtracted, a random walk along each axis.
+
+    Not along an axis in which a share of another is recorded: the stage's motion along the other
+    comes with it, and the references need not lean by as much.
+    """
+    mixed = axes_with_another(experiment.steps)
+    walks = [along(i, name) for i, name in enumerate("xyz") if i not in mixed]
+    return Hypothesis(experiment, tuple(walks))
 
 
 def _cause(experiment: Experiment) -> str:

@@ -7,6 +7,7 @@ any number of them; within one place they act in the order in which they were ad
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from dataclasses import dataclass, replace
 from typing import ClassVar, Literal, Protocol, TypeGuard
 
@@ -129,3 +130,9 @@ class StepOfAxis(Step, Protocol):
     @property
     def axis(self) -> int | tuple[int, int] | None:
         """The axis, or the pair: the one that changes first; None: all."""
+
+
+def axes_with_another(steps: Iterable[Step]) -> set[int]:
+    """Axes along which steps record a share of another axis."""
+    pairs = [getattr(step, "axis", None) for step in steps]
+    return {pair[0] for pair in pairs if isinstance(pair, tuple)}

@@ -9,8 +9,8 @@ import numpy as np
 
 from mtpipe.proposal.bead_columns import PLACE, Bead, Found, names_of, patterns
 from mtpipe.proposal.look import Column
+from mtpipe.proposal.name_words import owner_of
 from mtpipe.proposal.nature import Nature
-from mtpipe.proposal.words import owner_of
 
 ARRAY = re.compile(r"(?P<base>.*)\[(?P<index>\d+(?:,\d+)*)\]")
 NO_PLACE: set[Nature] = {"clock", "count", "constant", "dead"}

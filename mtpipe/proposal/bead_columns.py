@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from typing import Any
 
 from mtpipe.proposal.look import Column
-from mtpipe.proposal.words import is_reference
+from mtpipe.proposal.name_words import is_reference
 
 NUMBER = re.compile(r"\d+")
 PLACE = "{n}"

@@ -9,10 +9,10 @@ from mtpipe.ground.types import FloatArray
 from mtpipe.proposal.asking import Asking
 from mtpipe.proposal.draft import USUAL, Draft
 from mtpipe.proposal.motion import field_axis, fixed_beads, motion_of
+from mtpipe.proposal.name_words import is_reference
 from mtpipe.proposal.questions import ASKED
 from mtpipe.proposal.rest import SHORTEST_S, rest_of
 from mtpipe.proposal.surface import surface_of
-from mtpipe.proposal.words import is_reference
 from mtpipe.recording.plateaus import find_plateaus
 from mtpipe.recording.recording import Plateau, Recording
 from mtpipe.setup.measured import UNKNOWN

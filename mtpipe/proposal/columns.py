@@ -23,9 +23,9 @@ from mtpipe.proposal.array_columns import (
 )
 from mtpipe.proposal.bead_columns import Bead, Found, entry_of, names_of, patterns
 from mtpipe.proposal.look import Column, Look
+from mtpipe.proposal.name_words import Said, said_by
 from mtpipe.proposal.nature import Nature, nature_of
 from mtpipe.proposal.units import stated_unit
-from mtpipe.proposal.words import Said, said_by
 from mtpipe.setup.source_parts import SECONDS_PER_UNIT
 
 HERTZ = re.compile(r"\b[kM]?Hz\b")

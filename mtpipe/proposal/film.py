@@ -21,7 +21,7 @@ from mtpipe.ingest.column_attributes import PLACEHOLDER_HZ, RATE_TOLERANCE
 from mtpipe.proposal.asking import Asking
 from mtpipe.proposal.beads import put_field, put_references
 from mtpipe.proposal.draft import USUAL, Draft
-from mtpipe.proposal.files import GivenFilm
+from mtpipe.proposal.laboratory_files import GivenFilm
 from mtpipe.proposal.layout import log_seconds, put_log
 from mtpipe.proposal.look import look_at
 from mtpipe.proposal.magnet_log import NO_MAGNETS, clock_offset, find_log

@@ -7,7 +7,7 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from mtpipe.ingest.data_files import data_files
-from mtpipe.proposal.files import FoundFiles
+from mtpipe.proposal.laboratory_files import FoundFiles
 from mtpipe.proposal.look import Look
 from mtpipe.proposal.nature import nature_of
 from mtpipe.setup.presets import (

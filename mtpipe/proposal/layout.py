@@ -21,7 +21,7 @@ from mtpipe.ingest.text import TextTable
 from mtpipe.proposal.attributes import said_beside
 from mtpipe.proposal.columns import Columns
 from mtpipe.proposal.draft import Draft
-from mtpipe.proposal.files import FoundFiles
+from mtpipe.proposal.laboratory_files import FoundFiles
 from mtpipe.proposal.look import Column, Look
 from mtpipe.proposal.magnet_log import Log
 from mtpipe.proposal.nature import lost_marks

@@ -16,8 +16,8 @@ from numpy.typing import NDArray
 
 from mtpipe.ground.types import FloatArray
 from mtpipe.proposal.look import Column, Look
+from mtpipe.proposal.name_words import said_by
 from mtpipe.proposal.nature import nature_of
-from mtpipe.proposal.words import said_by
 
 BIN_S = 0.25
 LEVELS = 12

@@ -19,7 +19,7 @@ from mtpipe.ground.types import NamedProgress
 from mtpipe.ingest import load
 from mtpipe.proposal.asking import Ask, Asking
 from mtpipe.proposal.draft import Draft
-from mtpipe.proposal.files import film_of
+from mtpipe.proposal.laboratory_files import film_of
 from mtpipe.proposal.questions import ALWAYS, put_usual
 from mtpipe.proposal.table import propose_table
 from mtpipe.proposal.text import said, setup_text

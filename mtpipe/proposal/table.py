@@ -19,8 +19,8 @@ from mtpipe.proposal.beads import (
     put_without_reading,
 )
 from mtpipe.proposal.draft import USUAL, Draft
-from mtpipe.proposal.files import FoundFiles, find_files
 from mtpipe.proposal.instrument import magscope_files, preset_of
+from mtpipe.proposal.laboratory_files import FoundFiles, find_files
 from mtpipe.proposal.layout import (
     log_seconds,
     put_files,

@@ -15,7 +15,7 @@ import numpy as np
 from mtpipe.ground.types import FloatArray
 from mtpipe.ingest.units import unit_of
 from mtpipe.proposal.look import Column
-from mtpipe.proposal.words import unit_said
+from mtpipe.proposal.name_words import unit_said
 from mtpipe.setup.source_parts import NM_PER_UNIT, SECONDS_PER_UNIT, TURNS_PER_UNIT
 
 # Frames per second of most recordings; a unit that makes a rate near it is the likeliest.

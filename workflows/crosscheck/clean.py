@@ -182,8 +182,8 @@ def configuration(clean: Clean) -> dict[str, Any]:
 def labels(found: BeadCheck) -> list[tuple[str, str, bool, int]]:
     """Statistic, axis, whether pooled, and band or plateau of every look."""
     return [
-        (look.statistic, look.axis, look.pooled, -1 if look.pooled else look.plateaus[0])
-        for look in found.looks
+        (look.kind, look.axis, look.pooled, -1 if look.pooled else look.plateaus[0])
+        for look in found.statistics
     ]
 
 
