@@ -32,6 +32,9 @@ BEAM = 2
 # Members that are exchanged for others where simulations refuse a set: one cause that stands for
 # two gives way to the two.
 WEAKEST = 2
+# Rivals of the strongest cause on which it is fitted too: what it took for its own as the first of
+# two may be theirs, and its fit may stay where that led it.
+RIVALS = 3
 # Causes that are fitted as the next of a set: those that promise most by the score test.
 MOST_NAMES = 6
 # A member whose loss by the curvature of ln likelihood (Wald) is 3 times its price is kept without
@@ -168,6 +171,14 @@ def grown(
                 weighed[larger.names] = larger
                 children.append(larger)
         children.sort(key=by_score, reverse=True)
+        if children and children[0].members:
+            rivals = [other for other in by_net if not other.effect.form and lacking[other] < 0]
+            for larger in _on_rivals(children[0], one, rivals, without, evidence):
+                known = weighed.get(larger.names)
+                if known is None or larger.score > known.score + ALIKE_NATS:
+                    weighed[larger.names] = larger
+                    children.append(larger)
+            children.sort(key=by_score, reverse=True)
         firsts += children[:1]
         seconds += children[1:]
     firsts.sort(key=by_score, reverse=True)
@@ -176,6 +187,30 @@ def grown(
     beam = [begun_afresh(one) for one in _followed([*firsts, *seconds])]
     weighed |= {one.names: one for one in beam}
     return beam, max(strongest, key=lambda other: other.gain - price(other), default=None)
+
+
+def _on_rivals(
+    best: Causes,
+    smaller: Causes,
+    rivals: Sequence[FittedEffect],
+    without: ConfiguredFit,
+    evidence: Evidence,
+) -> list[Causes]:
+    """Sets of the newest member of the best set and each of a few rivals, fitted after the rival,
+    that are worth more than the best set.
+
+    Parameters
+    ----------
+    smaller : the set without the newest member, with which the rivals were fitted.
+    """
+    newest = best.members[-1]
+    found = []
+    for rival in [one for one in rivals if one.effect.name not in best.names][:RIVALS]:
+        for again in try_effects(rival.fit, [newest.effect], evidence, beside=True):
+            pair = causes_of((*smaller.members, rival, again), again.fit, without)
+            if pair.score > best.score:
+                found.append(_needed(without, pair.members, pair.fit))
+    return found
 
 
 def _followed(grown_sets: Sequence[Causes]) -> list[Causes]:
