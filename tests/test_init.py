@@ -17,9 +17,12 @@ from mtpipe.proposal.bead_columns import names_of
 from mtpipe.proposal.magnet_log import clock_offset
 from mtpipe.proposal.proposal import checked, propose
 from mtpipe.proposal.questions import as_setup_part, parsed
+from mtpipe.proposal.rest import rest_of
 from mtpipe.proposal.surface import surface_of
+from mtpipe.recording.plateaus import find_plateaus
 from mtpipe.setup.setup import read_setup
 from mtpipe.setup.source_signals import ZZero
+from mtpipe.setup.tables import Plateaus
 from mtpipe.tracking.scan import table_from_scan
 from tests.laboratory_files import LENGTH_NM, LOG_BEFORE_S, RATE, Laboratory
 from tests.stack_images import draw
@@ -57,6 +60,31 @@ def test_german_text_with_its_own_magnet_log(laboratory, tmp_path):
     assert recording.setup.source.magnet.clock_offset_s == pytest.approx(33.4, abs=1.0)
     assert any("clock_offset_s" in guess for guess in proposal.guesses)
     laboratory.rests(recording)
+
+
+@pytest.mark.parametrize("shift", [0.0, 0.004])
+@pytest.mark.parametrize("step_s", [0.01, 0.1, 0.25])
+def test_a_motor_that_scatters_at_rest_has_one_rest_for_each_place(step_s, shift):
+    """A log with few entries per second: their scatter was read from two of them, and rests split.
+
+    Entries on frames and between them, and one for each frame.
+    """
+    random = np.random.default_rng(3)
+    time_s = np.arange(26_000) / 104
+    clock = np.arange(-2.0, 255.0, step_s) + shift
+    places = np.array([8.87, 7.22, 5.54, 4.08, 3.14])
+    magnet = places[np.clip(clock // 50, 0, 4).astype(int)] + random.normal(0, 0.003, len(clock))
+    rest = rest_of(time_s, np.interp(time_s, clock, magnet.round(3)).round(7), log=True)
+    plateaus = find_plateaus(time_s, np.interp(time_s, clock, magnet), Plateaus(**rest.choices))
+    assert [round(one.magnet_mm, 1) for one in plateaus] == [8.9, 7.2, 5.5, 4.1, 3.1]
+
+
+def test_rests_of_a_motor_without_scatter_need_no_tolerance():
+    time_s = np.arange(8_000) / 104
+    position = np.interp(time_s, *np.transpose(
+        [(at + late, 9 - 0.1 * k) for k in range(16) for at, late in ((5 * k, 0.3), (5 * k, 4.9))]
+    ))  # fmt: skip
+    assert "tolerance_mm" not in rest_of(time_s, position, log=True).choices
 
 
 def test_french_text_with_a_log_called_log(laboratory, tmp_path):

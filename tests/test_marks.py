@@ -187,6 +187,7 @@ def test_a_stretch_is_lost_frames_in_the_next_run(folder):
     done = mark(out, "b1", "--from", begin, "--to", end, "--reason", "focus was lost")
     assert done.exit_code == 0, done.output
     assert "mtpipe run again" in done.output
+    assert "without all of the plateaus it lies in" in done.output
     waiting = pd.read_csv(out / "forces.csv")
     assert set(waiting[waiting.force_status == "excluded"].plateau) == {1}
     mtpipe.run(folder / "recording.csv", out, cross_check=False)

@@ -29,7 +29,8 @@ pytestmark = pytest.mark.slow
 ROOT = Path(__file__).parents[1]
 README = (ROOT / "README.md").read_text(encoding="utf-8")
 BLOCKS = re.findall(r"```sh\n(.*?)```", README, re.DOTALL)
-(SETUP,) = re.findall(r"```toml\n(schema.*?)```", README, re.DOTALL)
+LAYOUT = (ROOT / "docs" / "how-to" / "file-layout.md").read_text(encoding="utf-8")
+(SETUP,) = re.findall(r"```toml\n(schema.*?)```", LAYOUT, re.DOTALL)
 ROWS = re.findall(r"^\| `(mtpipe [^`]+)` \| (.+) \|$", README, re.MULTILINE)
 
 # Of each command: the folder in which a reader calls it, what stands in place of the names in
@@ -92,7 +93,7 @@ def called(line, folder, monkeypatch, capsys):
 
 
 def simulated(folder, forces, frames, beads=1):
-    """A recording of the experiment that README describes, with its setup."""
+    """A recording of the experiment that docs/how-to/file-layout.md describes, with its setup."""
     folder.mkdir(parents=True)
     (folder / "setup.toml").write_text(SETUP, encoding="utf-8")
     size = ["--force", forces, "--frames", str(frames), "--beads", str(beads)]

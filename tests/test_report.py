@@ -170,7 +170,7 @@ def test_the_page_says_where_the_forces_come_from(pages: dict[str, Page]) -> Non
         "One joint fit describes 7 spectra of x and y: x and y of a plateau have the same" in good
     )
     assert "The friction is the one expected from radius" in good
-    assert "Plateau 2, y contradicts the others and was fitted separately." in good
+    assert "Plateau 2 along y contradicts the others and was fitted separately." in good
     assert re.search(r"1391 ± 17 nm\s*setup: 1400 ± 30 nm", good)
     no_z = " ".join(pages["bead-b2.html"].text.split())
     assert "Each spectrum was fitted separately (friction expected from the setup)." in no_z

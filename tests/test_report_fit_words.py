@@ -74,7 +74,9 @@ def test_traces_that_were_left_out_are_named() -> None:
     source = fit_source(bead(), [*odd, *rows(SHARED)[2:]], radius_known=True)
     assert source is not None
     assert "4 spectra" in source.sentence
-    assert source.reasons[-1].startswith("Plateau 0, x; plateau 0, y contradict the others")
+    assert source.reasons[-1].startswith(
+        "Plateau 0 along x; plateau 0 along y contradict the others"
+    )
 
 
 @pytest.mark.parametrize(("extension", "why"), [(900.0, "No joint"), (None, "A joint fit")])

@@ -152,6 +152,7 @@ def test_plateaus_are_listed_shortly() -> None:
     assert words.plateaus([3]) == "plateau 3"
     assert words.plateaus([2, 3, 4, 5]) == "plateaus 2 to 5"
     assert words.plateaus([4, 0, 1]) == "plateaus 0, 1 and 4"
+    assert words.plateaus([9, 0, 1, 2, 4, 8]) == "plateaus 0 to 2, 4, 8 and 9"
 
 
 def test_sentences_begin_with_a_capital_unless_with_a_symbol() -> None:

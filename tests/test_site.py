@@ -4,12 +4,15 @@ import ast
 import re
 import tomllib
 from pathlib import Path
+from typing import get_args
 
 import numpy as np
 import pytest
 
 from docs import make_gallery
 from mtpipe.ground.version import VERSION
+from mtpipe.report.contents import Verdict as Mismatch
+from mtpipe.verdicts.verdict import Verdict
 
 ROOT = Path(__file__).parents[1]
 DOCS = ROOT / "docs"
@@ -61,6 +64,22 @@ def test_tables_that_pages_share_are_there():
         part = text_of(path.parent / source).partition(begin)[2].partition(end)
         assert part[1], f"{path.name}: {source} has no {begin} … {end}"
         assert len(part[0].split()) > 10
+
+
+def test_verdicts_are_defined_on_one_page():
+    """Words that were explained on five pages were explained in five ways."""
+    defining = re.compile(
+        r"^\| `?(?:verdict|mismatch|result)`? \| (?:meaning|what it means) \|$", re.M
+    )
+    pages = [page for page, path in (PAGES | FRONT).items() if defining.search(text_of(path))]
+    assert pages == ["verdicts"]
+    defined = re.findall(r"^\| `(\w+)` \| ", text_of(PAGES["verdicts"]), re.M)
+    bead, compared = (
+        defined[1 : defined.index("mismatch")],
+        defined[defined.index("mismatch") + 1 :],
+    )
+    assert sorted(bead) == sorted(get_args(Verdict))
+    assert sorted(compared) == sorted(get_args(Mismatch))
 
 
 def test_the_gallery_is_up_to_date():

@@ -100,7 +100,8 @@ def mark(
     done = "No longer left out" if remove else "Left out"
     say(f"{done}: {new.place} ({folder / MARKS})")
     if new.stretch_s is not None:
-        say("Give mtpipe run again with this --out; until then the forces are the old ones.")
+        meanwhile = "with the mark" if remove else "without all of the plateaus it lies in"
+        say(f"Give mtpipe run again with this --out; until then the forces are those {meanwhile}.")
     _write_again(folder, Exports())
 
 

@@ -109,14 +109,15 @@ def summary(out: Path) -> None:
     from mtpipe.report import words
     from mtpipe.report.findings import bead_finding, mixed_plateaus
     from mtpipe.report.folder import read_run_folder, records
-    from mtpipe.report.notices import is_foremost
+    from mtpipe.report.notices import is_foremost, told_once
 
     run = read_run_folder(out)
     console = Console(highlight=False, markup=False, emoji=False)
     beads = records(run.beads)
     console.print(_table(beads))
     tethered = {bead["bead"] for bead in beads}
-    general = [n.message for n in run.notices if n.bead not in tethered and is_foremost(n)]
+    foremost = [n for n in run.notices if n.bead not in tethered and is_foremost(n)]
+    general = [one.message for one in told_once(foremost)]
     blocks: dict[tuple[str, ...], list[str]] = {}
     for bead in beads:
         found = bead_finding(run, bead)

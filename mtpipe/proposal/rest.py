@@ -16,6 +16,10 @@ QUIET = 0.5
 NOISE_MARGIN = 3.0
 NOISE_SHARE = 0.1  # of the range of positions; more is no noise of a motor at rest
 WINDOW_S, WINDOW_ROWS = 0.3, 5
+# A log has few entries per second, and a stretch has to hold several of them to show their scatter.
+LONGEST_WINDOW_S = 2.0
+# Of the usual step from frame to frame; time stamps that are rounded bend a line by less.
+STRAIGHT = 0.1
 SHORTEST_S = 0.5
 # Of the dwells that hold most of the recording, a plateau takes those that are no shorter than
 # this part of the usual one.
@@ -68,6 +72,9 @@ def _noise_mm(time_s: FloatArray, magnet_mm: FloatArray) -> float:
     """Peak-to-peak scatter of the position in the quieter half of short stretches."""
     frame_s = float(np.median(np.diff(time_s)))
     width = max(WINDOW_ROWS, round(WINDOW_S / frame_s))
+    entries = WINDOW_ROWS * _frames_per_entry(magnet_mm)
+    if entries * frame_s <= LONGEST_WINDOW_S:
+        width = max(width, round(entries))
     count = len(magnet_mm) // width
     if count == 0:
         return 0.0
@@ -78,6 +85,20 @@ def _noise_mm(time_s: FloatArray, magnet_mm: FloatArray) -> float:
     spans = np.sort(pieces.max(axis=1) - pieces.min(axis=1))
     quiet = spans[: max(1, math.ceil(QUIET * len(spans)))]
     return float(np.max(quiet))
+
+
+def _frames_per_entry(magnet_mm: FloatArray) -> float:
+    """How many frames a log's entry stands for: positions between two entries lie on a line.
+
+    An entry bends the line at one frame, or at two if it lies between them.
+    """
+    steps = np.abs(np.diff(magnet_mm))
+    moving = steps[steps > 0]
+    if len(moving) == 0:
+        return float(len(magnet_mm))
+    bends = np.abs(np.diff(magnet_mm, 2)) > STRAIGHT * np.median(moving)
+    alone = float(np.count_nonzero(bends[1:] & ~bends[:-1]))
+    return len(magnet_mm) / max(alone, float(np.count_nonzero(bends)) / 2, 1.0)
 
 
 def _rounded_up(value: float) -> float:

@@ -10,9 +10,11 @@ from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
+from mtpipe.ground.notice import Notice
 from mtpipe.report import words
 from mtpipe.report.crosscheck_words import place_in_words
 from mtpipe.report.folder import RunFolder, records
+from mtpipe.report.notices import told_once
 from mtpipe.report.plateau_forces import largest_change, quoted
 from mtpipe.report.remedies import remedy, stated
 
@@ -132,14 +134,14 @@ def mixed_plateaus(run: RunFolder) -> list[str]:
     """Sentences on plateaus that mix states and give no force, each with the beads concerned."""
     told = {(n.bead, n.plateau): n.message for n in run.notices if n.code == "not_one_state"}
     mixed = run.forces[run.forces["status"] == "not_one_state"]
-    groups: dict[tuple[int, str], list[str]] = {}
-    for row in records(mixed.drop_duplicates(["bead", "plateau"])):
-        bead, plateau = row["bead"], int(row["plateau"])
-        groups.setdefault((plateau, told.get((bead, plateau), MIXED)), []).append(bead)
-    return [
-        f"{words.few(beads)}, plateau {plateau}: {message}"
-        for (plateau, message), beads in groups.items()
+    places = [
+        (row["bead"], int(row["plateau"]))
+        for row in records(mixed.drop_duplicates(["bead", "plateau"]))
     ]
+    notices = [
+        Notice("not_one_state", "warning", told.get(place, MIXED), *place) for place in places
+    ]
+    return [f"{words.few(one.beads)}, {one.place}: {one.message}" for one in told_once(notices)]
 
 
 def _details(

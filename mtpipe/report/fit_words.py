@@ -135,7 +135,7 @@ def _unlike_alone(bead: Mapping[str, Any]) -> str:
 
 def _left_out(lateral: Sequence[Mapping[str, Any]]) -> list[str]:
     left = [
-        words.place(int(row["plateau"]), row["axis"])
+        words.place([int(row["plateau"])], [row["axis"]])
         for row in lateral
         if LEFT_OUT in words.flags(row["flags"])
     ]

@@ -208,7 +208,7 @@ def _bead_page(run: RunFolder, row: rows.BeadRow, means: PlateauMeans) -> dict[s
         "checked": checked,
         "left": run.unexplained.get(bead, {"sentence": ""})["sentence"],
         "forces": rows_plateaus.force_table(run, bead),
-        "fits": fits,
+        "fits": rows_plateaus.fit_blocks(fits),
         "methods": methods,
         "by_method": by_method,
         "agreement": agreement_caption(compared),

@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from itertools import groupby
 from typing import Any
 
 from mtpipe.report import words
@@ -13,6 +14,8 @@ from mtpipe.report.plateau_forces import comparisons
 from mtpipe.report.rows import quality
 
 NO_FIT = "no fit of the whole experiment"
+# Letters of a reason that is told once in a table: refusals and a reader's own are sentences.
+LONG_REASON = 40
 # Words of a status that a flag says already.
 SAID_BY_FLAG = {"unlike_model": "poor_fit"}
 
@@ -70,6 +73,19 @@ class AxisFit:
     remarks: tuple[str, ...]
 
 
+@dataclass(frozen=True)
+class FitBlock:
+    """Rows of the table of fits that belong together.
+
+    They are the axes of one plateau; or, with `refusal`, the axes of the first of some plateaus
+    that are refused for this reason in all axes.
+    """
+
+    plateaus: str
+    fits: tuple[AxisFit, ...]
+    refusal: str
+
+
 def force_table(run: RunFolder, bead: str) -> ForceTable:
     """The table of forces of a bead, its plateaus in order."""
     table = run.forces[run.forces["bead"] == bead]
@@ -84,7 +100,7 @@ def force_table(run: RunFolder, bead: str) -> ForceTable:
         for plateau, axes in groups.items()
     )
     return ForceTable(
-        rows,
+        _reasons_once(rows),
         has_configured=any(not row.configured.empty for row in rows),
         has_named=any(not row.named.empty for row in rows),
         has_corrected=bool(corrected),
@@ -95,6 +111,45 @@ def axis_fits(run: RunFolder, bead: str) -> list[AxisFit]:
     """What was fitted, by plateau and axis."""
     table = run.forces[run.forces["bead"] == bead].sort_values(["plateau", "axis"])
     return [_axis_fit(row) for row in records(table)]
+
+
+def fit_blocks(fits: Sequence[AxisFit]) -> list[FitBlock]:
+    """The table of fits, with one row for neighbours that are refused for the same reason."""
+    by_plateau: dict[int, list[AxisFit]] = {}
+    for one in fits:
+        by_plateau.setdefault(one.plateau, []).append(one)
+    blocks = []
+    for alike, group in groupby(by_plateau.values(), key=_refused_as):
+        together = list(group)
+        if alike is None:
+            blocks += [FitBlock(str(axes[0].plateau), tuple(axes), "") for axes in together]
+        else:
+            _, refusal, _ = alike
+            numbers = words.ranges([axes[0].plateau for axes in together])
+            blocks.append(FitBlock(numbers, tuple(together[0]), refusal))
+    return blocks
+
+
+def _refused_as(axes: Sequence[AxisFit]) -> tuple[Any, ...] | None:
+    """Axes, reason and flags of a plateau that is refused in all axes for one reason; or None."""
+    refused = {("; ".join(one.remarks), one.flags) for one in axes if one.status == "refused"}
+    if len(refused) != 1 or any(one.status != "refused" for one in axes):
+        return None
+    return (tuple(one.axis for one in axes), *next(iter(refused)))
+
+
+def _reasons_once(rows: Sequence[PlateauForces]) -> tuple[PlateauForces, ...]:
+    """Rows in which a long reason for no force stands once, and then where it is to be read."""
+    first: dict[str, int] = {}
+    return tuple(_said_above(row, first.setdefault(row.source, row.plateau)) for row in rows)
+
+
+def _said_above(row: PlateauForces, first: int) -> PlateauForces:
+    if first == row.plateau or len(row.source) <= LONG_REASON:
+        return row
+    said = f"as in plateau {first}"
+    quoted = replace(row.quoted, note=said) if row.quoted.empty else row.quoted
+    return replace(row, source=said, quoted=quoted)
 
 
 def _plateau(

@@ -7,7 +7,7 @@ Every function returns plain text; escaping is the templates' matter. A number t
 from __future__ import annotations
 
 import re
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 from typing import Any
 
 from mtpipe.ground.written_numbers import EMPTY as EMPTY
@@ -206,20 +206,30 @@ def setup_in_words(setup: Setup) -> list[tuple[str, str]]:
     ]
 
 
-def place(plateau: int | None, axis: str | None) -> str:
-    """Where in a bead a notice applies; empty for all of it."""
-    parts = ([] if plateau is None else [f"plateau {plateau}"]) + ([] if axis is None else [axis])
-    return ", ".join(parts)
+def place(numbers: Collection[int], axes: Collection[str]) -> str:
+    """Where in a bead something applies, as `plateaus 0 to 5 along x and y`; empty: all of it."""
+    parts = [plateaus(numbers)] if numbers else []
+    return " ".join([*parts, f"along {listed(sorted(axes))}"] if axes else parts)
 
 
-def plateaus(numbers: Sequence[int]) -> str:
-    """`plateau 3`, `plateaus 2 to 5`, `plateaus 0, 1 and 4`."""
-    inside = sorted(numbers)
-    if len(inside) == 1:
-        return f"plateau {inside[0]}"
-    if len(inside) > 2 and inside[-1] - inside[0] == len(inside) - 1:
-        return f"plateaus {inside[0]} to {inside[-1]}"
-    return f"plateaus {listed([str(one) for one in inside])}"
+def plateaus(numbers: Collection[int]) -> str:
+    """`plateau 3`, `plateaus 2 to 5`, `plateaus 0, 1 and 4 to 9`."""
+    return f"{'plateau' if len(numbers) == 1 else 'plateaus'} {ranges(numbers)}"
+
+
+def ranges(numbers: Collection[int]) -> str:
+    """`3`, `2 to 5`, `0, 1 and 4 to 9`."""
+    runs: list[list[int]] = []
+    for one in sorted(numbers):
+        if runs and one == runs[-1][-1] + 1:
+            runs[-1].append(one)
+        else:
+            runs.append([one])
+    return listed([
+        part
+        for run in runs
+        for part in ([f"{run[0]} to {run[-1]}"] if len(run) > 2 else map(str, run))
+    ])  # fmt: skip
 
 
 def natural(name: str) -> list[tuple[int, int, str]]:
