@@ -105,6 +105,17 @@ def test_magnets_rest_and_move():
     )
 
 
+def test_a_force_at_which_a_spring_would_pass_the_surface_is_told():
+    setup = parse_setup(
+        content(tether={"contour_length_nm": 7000.0, "persistence_length_nm": 50.0})
+    )
+    low, high = (simulate(setup, [force], 700, 1) for force in (0.005, 1.0))
+    assert low.positions_nm["b1"][:, 2].min() < 0
+    (said,) = [one.message for one in low.notices if one.code == "through_surface"]
+    assert "0.005 pN" in said
+    assert "through_surface" not in {one.code for one in high.notices}
+
+
 def test_step_by_step_the_recording_is_the_same_experiment():
     """Same stage, references, noise and timetable; only the tethered bead moves otherwise."""
     setup = parse_setup(content())

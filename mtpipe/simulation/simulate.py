@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 
 from mtpipe.experiment.changes import with_bead
 from mtpipe.experiment.description import Experiment, changes_bead
+from mtpipe.experiment.recorded_modes import BeadState, recorded_modes
 from mtpipe.experiment.state import has_whole_motion, states_in
 from mtpipe.ground.notice import Notice
 from mtpipe.ground.progress import of_step
@@ -30,6 +31,8 @@ from mtpipe.simulation.readout import force_pieces, height_within_pieces, record
 from mtpipe.simulation.setup_experiment import stated_experiment
 
 Engine = Literal["linear", "brownian"]
+# Standard deviations of a spring's heights below their mean: fewer than one frame in a thousand.
+OFF_SURFACE = 3.0
 ENGINES: tuple[Engine, ...] = ("linear", "brownian")
 # Beads stand well apart; where they stand has no influence.
 SPACING_NM = 8000.0
@@ -216,6 +219,8 @@ def _departures(experiment: Experiment, engine: Engine) -> tuple[Notice, ...]:
             f"bead that turns ({ROTATION}) and does not lean."
         )
         found.append(Notice("effects_not_simulated", "caution", said))
+    if engine == "linear":
+        found += _through_surface(experiment)
     if engine == "brownian" and any(changes_bead(step) for step in experiment.steps):
         said = "The step-by-step engine has a bead and a tether that stay as they are."
         found.append(Notice("no_course", "caution", said))
@@ -226,6 +231,32 @@ def _departures(experiment: Experiment, engine: Engine) -> tuple[Notice, ...]:
         )
         found.append(Notice("turns_anyway", "info", said))
     return tuple(found)
+
+
+def _through_surface(experiment: Experiment) -> list[Notice]:
+    """Said of forces at which a bead on a spring would now and then be below the surface."""
+    if experiment.anharmonic and has_whole_motion(experiment):
+        return []
+    forces = [rest.force_pN for rest in experiment.rests]
+    low = [
+        force
+        for force, state in zip(
+            forces, states_in(experiment, forces, range(len(forces))), strict=True
+        )
+        if state.extension_nm < OFF_SURFACE * math.sqrt(_height_variance_nm2(state))
+    ]
+    if not low:
+        return []
+    said = (
+        f"At {', '.join(f'{force:g}' for force in low)} pN heights are those of a spring without a "
+        f"surface, and the bead passes through it: list {ANHARMONIC}, or simulate with --engine "
+        "brownian."
+    )
+    return [Notice("through_surface", "caution", said)]
+
+
+def _height_variance_nm2(state: BeadState) -> float:
+    return float(recorded_modes(state).covariance_nm2[:, 2, 2].sum())
 
 
 def free_names(count: int, taken: Sequence[str]) -> list[str]:
