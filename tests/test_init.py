@@ -10,6 +10,7 @@ import pytest
 import tifffile
 from typer.testing import CliRunner
 
+import mtpipe
 from mtpipe.cli.commands import app
 from mtpipe.ground.errors import NoSetupError, RecordingError, SetupError
 from mtpipe.ingest import load
@@ -20,11 +21,12 @@ from mtpipe.proposal.questions import as_setup_part, parsed
 from mtpipe.proposal.rest import rest_of
 from mtpipe.proposal.surface import surface_of
 from mtpipe.recording.plateaus import find_plateaus
-from mtpipe.setup.setup import read_setup
+from mtpipe.setup.setup import parse_setup, read_setup
 from mtpipe.setup.source_signals import ZZero
 from mtpipe.setup.tables import Plateaus
 from mtpipe.tracking.scan import table_from_scan
 from tests.laboratory_files import LENGTH_NM, LOG_BEFORE_S, RATE, Laboratory
+from tests.simulated import setup_content
 from tests.stack_images import draw
 from tests.test_ingest_presets import WITHOUT_CLOCK, WRITERS
 
@@ -589,3 +591,16 @@ def test_files_of_many_kinds_are_read_as_their_setups_say(case, tmp_path):
     true = load(file)
     np.testing.assert_allclose(recording.positions_nm["b1"], true.positions_nm["b1"], atol=1e-6)
     np.testing.assert_allclose(recording.time_s, true.time_s, atol=1e-9)
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_a_bead_that_hangs_low_does_not_touch_if_its_height_gives_the_stated_length(seed):
+    """At 0.1 pN on 7 µm of DNA lateral variance is known to 15 %, which a touch may fit too."""
+    setup = parse_setup(
+        setup_content(
+            beads={"radius_nm": 1400.0, "reference": ["ref1"]},
+            tether={"contour_length_nm": 7000.0, "persistence_length_nm": 50.0},
+        )
+    )
+    hanging = mtpipe.simulate(setup, [0.1, 0.3, 0.8, 2.0, 5.0], 8192, seed)
+    assert surface_of(hanging, hanging.plateaus, 7000.0).touch is None

@@ -29,6 +29,8 @@ TOUCHING_SHARE = 0.3
 # Least length of a chain over the stated one: refraction (0.88), another persistence length and
 # fragments make it seem shorter.
 SHORTEST_SHARE = 0.6
+# A length within this part of the stated one is the tether's, short of refraction (0.88).
+LENGTH_SHARE = 0.1
 # Levels this close to the lowest, in parts of the range of heights, are as low.
 ALIKE_SHARE, GAP_ROWS = 0.1, 400
 # With the magnets at one place, to 2 % of their range, heights must agree to 30 % of theirs.
@@ -96,13 +98,14 @@ def surface_of(
         if (level := _level(recording, beads, stage, piece)) is not None
     ]
     levels = _without_contradicted(levels)
-    doubt = ""
+    doubt, elsewhere = "", _without_a_touch(recording, beads, stage)
     if len(levels) >= FEWEST_PLATEAUS:
         first, last = _down(levels)
         lowest = min(levels[first : last + 1], key=_median_height)
         touching = [_touches(bead, levels, lowest, contour_nm) for bead in beads]
         start, stop = levels[first].start, levels[last].stop
-        if np.mean(touching) > 0.5:
+        hanging = [_hangs(bead, levels, lowest, elsewhere, contour_nm) for bead in beads]
+        if np.mean(touching) > 0.5 and np.mean(hanging) <= 0.5:
             if len(beads) > 1 or contour_nm is not None:
                 many = f"{sum(touching)} of {len(beads)} beads seem"
                 many = many if len(beads) > 1 else "the bead seems"
@@ -112,7 +115,6 @@ def surface_of(
                 f". The bead may be down in rows {start + 1} to {stop}; as it is alone, only the "
                 "tether's length can tell: state tether.contour_length_nm and propose again"
             )
-    elsewhere = _without_a_touch(recording, beads, stage)
     return replace(elsewhere, why=elsewhere.why + doubt)
 
 
@@ -230,17 +232,40 @@ def _touches(bead: str, levels: Sequence[Level], lowest: Level, contour_nm: floa
     stiffer = variance[lowest_at] / np.min(variance)
     if stiffer < STIFFER:
         return False
-    kT = float(thermal_energy_pN_nm(ROOM_K))
     best, cost = (np.inf, 1.0), np.inf
     # how far the lowest level is above the surface, in parts of the range of heights
     for above in np.concatenate([np.linspace(0.0, 0.5, 11), np.geomspace(0.6, 60.0, 40)]) * reach:
-        extension = np.maximum(z - low + above, 1.0)
-        relative = extension_nm(CHAIN, kT * extension / variance)
-        length = float(extension @ relative / (relative @ relative))
-        fitted = length * relative
-        misfit = float(np.sum(((fitted - extension) / reach) ** 2))
+        length, misfit_nm2 = _chain(np.maximum(z - low + above, 1.0), variance)
+        misfit = misfit_nm2 / reach**2
         if misfit < cost:
             best, cost = (above, length), misfit
     if contour_nm is not None and best[1] < SHORTEST_SHARE * contour_nm:
         return False
     return bool(best[0] < TOUCHING_SHARE * best[1])
+
+
+def _hangs(
+    bead: str, levels: Sequence[Level], lowest: Level, other: Surface, contour_nm: float | None
+) -> bool:
+    """Whether z as the file has it, with another z = 0, gives a chain of the tether's length, and
+    its lowest level is well above the surface.
+    """
+    zero_nm = other.z_zero.get("value_nm")
+    if contour_nm is None or not isinstance(zero_nm, float):
+        return False
+    extension = np.array([level.height_nm[bead] for level in levels]) - zero_nm
+    variance = np.array([level.variance_nm2[bead] for level in levels])
+    if not (np.isfinite(variance).all() and extension.min() > TOUCHING_SHARE * contour_nm):
+        return False
+    length, _ = _chain(extension, variance)
+    return abs(length / contour_nm - 1) < LENGTH_SHARE
+
+
+def _chain(extension: FloatArray, variance_nm2: FloatArray) -> tuple[float, float]:
+    """Length of a chain with these extensions and lateral variances (levels,), and the sum of its
+    squared misfits.
+    """
+    force_pN = float(thermal_energy_pN_nm(ROOM_K)) * extension / variance_nm2
+    relative = extension_nm(CHAIN, force_pN)
+    length = float(extension @ relative / (relative @ relative))
+    return length, float(np.sum((length * relative - extension) ** 2))
