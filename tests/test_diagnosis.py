@@ -448,7 +448,7 @@ def test_what_is_not_seen_by_itself_is_no_alternative():
 
 
 def test_what_alternatives_make_of_a_force_is_in_its_error():
-    """The interval holds 68 % of what is left possible, the chain's other formula included."""
+    """The interval about the mean over the chain's formulas holds 68 % of what is left possible."""
     random = bead_generator(0, "b1")
     before = check_bead(prepare(recording("viscosity", 2), "b1"), random)
     tried = {
@@ -475,7 +475,9 @@ def test_what_alternatives_make_of_a_force_is_in_its_error():
         )
         stderr *= np.where(chosen[:, None], other.fit.force_stderr_pN / one.fit.force_stderr_pN, 1)
         off = other_chain[:, None] * chain + chosen[:, None] * effect
-        off = np.abs(off + stderr * drawn.standard_normal(off.shape))
+        quoted = found.force_pN - one.fit.force_pN
+        np.testing.assert_allclose(quoted, np.exp(nats) / (1 + np.exp(nats)) * chain, rtol=1e-9)
+        off = np.abs(off + stderr * drawn.standard_normal(off.shape) - quoted)
         # six standard errors of a share of 100 000
         within = (off < found.force_stderr_pN).mean(axis=0)
         np.testing.assert_allclose(within, 0.6827, atol=0.009)

@@ -69,6 +69,7 @@ def diagnosed(verdict, *, before=FORCES_PN, after=None, pulls=0.0, moved=None, p
         before=SimpleNamespace(case=SimpleNamespace(plateaus=plateaus, fit=first)),
         after=SimpleNamespace(case=SimpleNamespace(plateaus=plateaus, fit=last), p_value=p_value),
         fit=last,
+        force_pN=last.force_pN,
         force_stderr_pN=last.force_stderr_pN,
         unexplained=SimpleNamespace(correction=correction) if verdict == "unexplained" else None,
     )

@@ -30,7 +30,7 @@ def motion(random, steps, *, sideways=1.0, drift=0.0):
         xyz[late, :2] *= sideways
         xyz[:, 2] += step * late + shared
         positions[f"b{number}"] = xyz
-    return Motion(np.arange(2 * ROWS) / 100, 0.01, positions, np.zeros(2 * ROWS))
+    return Motion(np.arange(2 * ROWS) / 100, 0.01, positions, np.zeros(2 * ROWS), None)
 
 
 @pytest.mark.parametrize(

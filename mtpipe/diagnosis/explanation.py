@@ -6,6 +6,8 @@ import functools
 import math
 from dataclasses import dataclass
 
+import numpy as np
+
 from mtpipe.corrections.correction import Correction
 from mtpipe.crosschecking.check import CLEARLY_CONSISTENT, BeadCheck
 from mtpipe.crosschecking.prepared_bead import support
@@ -151,26 +153,43 @@ class Explanation:
         return self.after.case.fit
 
     @property
+    def force_pN(self) -> FloatArray:
+        """(plateaus,) mean over the chain's formulas, each with the weight of its ln likelihood, as
+        no setup says which it means.
+        """
+        return np.asarray(self.fit.force_pN + self._of_formulas.mean_shift())
+
+    @property
     def force_stderr_pN(self) -> FloatArray:
-        """(plateaus,) half the width of the intervals about the fit's forces that hold 68 %.
+        """(plateaus,) half the width of the intervals about `force_pN` that hold 68 %.
 
         Alternatives and the chain's other formula stand in them with the weight that their ln
-        likelihood after BIC has beside the one that was taken; formulas by likelihood alone, as no
-        setup says which it means.
+        likelihood after BIC has beside the one that was taken; formulas by likelihood alone.
         """
-        mine = self.fit
-        parts = Mixture.of_one(mine.force_stderr_pN)
-        choices = [
-            [(other.found.fit, other.nats) for other in one.alternatives] for one in self.named
-        ]
-        for choice in [*choices, self._other_formulas]:
+        mine, parts = self.fit, self._of_formulas
+        for one in self.named:
             parts = parts.or_else(
                 [
-                    (min(nats, CERTAIN_NATS), fit.force_pN - mine.force_pN, fit.force_stderr_pN)
-                    for fit, nats in choice
+                    (
+                        min(other.nats, CERTAIN_NATS),
+                        other.found.fit.force_pN - mine.force_pN,
+                        other.found.fit.force_stderr_pN,
+                    )
+                    for other in one.alternatives
                 ]
             )
-        return parts.half_width()
+        return parts.about(self._of_formulas.mean_shift()).half_width()
+
+    @functools.cached_property
+    def _of_formulas(self) -> Mixture:
+        """The fit's forces by each formula of the chain."""
+        mine = self.fit
+        return Mixture.of_one(mine.force_stderr_pN).or_else(
+            [
+                (min(nats, CERTAIN_NATS), fit.force_pN - mine.force_pN, fit.force_stderr_pN)
+                for fit, nats in self._other_formulas
+            ]
+        )
 
     @functools.cached_property
     def _other_formulas(self) -> list[tuple[ConfiguredFit, float]]:

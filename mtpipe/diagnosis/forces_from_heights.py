@@ -56,7 +56,7 @@ def heights_of(found: Explanation) -> Heights:
         number: Estimate(
             float(force), float(error), (float(force - error), float(force + error)), "pN", ""
         )
-        for number, force, error in zip(numbers, fit.force_pN, found.force_stderr_pN, strict=True)
+        for number, force, error in zip(numbers, found.force_pN, found.force_stderr_pN, strict=True)
     }
     return Heights(
         sound,

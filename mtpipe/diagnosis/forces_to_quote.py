@@ -31,7 +31,6 @@ from mtpipe.diagnosis.explanation import Explanation
 from mtpipe.diagnosis.forces_from_heights import heights_of, lever_ln_errors, stated_chain
 from mtpipe.ground.estimate import Estimate
 from mtpipe.ground.types import FloatArray
-from mtpipe.joint_fit.fit import ConfiguredFit
 from mtpipe.recording.recording import Recording
 
 CONFIGURED = "configured experiment, fitted to all axes and heights"
@@ -76,11 +75,14 @@ def bead_forces(bead: BeadResult, found: Explanation | None) -> BeadForces:
     if found is None:
         return forces_of_spectra(bead)
     spectra = spectral_forces(bead)
-    before = found.before.case.fit
-    configured = _of_fit(found, before, before.force_stderr_pN)
-    if not found.named:
-        configured = _of_fit(found, found.fit, found.force_stderr_pN)
-    named = _of_fit(found, found.fit, found.force_stderr_pN) if found.named else {}
+    best = _of_plateaus(found, found.force_pN, found.force_stderr_pN)
+    named = best if found.named else {}
+    configured = best
+    if found.named:
+        before = found.before.case.fit
+        # the chain's formula is the same in both: they differ by what is named
+        force_pN = before.force_pN * found.force_pN / found.fit.force_pN
+        configured = _of_plateaus(found, force_pN, before.force_stderr_pN)
     forces = BeadForces(
         {}, configured, named, found.verdict, 0.0, _changed_percent(configured, named)
     )
@@ -91,14 +93,16 @@ def bead_forces(bead: BeadResult, found: Explanation | None) -> BeadForces:
     return _of_unexplained(bead, found, forces, spectra)
 
 
-def _of_fit(found: Explanation, fit: ConfiguredFit, stderr_pN: FloatArray) -> dict[int, Estimate]:
+def _of_plateaus(
+    found: Explanation, force_pN: FloatArray, stderr_pN: FloatArray
+) -> dict[int, Estimate]:
     return {
         plateau.number: Estimate(
             float(force), float(error), (float(force - error), float(force + error)),
             "pN", CONFIGURED,
         )
         for plateau, force, error in zip(
-            found.before.case.plateaus, fit.force_pN, stderr_pN, strict=True
+            found.before.case.plateaus, force_pN, stderr_pN, strict=True
         )
     }  # fmt: skip
 

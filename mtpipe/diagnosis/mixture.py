@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from scipy.special import logsumexp, ndtr
@@ -57,6 +57,14 @@ class Mixture:
                 ]
             ),
         )
+
+    def mean_shift(self) -> FloatArray:
+        """(numbers,) mean of all models' values, less the taken model's."""
+        return np.asarray(np.exp(self.nats - logsumexp(self.nats)) @ self.shift)
+
+    def about(self, shift: FloatArray) -> Mixture:
+        """The same about other values (numbers,), that much above the taken model's."""
+        return replace(self, shift=self.shift - shift)
 
     def half_width(self) -> FloatArray:
         """(numbers,) half widths of the intervals about the taken model's values that hold 68 %.

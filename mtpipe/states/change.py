@@ -37,6 +37,8 @@ HEIGHT_SHARE = 0.5
 # A step nearer to an end than this share of a stretch, by a factor of up to 3.5, moves its force by
 # less than 5 %. Beads that still follow the move before make such steps.
 EDGE_SHARE = 0.02
+# A larger score has a probability smaller than the least number there is, and may be infinite.
+MOST_SCORE = 37.0
 # A step is at most this many blocks off where the blocks place it.
 NEAR_BLOCKS = 2
 
@@ -247,7 +249,8 @@ def _sum_of_scores(
 
 
 def _summed(scores: Sequence[StepScores]) -> FloatArray:
-    return np.asarray(np.sum([one.score for one in scores], axis=0))
+    each = [np.clip(one.score, -MOST_SCORE, MOST_SCORE) for one in scores]
+    return np.asarray(np.sum(each, axis=0))
 
 
 def _strength(scores: Sequence[FloatArray]) -> FloatArray:
