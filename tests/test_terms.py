@@ -7,10 +7,13 @@ from dataclasses import dataclass
 import numpy as np
 import pytest
 
+from mtpipe.effects import drift
+from mtpipe.experiment.changes import with_step
 from mtpipe.joint_fit.fit import fit_configured
 from mtpipe.joint_fit.hypotheses import try_effects, with_hypothesis
 from mtpipe.joint_fit.score_test import _worth_beginning, most_promising, promised_gain
 from mtpipe.terms.catalogue import TERMS
+from mtpipe.terms.mixing import Share
 from tests import test_effects as effects
 
 pytestmark = pytest.mark.slow
@@ -140,3 +143,12 @@ def test_of_many_beginnings_the_best_and_some_elsewhere_are_taken():
     # of 0, 1, 7 and 9, that are left, three: the first, the last, and one between
     assert set(chosen) - {2, 3, 5} in ({0, 1, 9}, {0, 7, 9})
     assert _worth_beginning([1.0, None], 0.5) == (0,)
+
+
+def test_drift_has_no_name_along_an_axis_that_records_a_share_of_another():
+    """The stage's motion along z comes with the share."""
+    (alone,) = drift.EFFECT.hypotheses(effects.BASE, effects.EVIDENCE)
+    mixed = with_step(effects.BASE, Share((1, 2), 1.0, 0.3))
+    (beside,) = drift.EFFECT.hypotheses(mixed, effects.EVIDENCE)
+    assert [one.name for one in alone.parameters] == [f"walk along {axis}" for axis in "xyz"]
+    assert [one.name for one in beside.parameters] == ["walk along x", "walk along z"]

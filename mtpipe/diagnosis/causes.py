@@ -7,6 +7,7 @@ more.
 
 from __future__ import annotations
 
+import itertools
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
@@ -160,24 +161,13 @@ def grown(
         by_cause = [other for other in by_net if not other.effect.form][:1]
         strongest += by_cause
         for other in dict.fromkeys([*by_net[:BEAM], *by_cause]):
-            if lacking[other] >= 0:
-                continue
-            if not happens(other) or gained_by_motion(other) < ALIKE_NATS:
-                continue  # or all of it but its motion fits as well
-            larger = _needed(without, (*one.members, other), other.fit)
-            known = weighed.get(larger.names)
-            # the same set by another way may have come to a better optimum
-            if known is None or larger.score > known.score + ALIKE_NATS:
-                weighed[larger.names] = larger
-                children.append(larger)
+            if lacking[other] < 0 and _is_seen(other):
+                children += _news(_needed(without, (*one.members, other), other.fit), weighed)
         children.sort(key=by_score, reverse=True)
-        if children and children[0].members:
+        if children:
             rivals = [other for other in by_net if not other.effect.form and lacking[other] < 0]
             for larger in _on_rivals(children[0], one, rivals, without, evidence):
-                known = weighed.get(larger.names)
-                if known is None or larger.score > known.score + ALIKE_NATS:
-                    weighed[larger.names] = larger
-                    children.append(larger)
+                children += _news(larger, weighed)
             children.sort(key=by_score, reverse=True)
         firsts += children[:1]
         seconds += children[1:]
@@ -187,6 +177,22 @@ def grown(
     beam = [begun_afresh(one) for one in _followed([*firsts, *seconds])]
     weighed |= {one.names: one for one in beam}
     return beam, max(strongest, key=lambda other: other.gain - price(other), default=None)
+
+
+def _is_seen(one: FittedEffect) -> bool:
+    """Whether it happens at all, and not all of it but its motion fits as well."""
+    return happens(one) and gained_by_motion(one) >= ALIKE_NATS
+
+
+def _news(larger: Causes, weighed: dict[frozenset[str], Causes]) -> list[Causes]:
+    """The set, kept among those weighed, where it is new or has come to a better optimum by another
+    way; nothing else.
+    """
+    known = weighed.get(larger.names)
+    if known is not None and larger.score <= known.score + ALIKE_NATS:
+        return []
+    weighed[larger.names] = larger
+    return [larger]
 
 
 def _on_rivals(
@@ -205,10 +211,11 @@ def _on_rivals(
     """
     newest = best.members[-1]
     found = []
-    for rival in [one for one in rivals if one.effect.name not in best.names][:RIVALS]:
+    others = (one for one in rivals if one.effect.name not in best.names)
+    for rival in itertools.islice(filter(_is_seen, others), RIVALS):
         for again in try_effects(rival.fit, [newest.effect], evidence, beside=True):
             pair = causes_of((*smaller.members, rival, again), again.fit, without)
-            if pair.score > best.score:
+            if pair.score > best.score and _is_seen(again):
                 found.append(_needed(without, pair.members, pair.fit))
     return found
 

@@ -36,10 +36,10 @@ def stage_moves_nm(series_nm: FloatArray, rate_hz: float) -> FloatArray:
     ----------
     series_nm : (n,) the combined reference on the camera's grid, NaN where lost.
     """
-    none = np.zeros(len(series_nm))
+    steps = np.zeros(len(series_nm))
     width = 2 * (max(LEAST_FRAMES, round(MEDIAN_S * rate_hz)) // 2) + 1
     if np.isfinite(series_nm).sum() <= 4 * width:
-        return none
+        return steps
     level = median_filter(held(series_nm), width, mode="nearest")
     change = np.zeros(len(level))
     change[width:] = level[width:] - level[:-width]
@@ -48,12 +48,8 @@ def stage_moves_nm(series_nm: FloatArray, rate_hz: float) -> FloatArray:
         JUMP_SIGMA * _usual(change, max(1, round(LOCAL_S * rate_hz))),
         max(JUMP_NOISES * frame, LEAST_NM),
     )
-    far = np.abs(change) > least
-    if not far.any():
-        return none
     # a change is that within `width` frames before a row
-    regions = binary_dilation(far, iterations=width)
-    steps = none
+    regions = binary_dilation(np.abs(change) > least, iterations=width)
     for (rows,) in find_objects(label(regions)[0]):
         if rows.stop - rows.start > LONGEST_S * rate_hz:
             continue

@@ -115,7 +115,7 @@ def _referenced(recording: Recording, choice: DriftChoice) -> Recording:
         subtracted[:, axis] = (drift - _start(drift, frames) + moves)[grid.row]
         if name == "z":
             for bead in recording.tethered:
-                z = grid.series_nm(recording, bead, axis)
+                z = grid.series_nm(recording, bead, axis) - moves
                 found_share = fast_share(z, series, white_nm, grid, chosen.cutoff_hz)
                 if found_share is not None:
                     beyond[bead] = beyond_shared_nm(found_share, drift, grid)[grid.row]

@@ -104,7 +104,7 @@ def surface_of(
         lowest = min(levels[first : last + 1], key=_median_height)
         touching = [_touches(bead, levels, lowest, contour_nm) for bead in beads]
         start, stop = levels[first].start, levels[last].stop
-        hanging = [_hangs(bead, levels, lowest, elsewhere, contour_nm) for bead in beads]
+        hanging = [_hangs(bead, levels, elsewhere, contour_nm) for bead in beads]
         if np.mean(touching) > 0.5 and np.mean(hanging) <= 0.5:
             if len(beads) > 1 or contour_nm is not None:
                 many = f"{sum(touching)} of {len(beads)} beads seem"
@@ -244,9 +244,7 @@ def _touches(bead: str, levels: Sequence[Level], lowest: Level, contour_nm: floa
     return bool(best[0] < TOUCHING_SHARE * best[1])
 
 
-def _hangs(
-    bead: str, levels: Sequence[Level], lowest: Level, other: Surface, contour_nm: float | None
-) -> bool:
+def _hangs(bead: str, levels: Sequence[Level], other: Surface, contour_nm: float | None) -> bool:
     """Whether z as the file has it, with another z = 0, gives a chain of the tether's length, and
     its lowest level is well above the surface.
     """

@@ -249,7 +249,7 @@ def _through_surface(experiment: Experiment) -> list[Notice]:
         return []
     said = (
         f"At {', '.join(f'{force:g}' for force in low)} pN heights are those of a spring without a "
-        f"surface, and the bead passes through it: list {ANHARMONIC}, or simulate with --engine "
+        f"surface, and the bead passes through it: list {ANHARMONIC}, or take the engine "
         "brownian."
     )
     return [Notice("through_surface", "caution", said)]

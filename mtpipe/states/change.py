@@ -81,15 +81,15 @@ class _Scan:
 
     @property
     def most(self) -> list[tuple[int, float, int]]:
-        """Of all beads together, in each way, and of each bead: how many looks of its kind there
+        """Of all beads together, in each way, and of each bead: how many tries of its kind there
         are, strength and place of the strongest step.
         """
         together = self.together(list(self.scored))
         alone = list(self.scored.values()) if len(self.scored) > 1 else []
-        looked = [(len(together), one) for one in together]
-        looked += [(len(alone), [each.score for each in one]) for one in alone]
-        strengths = [(looks, np.where(self.within, _strength(one), -1.0)) for looks, one in looked]
-        return [(looks, float(each.max()), int(np.argmax(each))) for looks, each in strengths]
+        scores = [(len(together), one) for one in together]
+        scores += [(len(alone), [each.score for each in one]) for one in alone]
+        strengths = [(tries, np.where(self.within, _strength(one), -1.0)) for tries, one in scores]
+        return [(tries, float(each.max()), int(np.argmax(each))) for tries, each in strengths]
 
     def together(self, beads: Sequence[str]) -> list[list[FloatArray]]:
         """(places,) scores of height and sideways motion of beads together, in one way or two.
@@ -126,8 +126,8 @@ def strongest_change(motion: Motion, start: int, stop: int, log_p: float) -> Cha
         among = sum(1 for one in ladders if one)
         for scan in scans:
             kinds = 1 if len(scan.scored) == 1 else 2
-            for looks, most, place in scan.most:
-                found.append((math.log(among * places * kinds * looks) - most, place, scan))
+            for tries, most, place in scan.most:
+                found.append((math.log(among * places * kinds * tries) - most, place, scan))
     for chance, place, scan in sorted(found, key=lambda one: one[0]):
         if chance > log_p:
             return None
