@@ -12,6 +12,7 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
+from scipy.signal import lfilter
 
 import mtpipe
 from mtpipe.crosschecking.beads import bead_generator
@@ -295,6 +296,50 @@ def test_drift_beside_a_loose_reference_is_laid_to_the_reference():
     assert "so that little could be subtracted" in found.effect.cause(described)
     walks = {name: value for name, value, _ in found.effect.strengths(described)}
     assert walks["walk_z_nm_per_root_s"] == pytest.approx(1.0, rel=0.4)
+
+
+@pytest.mark.parametrize("relaxation_s", [0.02, 0.5, 5.0])
+def test_a_reference_may_move_as_far_as_its_own_trace_allows(relaxation_s):
+    """What it does move is within that, and is most of it where little else is in its trace."""
+    experiment, _ = experiment_of(SETUP, FORCES_PN, FRAMES, formula=FORMULAS[0])
+    moving = {"reference_nm": (6.0, 4.0, 5.0), "reference_s": relaxation_s}
+    stage = replace(experiment.stage, **moving)
+    tracker = replace(experiment.tracker, reference_noise_nm=(0.1,) * 3)
+    experiment = replace(experiment, stage=stage, tracker=tracker)
+    case = prepare(mtpipe.subtract_drift(simulate_experiment(experiment, SETUP, 5)), "b1")
+    for axis, size_nm in enumerate(stage.reference_nm):
+        assert 0.95 < case.reference_largest.at(axis, relaxation_s) / size_nm**2 < 1.6
+
+
+@pytest.mark.parametrize("moved", ["reference", "bead"])
+def test_motion_that_the_references_trace_does_not_have_is_not_the_references(moved):
+    """z of the bead moves by 5 nm within 0.3 s; the reference's trace has that, or has noise."""
+    experiment, _ = experiment_of(SETUP, FORCES_PN, FRAMES, formula=FORMULAS[0])
+    tracker = replace(experiment.tracker, reference_noise_nm=(1.0,) * 3)
+    experiment = replace(experiment, tracker=tracker)
+    if moved == "reference":
+        stage = replace(experiment.stage, reference_nm=(0.0, 0.0, 5.0), reference_s=0.3)
+        experiment = replace(experiment, stage=stage)
+    simulated = simulate_experiment(experiment, SETUP, 5)
+    if moved == "bead":
+        bead = simulated.positions_nm["b1"].copy()
+        kept = math.exp(-1 / (0.3 * SETUP.camera.frame_rate_hz.value))
+        kicks = 5.0 * math.sqrt(1 - kept**2) * np.random.default_rng(3).standard_normal(len(bead))
+        bead[:, 2] += lfilter([1], [1, -kept], kicks)
+        simulated = replace(simulated, positions_nm={**simulated.positions_nm, "b1": bead})
+    case = prepare(mtpipe.subtract_drift(simulated), "b1")
+    evidence = Evidence((), FORCES_PN, reference_largest=case.reference_largest)
+    effect = next(e for e in OWN if e.name == "reference_noise")
+    known = best_of(case.fit, effect, evidence)
+    anyhow = best_of(case.fit, effect, replace(evidence, reference_largest=None))
+    assert anyhow.gain > 100
+    if moved == "reference":
+        assert known.gain > anyhow.gain - 3
+        described = known.fit.model.described(known.fit.theta)
+        assert described.stage.reference_nm[2] == pytest.approx(5.0, rel=0.2)
+        assert described.stage.reference_s == pytest.approx(0.3, rel=0.3)
+    else:
+        assert known is None or known.gain < 0.6 * anyhow.gain
 
 
 def moved_by_itself(reference_noise_nm, walk_nm, stage_nm, seed):

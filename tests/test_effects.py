@@ -23,6 +23,7 @@ from mtpipe.drift.lowpass import low_pass
 from mtpipe.effects.catalogue import OWN, catalogue
 from mtpipe.effects.effect import Evidence
 from mtpipe.effects.hopping import Hopping
+from mtpipe.effects.reference_noise import LARGEST_NM
 from mtpipe.experiment.changes import with_step
 from mtpipe.experiment.description import (
     Bead,
@@ -167,7 +168,8 @@ KNOWN = [
     Known("exposure", (LN(0.6),), (0.0,)),
     Known("drift", (4.0, 4.0, 9.0), (0.0,) * 3),
     Known(
-        "reference_noise", (9.0, 9.0, 16.0, LN(0.5), 0.0), (0.0,) * 5,
+        "reference_noise",
+        (LN(0.5), *(np.square((3.0, 3.0, 4.0)) / LARGEST_NM**2), 0.0), (LN(0.5), *(0.0,) * 4),
         base=replace(BASE, references=1),
     ),
     Known("vibration", (9.0, 4.0, 4.0), (0.0,) * 3),

@@ -10,6 +10,7 @@ import numpy as np
 
 from mtpipe.crosschecking.starts import with_starts
 from mtpipe.drift.combine import combined
+from mtpipe.drift.largest_motion import LargestMotion, largest_motion
 from mtpipe.drift.lowpass import coefficients
 from mtpipe.experiment.changes import by_formula
 from mtpipe.experiment.description import Experiment, Rest, Triple
@@ -64,6 +65,7 @@ class PreparedBead:
     lines_hz : narrow lines that have bins of their own (`lines`), strongest first.
     focus : per plateau, how many times the focus was moved before it.
     reference_loose : whether a reference bead in use moves on its own, as its own trace shows.
+    reference_largest : how far the references' mean can move by itself; None without references.
     """
 
     bead: str
@@ -78,6 +80,7 @@ class PreparedBead:
     lines_hz: tuple[float, ...] = ()
     focus: tuple[int, ...] = ()
     reference_loose: bool = False
+    reference_largest: LargestMotion | None = None
 
     @property
     def heights_nm(self) -> tuple[float, ...]:
@@ -160,6 +163,10 @@ def prepare(recording: Recording, bead: str) -> PreparedBead:
     )
     subtraction = subtraction_of(recording)
     reference = _reference_mean(recording)
+    largest: LargestMotion | None = None
+    if reference is not None:
+        whole = [_on_grid(recording, reference, plateau) for plateau in kept]
+        largest = largest_motion(whole, base.camera)
     loose = any(use.used and use.loose for use in _references(recording))
     # of a reference that moves on its own nobody knows how much is the stage's
     if reference is not None and not loose:
@@ -194,6 +201,7 @@ def prepare(recording: Recording, bead: str) -> PreparedBead:
         None if pixel is None else pixel.value,
         focus=focus_numbers(recording, kept),
         reference_loose=loose,
+        reference_largest=largest,
     )
 
 

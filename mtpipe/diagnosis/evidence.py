@@ -31,6 +31,7 @@ def evidence_of(check: BeadCheck) -> Evidence:
         forces,
         reference_moves(check),
         check.case.reference_loose,
+        check.case.reference_largest,
         each,
         common,
         check.case.focus,

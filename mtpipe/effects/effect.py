@@ -12,6 +12,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from functools import partial
 
+from mtpipe.drift.largest_motion import LargestMotion
 from mtpipe.experiment.description import Experiment, ForceCourse
 from mtpipe.experiment.parameter import Change, Parameter
 from mtpipe.ground.types import FloatArray
@@ -27,6 +28,7 @@ class Evidence:
     force_pN : of the plateaus, as fitted without the effect.
     reference_moves : whether slow motion is the reference's own; None: the data do not tell.
     reference_loose : whether a reference in use moves on its own, as its own trace shows.
+    reference_largest : how far the references can move by themselves; None: not looked at.
     focus, heights_nm : of each plateau, how many times the focus was moved before it, and the
         recorded height. Empty: not looked at.
     courses, common_course : of the force in each plateau, and in all of them alike. Empty and a
@@ -37,6 +39,7 @@ class Evidence:
     force_pN: tuple[float, ...]
     reference_moves: bool | None = None
     reference_loose: bool = False
+    reference_largest: LargestMotion | None = None
     courses: tuple[ForceCourse, ...] = ()
     common_course: ForceCourse = field(default_factory=ForceCourse)
     focus: tuple[int, ...] = ()

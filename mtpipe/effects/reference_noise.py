@@ -8,8 +8,9 @@ from __future__ import annotations
 
 from functools import partial
 
+from mtpipe.drift.largest_motion import LargestMotion
 from mtpipe.effects import drift
-from mtpipe.effects.effect import Effect, Evidence, Hypothesis, logarithm, variance
+from mtpipe.effects.effect import Effect, Evidence, Hypothesis, logarithm, plain
 from mtpipe.experiment.changed import with_root
 from mtpipe.experiment.changes import with_optics, with_stage
 from mtpipe.experiment.description import Experiment
@@ -17,16 +18,31 @@ from mtpipe.experiment.parameter import Parameter
 
 STARTS_S = (0.1, 2.0)
 LARGEST_NM = 300.0
+# A fit begins with this size, and tells slopes by this change of a variance.
+START_NM, STEP_NM2, LEAST_STEP = 2.0, 0.08, 1e-7
 
 
-def _along(axis: int, name: str) -> Parameter:
-    change = partial(_moved, axis)
-    return variance(f"reference motion along {name}", "nm", 2.0, LARGEST_NM, change)
+def _along(axis: int, largest: LargestMotion | None, relaxation_s: float) -> Parameter:
+    """The variance along one axis, over the largest that the reference's own trace allows."""
+    name = f"reference motion along {'xyz'[axis]}, share of the largest"
+    most_nm2 = _largest_nm2(axis, largest, relaxation_s)
+    start = min(START_NM**2 / most_nm2, 0.5)
+    step = max(STEP_NM2 / most_nm2, LEAST_STEP)
+    return plain(name, "", start, (0.0, 1.0), step, partial(_moved, axis, largest))
 
 
-def _moved(axis: int, experiment: Experiment, square: float) -> Experiment:
-    size = with_root(experiment.stage.reference_nm, axis, square)
-    return with_stage(experiment, reference_nm=size)
+def _moved(
+    axis: int, largest: LargestMotion | None, experiment: Experiment, share: float
+) -> Experiment:
+    square = share * _largest_nm2(axis, largest, experiment.stage.reference_s)
+    return with_stage(
+        experiment, reference_nm=with_root(experiment.stage.reference_nm, axis, square)
+    )
+
+
+def _largest_nm2(axis: int, largest: LargestMotion | None, relaxation_s: float) -> float:
+    anyhow = LARGEST_NM**2
+    return anyhow if largest is None else min(largest.at(axis, relaxation_s), anyhow)
 
 
 def _begun(experiment: Experiment, value: float) -> Experiment:
@@ -50,13 +66,14 @@ def _hypotheses(experiment: Experiment, evidence: Evidence) -> list[Hypothesis]:
     # what of the stage could not be subtracted is in the trace too
     without = [drift.left(experiment)] if evidence.reference_loose else []
     walks = without[0].parameters if without else ()
-    sizes = tuple(_along(i, name) for i, name in enumerate("xyz"))
+    largest = evidence.reference_largest
     return without + [
         Hypothesis(
             experiment,
             (
-                *sizes,
+                # first, as the largest sizes depend on it
                 logarithm("reference relaxation time", "s", start, (0.005, 100.0), _relaxing),
+                *(_along(axis, largest, start) for axis in range(3)),
                 AT_THE_START,
                 *walks,
             ),
