@@ -21,6 +21,8 @@ BINS_PER_OCTAVE = 3
 FEWEST_COEFFICIENTS = 20
 # Probability that a bin has by chance less power than is taken for possible.
 UNLIKELY = 1e-3
+# Variance in nm² of what no trace shows, and of what a trace without motion shows.
+ANYTHING_NM2, NOTHING_NM2 = 1e12, 1e-6
 # Relaxation times in s, from faster than any frame to longer than plateaus.
 RELAXATIONS_S = np.geomspace(1e-3, 1e3, 121)
 
@@ -45,7 +47,7 @@ def largest_motion(references_nm: Sequence[FloatArray], camera: Camera) -> Large
     references_nm : mean of the references in each plateau (n, 3), nothing subtracted, NaN where
         lost.
     """
-    found = np.full((3, len(RELAXATIONS_S)), np.inf)
+    found = np.full((3, len(RELAXATIONS_S)), ANYTHING_NM2)
     for axis in range(3):
         pieces = [_known(one[:, axis]) for one in references_nm]
         bins = _power([one for one in pieces if len(one) > FEWEST_COEFFICIENTS], camera)
@@ -55,7 +57,7 @@ def largest_motion(references_nm: Sequence[FloatArray], camera: Camera) -> Large
         most = bins.power_nm2 / stats.chi2.ppf(UNLIKELY, bins.count)
         # white noise of 1 nm² has a power of 2 frame_s, and coefficients of 1 nm²
         found[axis] = np.min(2 * camera.frame_s * most / per_nm2, axis=1)
-    return LargestMotion(np.maximum(found, np.finfo(float).tiny))
+    return LargestMotion(np.clip(found, NOTHING_NM2, ANYTHING_NM2))
 
 
 def _known(series_nm: FloatArray) -> FloatArray:

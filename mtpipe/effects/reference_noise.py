@@ -18,8 +18,9 @@ from mtpipe.experiment.parameter import Parameter
 
 STARTS_S = (0.1, 2.0)
 LARGEST_NM = 300.0
-# A fit begins with this size, and tells slopes by this change of a variance.
-START_NM, STEP_NM2, LEAST_STEP = 2.0, 0.08, 1e-7
+# A fit begins with this size, and tells slopes by this change of a variance, in nm² and as shares
+# of the largest.
+START_NM, STEP_NM2, LEAST_STEP, MOST_STEP = 2.0, 0.08, 1e-7, 0.02
 
 
 def _along(axis: int, largest: LargestMotion | None, relaxation_s: float) -> Parameter:
@@ -27,7 +28,7 @@ def _along(axis: int, largest: LargestMotion | None, relaxation_s: float) -> Par
     name = f"reference motion along {'xyz'[axis]}, share of the largest"
     most_nm2 = _largest_nm2(axis, largest, relaxation_s)
     start = min(START_NM**2 / most_nm2, 0.5)
-    step = max(STEP_NM2 / most_nm2, LEAST_STEP)
+    step = min(max(STEP_NM2 / most_nm2, LEAST_STEP), MOST_STEP)
     return plain(name, "", start, (0.0, 1.0), step, partial(_moved, axis, largest))
 
 
