@@ -11,6 +11,7 @@ import pytest
 from mtpipe.battery.statistic import Statistic
 from mtpipe.corrections.correction import Correction
 from mtpipe.crosschecking.check import check_bead
+from mtpipe.crosschecking.lines import with_lines_apart
 from mtpipe.crosschecking.prepared_bead import prepare
 from mtpipe.diagnosis import alternatives, judging, naming, sets, single_events
 from mtpipe.diagnosis.alternatives import place_of
@@ -29,11 +30,12 @@ from mtpipe.diagnosis.explain import explain
 from mtpipe.diagnosis.explanation import Alternative, Explanation, Named
 from mtpipe.diagnosis.forces_to_quote import diagnosed_forces
 from mtpipe.diagnosis.mismatch import bead_content
-from mtpipe.diagnosis.naming import Weighed, last_named
+from mtpipe.diagnosis.naming import Weighed, last_named, of_fitted_time_only
 from mtpipe.diagnosis.sets import several_causes
 from mtpipe.diagnosis.time_corrections import hold_by_themselves
 from mtpipe.drift import subtract_drift
 from mtpipe.effects.catalogue import OWN
+from mtpipe.effects.effect import Evidence
 from mtpipe.effects.hopping import Hopping
 from mtpipe.experiment.changes import with_step
 from mtpipe.joint_fit.hypotheses import FittedEffect, try_effects
@@ -242,6 +244,25 @@ def test_a_cause_on_which_another_rests_is_not_refused_for_want_of_a_held_out_ga
     last = replace(check, case=replace(check.case, fit=both.fit))
     assert np.isnan(naming._heldout(without, both, turns, last))
     assert np.isfinite(naming._heldout(without, both, seen, last))
+
+
+@pytest.mark.parametrize("whole", [True, False])
+def test_a_cause_that_gains_nothing_on_time_that_was_not_fitted_is_told(whole):
+    """A wave that lasts for the first half of each plateau is no cause of the second half."""
+    recording = raw(1)
+    wave = 15.0 * np.sin(2 * np.pi * 31.7 * recording.time_s)
+    for plateau in recording.plateaus:
+        if not whole:
+            wave[(plateau.start + plateau.stop) // 2 : plateau.stop] = 0.0
+    bead = recording.positions_nm["b1"] + wave[:, None] * [0, 1, 0]
+    recording = replace(recording, positions_nm=recording.positions_nm | {"b1": bead})
+    case = with_lines_apart(prepare(subtract_drift(recording), "b1"))
+    vibration = next(effect for effect in OWN if effect.name == "vibration")
+    (member,) = try_effects(case.fit, [vibration], Evidence(case.lines_hz, FORCES_PN))
+    assert member.gain > 100
+    begun, last = (SimpleNamespace(case=replace(case, fit=fit)) for fit in (case.fit, member.fit))
+    told = of_fitted_time_only(begun, causes_of((member,), member.fit, case.fit), last)
+    assert told == ("" if whole else "vibration")
 
 
 def test_friction_that_rises_is_described_and_not_named():

@@ -224,6 +224,19 @@ def in_order_found(
     return named
 
 
+def of_fitted_time_only(begun: BeadCheck, causes: Causes, last: BeadCheck) -> str:
+    """The name of a member that gains nothing on time that was not fitted; empty: none.
+
+    Parameters
+    ----------
+    begun : without any of the set. last : with all of it.
+    """
+    for one in causes.members:
+        if _heldout(begun.case.fit, causes, one, last) <= 0:
+            return one.effect.name
+    return ""
+
+
 def _heldout(without: ConfiguredFit, causes: Causes, one: FittedEffect, last: BeadCheck) -> float:
     """What a member gains on time that was not fitted, beside the others; nan where these cannot be
     without it, as a bead that is seen to turn cannot be one that does not turn.

@@ -38,7 +38,13 @@ from mtpipe.diagnosis.judging import (
     lacked_by,
     rejected,
 )
-from mtpipe.diagnosis.naming import FORM_NATS, Weighed, last_named, named_of
+from mtpipe.diagnosis.naming import (
+    FORM_NATS,
+    Weighed,
+    last_named,
+    named_of,
+    of_fitted_time_only,
+)
 from mtpipe.diagnosis.single_events import unseen_member
 from mtpipe.diagnosis.unexplained import Rejected
 from mtpipe.diagnosis.why_not import gains_in_words, too_little
@@ -104,6 +110,8 @@ def several_causes(
                 break
             wrong = unseen_member(begun.case, best, weighed.values(), random)
             if not wrong and agrees(check, first):
+                wrong = of_fitted_time_only(begun, best, check)
+            if not wrong and agrees(check, first):
                 agreed.append((best, check))
                 if gained < FORM_NATS + ln_of(check.p_value) - ln_of(1.0):
                     agreed[-1] = better_judged(best, check, rivals, begun, random)[:2]
@@ -112,7 +120,7 @@ def several_causes(
                 return other_way
             wrong = wrong or contradicted(begun, best, check, random)
             if wrong:
-                say(f"without {wrong}, which is not how positions are distributed")
+                say(f"without {wrong}, which the traces contradict")
                 members = tuple(one for one in members if one.name != wrong)
                 weighed = {names: one for names, one in weighed.items() if wrong not in names}
                 beam = sorted([nothing, *weighed.values()], key=by_score, reverse=True)[:BEAM]
