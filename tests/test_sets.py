@@ -30,7 +30,13 @@ from mtpipe.diagnosis.explain import explain
 from mtpipe.diagnosis.explanation import Alternative, Explanation, Named
 from mtpipe.diagnosis.forces_to_quote import diagnosed_forces
 from mtpipe.diagnosis.mismatch import bead_content
-from mtpipe.diagnosis.naming import Weighed, last_named, of_fitted_time_only
+from mtpipe.diagnosis.naming import (
+    Weighed,
+    as_dear_as_a_term,
+    last_named,
+    of_fitted_time_only,
+)
+from mtpipe.diagnosis.probability import odds_against
 from mtpipe.diagnosis.sets import several_causes
 from mtpipe.diagnosis.time_corrections import hold_by_themselves
 from mtpipe.drift import subtract_drift
@@ -435,6 +441,22 @@ def test_gaussian_motion_of_their_power_is_as_likely_as_hops_that_heights_do_not
     assert single_events.odds_of_smooth(case, case.fit, drift, generator(1)) == 0
     # as likely as not: it is told by what it does
     assert BY_NAME["hopping"].unnamed == ("lorentzian", ("z",))
+
+
+def test_a_term_in_place_of_hops_that_heights_do_not_show_is_compared_at_equal_cost():
+    """The wander is likelier by 4 nats, and 6 nats less likely if only a term costs 10 more."""
+    fit = prepare(subtract_drift(raw(1)), "b1").fit
+    hopping, wander = (
+        FittedEffect(BY_NAME[name], None, fit, gain, 15.0, None, 0)
+        for name, gain in (("hopping", 57.0), ("wander_step_z", 61.0))
+    )
+    place = alternatives.Place(hopping, [wander, hopping], fit)
+    dearer = as_dear_as_a_term(place)
+    shown, not_shown = (
+        odds_against(one.own, one.tried, {"hopping"}, fit, 0.0) for one in (place, dearer)
+    )
+    assert shown < 0.1
+    assert not_shown > math.exp(4) - 1
 
 
 @pytest.mark.parametrize(

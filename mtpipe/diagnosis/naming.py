@@ -26,7 +26,13 @@ from mtpipe.diagnosis.causes import (
 from mtpipe.diagnosis.explanation import Named, agrees, ln_of
 from mtpipe.diagnosis.heldout import heldout_gain
 from mtpipe.diagnosis.judging import better_judged, checked_with, rejected
-from mtpipe.diagnosis.probability import smooth_gain, unknown_nats, weight
+from mtpipe.diagnosis.probability import (
+    CAUSE_NATS,
+    TERM_NATS,
+    smooth_gain,
+    unknown_nats,
+    weight,
+)
 from mtpipe.diagnosis.single_events import odds_of_smooth
 from mtpipe.diagnosis.unexplained import Rejected
 from mtpipe.effects.effect import Effect
@@ -113,7 +119,9 @@ def named_of(
     for one, place in zip(named, places, strict=True):
         sets = weight(unknown) + weight_without(one.name, best, others)
         if isinstance(one.found, FittedEffect):
-            sets += odds_of_smooth(begun.case, best.fit, one.found, random)
+            smooth = odds_of_smooth(begun.case, best.fit, one.found, random)
+            sets += smooth
+            place = as_dear_as_a_term(place) if smooth > 0 else place
         one = with_alternatives(one, best.names, place, check, sets, left_smooth)
         likely = or_by_form(one)
         if likely is None:
@@ -121,6 +129,16 @@ def named_of(
             return Weighed([], check, rejected(best, why))
         told.append(likely)
     return Weighed(told, check)
+
+
+def as_dear_as_a_term(place: Place | None) -> Place | None:
+    """The place of a member whose events traces do not clearly show: it fits as many recordings as
+    a term does.
+    """
+    if place is None or place.own is None:
+        return place
+    dearer = place.own.penalty + TERM_NATS - CAUSE_NATS
+    return replace(place, own=replace(place.own, penalty=dearer))
 
 
 def _without_weakest(
