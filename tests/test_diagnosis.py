@@ -298,15 +298,21 @@ def test_drift_beside_a_loose_reference_is_laid_to_the_reference():
     assert walks["walk_z_nm_per_root_s"] == pytest.approx(1.0, rel=0.4)
 
 
-@pytest.mark.parametrize("relaxation_s", [0.02, 0.5, 5.0])
-def test_a_reference_may_move_as_far_as_its_own_trace_allows(relaxation_s):
+@pytest.mark.parametrize(
+    ("relaxation_s", "lost"), [(0.02, 0.0), (0.5, 0.0), (5.0, 0.0), (0.02, 0.2)]
+)
+def test_a_reference_may_move_as_far_as_its_own_trace_allows(relaxation_s, lost):
     """What it does move is within that, and is most of it where little else is in its trace."""
     experiment, _ = experiment_of(SETUP, FORCES_PN, FRAMES, formula=FORMULAS[0])
     moving = {"reference_nm": (6.0, 4.0, 5.0), "reference_s": relaxation_s}
     stage = replace(experiment.stage, **moving)
     tracker = replace(experiment.tracker, reference_noise_nm=(0.1,) * 3)
     experiment = replace(experiment, stage=stage, tracker=tracker)
-    case = prepare(mtpipe.subtract_drift(simulate_experiment(experiment, SETUP, 5)), "b1")
+    simulated = simulate_experiment(experiment, SETUP, 5)
+    reference = simulated.positions_nm["ref1"].copy()
+    reference[np.random.default_rng(1).random(len(reference)) < lost] = np.nan
+    positions = {**simulated.positions_nm, "ref1": reference}
+    case = prepare(mtpipe.subtract_drift(replace(simulated, positions_nm=positions)), "b1")
     for axis, size_nm in enumerate(stage.reference_nm):
         assert 0.95 < case.reference_largest.at(axis, relaxation_s) / size_nm**2 < 1.6
 

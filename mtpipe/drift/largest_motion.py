@@ -78,4 +78,7 @@ def _power(pieces_nm: Sequence[FloatArray], camera: Camera) -> PowerBins | None:
     enough = bins.count >= FEWEST_COEFFICIENTS
     if not enough.any():
         return None
-    return PowerBins(bins.frequency_hz[enough], bins.power_nm2[enough], bins.count[enough])
+    # lost frames are bridged, which takes up to their share of the power away
+    known = float(np.mean(np.isfinite(np.concatenate(pieces_nm))))
+    power = bins.power_nm2[enough] / known
+    return PowerBins(bins.frequency_hz[enough], power, bins.count[enough])
