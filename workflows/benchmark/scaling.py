@@ -26,26 +26,12 @@ from distributed import LocalCluster
 
 from mtpipe.simulation.written import simulate_to_folder
 
-BLOCK, END = "<!-- scaling -->\n", "<!-- end scaling -->\n"
+sys.path.append(str(Path(__file__).parents[1] / "common"))
+from pages import into_page, table
+from short_tether import short_tether
+
 BEADS_PER_RECORDING, FRAMES, FORCES_PN = 10, 1024, (1.0, 5.0)
-SETUP = """schema = 1
-[camera]
-frame_rate_hz = 200.0
-exposure_s = 0.005
-[beads]
-radius_nm = 500.0
-reference = ["ref1"]
-[tether]
-contour_length_nm = 1200.0
-persistence_length_nm = 50.0
-[buffer]
-temperature_K = 298.15
-viscosity_mPa_s = 0.9
-[field]
-direction = "x"
-[model]
-effects = ["wall_drag", "tracking_noise"]
-"""
+SETUP = short_tether(200.0, 0.005)
 ONE_THREAD = dict.fromkeys(("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS"), "1")
 LOOKED_EVERY_S, MIB = 0.25, 2.0**20
 
@@ -83,24 +69,26 @@ def main() -> None:
             there = [*two, "--scheduler", started.scheduler_address]
             rows.append(("a Dask cluster of two", middle, batch(days[middle], folder / "d", there)))
         rows.append(("two processes", large, batch(days[large], folder / "large", two)))
-    lines = [
-        f"Printed by `python workflows/benchmark/scaling.py --beads {small} {middle} {large}`, "
-        f"Python {platform.python_version()} on {platform.machine()}, {os.cpu_count()} cores.",
-        "",
-        "| beads | done by | minutes | beads a minute | MiB of the command | MiB of a worker |",
-        "| --- | --- | --- | --- | --- | --- |",
+    header = "beads | done by | minutes | beads a minute | MiB of the command | MiB of a worker"
+    cells = [
+        [
+            f"{beads}",
+            who,
+            f"{took.seconds / 60:.1f}",
+            f"{60 * beads / took.seconds:.0f}",
+            f"{took.own_MiB:.0f}",
+            f"{took.worker_MiB:.0f}",
+        ]
+        for who, beads, took in rows
     ]
-    for who, beads, took in rows:
-        rate = 60 * beads / took.seconds
-        lines.append(
-            f"| {beads} | {who} | {took.seconds / 60:.1f} | {rate:.0f} | {took.own_MiB:.0f} "
-            f"| {took.worker_MiB:.0f} |"
-        )
-    text = "\n".join(lines) + "\n"
+    text = (
+        f"Printed by `python workflows/benchmark/scaling.py --beads {small} {middle} {large}`, "
+        f"Python {platform.python_version()} on {platform.machine()}, {os.cpu_count()} cores.\n\n"
+        f"{table(header, cells)}"
+    )
     print(text)
     if options.write is not None:
-        before, _, rest = options.write.read_text(encoding="utf-8").partition(BLOCK)
-        page = f"{before}{BLOCK}{text}{END}{rest.partition(END)[2]}"
+        page = into_page(options.write.read_text(encoding="utf-8"), {"scaling": text})
         options.write.write_text(page, encoding="utf-8")
 
 

@@ -20,25 +20,11 @@ import pandas as pd
 
 from mtpipe.simulation.written import simulate_to_folder
 
+sys.path.append(str(Path(__file__).parents[1] / "common"))
+from short_tether import short_tether
+
 RATE_HZ = 400
-SETUP = f"""schema = 1
-[camera]
-frame_rate_hz = {RATE_HZ}.0
-exposure_s = 0.0025
-[beads]
-radius_nm = 500.0
-reference = ["ref1"]
-[tether]
-contour_length_nm = 1200.0
-persistence_length_nm = 50.0
-[buffer]
-temperature_K = 298.15
-viscosity_mPa_s = 0.9
-[field]
-direction = "x"
-[model]
-effects = ["wall_drag", "tracking_noise"]
-"""
+SETUP = short_tether(float(RATE_HZ), 0.0025)
 
 
 def main() -> None:

@@ -40,28 +40,13 @@ from sessions import kill_worker, left, started, workers
 
 from mtpipe.simulation.written import simulate_to_folder
 
+sys.path.append(str(Path(__file__).parents[1] / "common"))
+from short_tether import short_tether
+
 PARTS = ("writes", "within", "report", "random", "full", "short", "disc", "worker")
 FULL = ("No space left on device", "File too large")
 WORKER_TOLD = "a worker process was ended from outside"
-SETUP = """\
-schema = 1
-[camera]
-frame_rate_hz = 120.0
-exposure_s = 0.0083
-[beads]
-radius_nm = 500.0
-reference = ["ref1"]
-[tether]
-contour_length_nm = 1200.0
-persistence_length_nm = 50.0
-[buffer]
-temperature_K = 298.15
-viscosity_mPa_s = 0.89
-[field]
-direction = "x"
-[model]
-effects = ["wall_drag", "tracking_noise"]
-"""
+SETUP = short_tether(120.0, 0.0083, viscosity_mPa_s=0.89)
 FRAMES = 1024
 TOLD = ("trials", "disturbed", "between")  # columns that may be more than 0
 PAGE = resource.getpagesize()
