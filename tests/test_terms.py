@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 import pytest
 
-from mtpipe.effects import drift
+from mtpipe.effects import drift, reference_noise
 from mtpipe.experiment.changes import with_step
 from mtpipe.joint_fit.fit import fit_configured
 from mtpipe.joint_fit.hypotheses import try_effects, with_hypothesis
@@ -38,6 +38,7 @@ KNOWN = [
     KnownTerm("lorentzian_x", (60.0, LN(2.0), -1.0, 0.5), (0.0, LN(2.0), 0.0, 0.0)),
     KnownTerm("lorentzian_z", (40.0, LN(15.0), 0.5, 0.3), (0.0, LN(15.0), 0.0, 0.0), which=1),
     KnownTerm("power_law_y", (12.0, 0.8, 0.4), (0.0, 1.0, 0.0)),
+    KnownTerm("power_law", (12.0, 8.0, 15.0, 0.9), (0.0, 0.0, 0.0, 1.0), weak=1e-3),
     KnownTerm("white_z", (30.0, 0.5), (0.0, 0.0)),
     KnownTerm("gain_step_x", (0.12,), (0.0,), which=1),
     KnownTerm("scatter_step_y", (40.0,), (0.0,), which=2),
@@ -152,3 +153,16 @@ def test_drift_has_no_name_along_an_axis_that_records_a_share_of_another():
     (beside,) = drift.EFFECT.hypotheses(mixed, effects.EVIDENCE)
     assert [one.name for one in alone.parameters] == [f"walk along {axis}" for axis in "xyz"]
     assert [one.name for one in beside.parameters] == ["walk along x", "walk along z"]
+
+
+ALONG = "reference motion along "
+
+
+@pytest.mark.parametrize(("pair", "moving"), [((1, 2), "xz"), ((2, 0), "xy")])
+def test_a_reference_does_not_move_along_an_axis_that_records_a_share_of_another(pair, moving):
+    """The share of the stage's motion has its sizes there, and is not the reference's."""
+    mixed = with_step(effects.BASE, Share(pair, 1.0, 0.3))
+    for one in reference_noise.EFFECT.hypotheses(mixed, effects.EVIDENCE):
+        names = [parameter.name for parameter in one.parameters]
+        assert [name[len(ALONG)] for name in names if name.startswith(ALONG)] == list(moving)
+        assert any(name.startswith("reference at the start") for name in names) == ("z" in moving)

@@ -32,11 +32,15 @@ from mtpipe.joint_fit.expectation import Expectation, changed_spectra
 from mtpipe.joint_fit.fit import nearby_fit
 from mtpipe.joint_fit.known_forces import ln_off, relative_stderr
 
-# The number of simulations grows through these until the answer is clear. Fewer than enough can
-# only say that recording and simulation are far off.
+# The number of simulations grows through these until the answer is clear.
 ROUNDS = (12, 24, 48, 120)
 ENOUGH = 48
+# By fewer than enough it is clear that recording and simulation agree from a larger p-value on, as
+# that scatters more, and that they do not only where they are far off.
 CLEARLY_CONSISTENT, CLEARLY_NOT, FAR_OFF = 0.2, 1e-4, 1e-8
+CONSISTENT_BY_FEW = {12: 0.5, 24: 0.3}
+# Simulations whose curves are drawn.
+DRAWN = 24
 MOMENTS = ("skewness", "kurtosis")
 # Twice its cutoff the low-pass of the drift takes 6 % of a motion's amplitude.
 CLEAR_OF_CUTOFF = 2.0
@@ -88,7 +92,7 @@ def check_bead(
     random : of the simulations.
     rounds : numbers of simulations after which it may be clear what comes out.
     begun : a check of the same case, whose simulations count.
-    with_curves : keep the curves of `ENOUGH` simulations.
+    with_curves : keep the curves of `DRAWN` simulations.
     """
     recorded = recorded_of(case)
     battery = _Battery(case, recorded)
@@ -103,7 +107,7 @@ def check_bead(
     for goal in rounds:
         numbers = range(len(simulated), goal)
         draws = _Draws(maker, random)
-        arguments = ((shared, draws.next(), k < ENOUGH) for k in numbers)
+        arguments = ((shared, draws.next(), k < DRAWN) for k in numbers)
         try:
             for values, drawn in in_order(_looked_at, arguments):
                 simulated.append(values)
@@ -117,15 +121,14 @@ def check_bead(
             correlation = rounds_correlation(open_as_yet.own, overall.own[: len(open_as_yet.own)])
             p_value = second_round_p_value(overall.p_value, CLEARLY_CONSISTENT, correlation)
             overall = replace(overall, p_value=p_value)
-        if goal < ENOUGH:
-            if overall.p_value < FAR_OFF:
-                break
-            continue
-        if overall.p_value > CLEARLY_CONSISTENT or overall.p_value < CLEARLY_NOT:
+        if overall.p_value > CONSISTENT_BY_FEW.get(goal, CLEARLY_CONSISTENT):
             break
-        open_as_yet = overall
+        if overall.p_value < (FAR_OFF if goal < ENOUGH else CLEARLY_NOT):
+            break
+        if goal >= ENOUGH:
+            open_as_yet = overall
     if curves is not None:
-        for _ in range(ENOUGH - len(simulated)):
+        for _ in range(DRAWN - len(simulated)):
             curves.add(curves.values(battery.simulated(maker.draw(beside))))
     return BeadCheck(
         case,

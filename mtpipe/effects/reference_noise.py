@@ -15,6 +15,7 @@ from mtpipe.experiment.changed import with_root
 from mtpipe.experiment.changes import with_optics, with_stage
 from mtpipe.experiment.description import Experiment
 from mtpipe.experiment.parameter import Parameter
+from mtpipe.experiment.step import axes_with_another
 
 STARTS_S = (0.1, 2.0)
 LARGEST_NM = 300.0
@@ -64,6 +65,9 @@ AT_THE_START = Parameter(
 def _hypotheses(experiment: Experiment, evidence: Evidence) -> list[Hypothesis]:
     if experiment.references == 0 or evidence.reference_moves is False:
         return []
+    # as of drift: the stage's motion along an axis comes with the share of it in another
+    mixed = axes_with_another(experiment.steps)
+    axes = [axis for axis in range(3) if axis not in mixed]
     # what of the stage could not be subtracted is in the trace too
     without = [drift.left(experiment)] if evidence.reference_loose else []
     walks = without[0].parameters if without else ()
@@ -74,13 +78,14 @@ def _hypotheses(experiment: Experiment, evidence: Evidence) -> list[Hypothesis]:
             (
                 # first, as the largest sizes depend on it
                 logarithm("reference relaxation time", "s", start, (0.005, 100.0), _relaxing),
-                *(_along(axis, largest, start) for axis in range(3)),
-                AT_THE_START,
+                *(_along(axis, largest, start) for axis in axes),
+                *([AT_THE_START] if 2 in axes else []),
                 *walks,
             ),
             given=1,
         )
         for start in STARTS_S
+        if axes
     ]
 
 

@@ -31,14 +31,18 @@ from mtpipe.joint_fit.random_walk import line_of
 from mtpipe.joint_fit.slopes import Slopes, height_slopes, slopes
 
 MOST_ROUNDS = 15
-# ln likelihood (nats). The fit has converged when a step gains less than the first and predicted
-# hardly more; a failed step that predicts less than the second is not shortened any more.
+# ln likelihood (nats). The fit has converged when a step leaves less than the first, or gains less
+# and predicted hardly more; a failed step that predicts less than the second is not shortened
+# any more.
 ARRIVED, NOTHING_NATS = 1e-3, 1e-6
 # Largest change of ln power in one step, and largest correlation of two axes after it.
 MOST_MOVED, MOST_CORRELATED = 2.0, 0.999
 # After a failed step the next one tried predicts at most this share of its rise, as one that is
 # hardly shorter would fail too.
 SHORTER = 0.8
+# A step's gain is foretold by the quadratic form to no better than this share: its curvature may be
+# off by as much in directions other than the step's.
+LEAST_MISJUDGED = 0.2
 # The fit ends after 3 steps in a row that gain next to nothing, or where no step succeeds. It has
 # converged if the last one predicted less than 0.1 nats.
 STUCK, NEARLY_NATS = 3, 0.1
@@ -120,7 +124,7 @@ def fit_configured(
     ----------
     start : θ to begin from; None: the forces that suit each plateau best by themselves.
     rounds : largest number of steps.
-    arrived : the fit ends where a step raises ln likelihood by less.
+    arrived : the fit ends where a step leaves, or gains, less ln likelihood (nats).
 
     Raises
     ------
@@ -157,6 +161,7 @@ def fit_configured(
             converged = rise < NEARLY_NATS
             break
         gained = there - value
+        left = _left(gradient, information, free, trial - theta, gained)
         if gained < OVERSHOT * rise:
             # the likelihood curves more than predicted, so that its maximum lies before this step
             before = theta + 0.5 * rise / (rise - gained) * (trial - theta)
@@ -167,13 +172,34 @@ def fit_configured(
         theta, expected, value = trial, following, there
         damping = damping / 6 if damping > 1e-9 else 0.0
         idle = idle + 1 if gained < arrived else 0
-        if gained < arrived and rise < 2 * arrived + 1e-2:
+        if left < arrived or (gained < arrived and rise < 2 * arrived + 1e-2):
             converged = True
             break
         if idle == STUCK:
             converged = rise < NEARLY_NATS
             break
     return ConfiguredFit(model, theta, expected, value, converged)
+
+
+def _left(
+    gradient: FloatArray,
+    information: FloatArray,
+    free: NDArray[np.bool_],
+    change: FloatArray,
+    gained: float,
+) -> float:
+    """Gain that a change of θ leaves for later ones, in nats.
+
+    The quadratic form foretells this change's gain, and that of the whole step of Fisher scoring,
+    of which it may be a damped or clipped part. Where the curvature is off by a share e, the
+    maximum is this share of the step off, and e² of its gain is left.
+    """
+    foretold = float(gradient @ change - change @ information @ change / 2)
+    if foretold <= 0:
+        return np.inf
+    misjudged = max(abs(gained / foretold - 1), LEAST_MISJUDGED)
+    whole = float(gradient @ _step(gradient, information, free, 0.0)) / 2
+    return misjudged**2 * foretold + whole - foretold
 
 
 def _found_at(model: ConfiguredModel, theta: FloatArray) -> tuple[list[Expectation], float]:

@@ -12,6 +12,7 @@ from __future__ import annotations
 
 import functools
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -70,13 +71,9 @@ def step_scores(level: FloatArray) -> StepScores:
     """
     d = np.diff(level)
     noises, weights = _likely_noises(_without_step(d))
-    sizes, variances = [], []
-    for noise in noises:
-        size, stderr = _steps(d, noise)
-        sizes.append(size)
-        variances.append(stderr**2)
-    size = np.asarray(weights @ np.array(sizes))
-    stderr = np.sqrt(weights @ np.array(variances))
+    sizes, stderrs = _steps(d, noises)
+    size = np.asarray(weights @ sizes)
+    stderr = np.sqrt(weights @ stderrs**2)
     freedom = max(len(d) - 4, 2)
     tail = stats.t.logsf(np.abs(size / stderr), freedom)
     score = np.sign(size) * _normal_from_log_tail(tail)
@@ -85,7 +82,7 @@ def step_scores(level: FloatArray) -> StepScores:
 
 def usual_score(level: FloatArray, noise: Noise) -> float:
     """Root mean square score of the steps that a level of its own, (n,), makes beside a noise."""
-    size, stderr = _steps(np.diff(level), noise)
+    size, stderr = _steps(np.diff(level), [noise])
     return float(np.sqrt(np.mean((size / stderr) ** 2)))
 
 
@@ -97,13 +94,13 @@ def fit_noise_about_step(level: FloatArray) -> Noise:
 def _without_step(d: FloatArray, relaxations: tuple[float, ...] = RELAXATIONS) -> FloatArray:
     """Differences without the strongest step, which would pass as a walk."""
     noise = fit_noise(d, relaxations)
-    size, stderr = _steps(d, noise)
+    (size,), (stderr,) = _steps(d, [noise])
     strongest = int(np.argmax(np.abs(size / stderr)))
     without = d.copy()
     without[strongest] -= size[strongest]
     # a block within which the level steps shares the step with its neighbour
     near = [k for k in (strongest - 1, strongest + 1) if 0 <= k < len(d)]
-    size, stderr = _steps(without, noise)
+    (size,), (stderr,) = _steps(without, [noise])
     second = max(near, key=lambda k: abs(size[k] / stderr[k]))
     without[second] -= size[second]
     return without
@@ -133,11 +130,14 @@ def _likely_noises(
     return noises, np.asarray(weights[likely] / weights[likely].sum())
 
 
-def _steps(d: FloatArray, noise: Noise) -> tuple[FloatArray, FloatArray]:
-    """Size and standard error of a step at each place (generalised least squares)."""
-    eigen = noise.white * (noise.walk_share + _eigenvalues(len(d), noise.relaxation))
+def _steps(d: FloatArray, noises: Sequence[Noise]) -> tuple[FloatArray, FloatArray]:
+    """(noises, n) sizes and standard errors of a step at each place (generalised least squares)."""
+    eigen = np.array([
+        noise.white * (noise.walk_share + _eigenvalues(len(d), noise.relaxation))
+        for noise in noises
+    ])  # fmt: skip
     solved = fft.dst(fft.dst(d, type=1, norm="ortho") / eigen, type=1, norm="ortho")
-    precision = _squared_sines(len(d)) @ (1 / eigen)
+    precision = (1 / eigen) @ _squared_sines(len(d))
     return solved / precision, precision**-0.5
 
 

@@ -11,6 +11,7 @@ from mtpipe.terms.mixing import gain_along, share_in
 TERMS: tuple[Effect, ...] = (
     *(lorentzian.along(axis) for axis in range(3)),
     *(power_law.along(axis) for axis in range(3)),
+    power_law.of_all(),
     *(white.along(axis) for axis in range(3)),
     *(gain_along(axis) for axis in range(3)),
     *(step.gain_along(axis) for axis in range(3)),

@@ -1,21 +1,28 @@
-"""Power of one axis that goes as a power of the frequency, as flicker noise does."""
+"""Power that goes as a power of the frequency, as flicker noise does: of one axis, or of all.
+
+Of one axis it may go with the force, as what the tether or the optics do does. What all axes have
+with one power of the frequency is the instrument's, and is the same at all forces.
+"""
 
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import partial
 from typing import ClassVar
 
 import numpy as np
 
 from mtpipe.effects.effect import Effect, Evidence, Hypothesis, plain, variance
-from mtpipe.experiment.changes import with_step
-from mtpipe.experiment.description import Experiment
-from mtpipe.experiment.step import Place
+from mtpipe.experiment.changed import with_root
+from mtpipe.experiment.changes import step_of, with_step
+from mtpipe.experiment.description import Experiment, Triple
+from mtpipe.experiment.step import Place, Seen
 from mtpipe.ground.types import FloatArray
+from mtpipe.physics.camera import Camera
 from mtpipe.terms.term import (
     AXES,
+    ByStretches,
     Modes,
     grows,
     law,
@@ -75,9 +82,62 @@ class PowerLaw(Modes):
         ]
 
 
+@dataclass(frozen=True)
+class PowerLawOfAll(ByStretches):
+    """As `PowerLaw` along each axis, `size_nm` of each, with one slope and at all forces."""
+
+    place: ClassVar[Place] = "tether"
+    form: ClassVar[str] = "power_law"
+    axis: ClassVar[None] = None
+    size_nm: Triple
+    times_s: tuple[float, ...]
+    slope: float = START_SLOPE
+
+    @property
+    def _each(self) -> list[PowerLaw]:
+        return [
+            PowerLaw(axis, 1.0, size_nm, self.times_s, self.slope)
+            for axis, size_nm in enumerate(self.size_nm)
+        ]
+
+    def expected(self, seen: Seen, force_pN: float, thermal_energy_pN_nm: float) -> Seen:
+        """The modes of all axes besides."""
+        for one in self._each:
+            seen = one.expected(seen, force_pN, thermal_energy_pN_nm)
+        return seen
+
+    def in_stretch(
+        self, position_nm: FloatArray, force_pN: float, camera: Camera, random: np.random.Generator
+    ) -> FloatArray:
+        """One axis after the other."""
+        for one in self._each:
+            position_nm = one.in_stretch(position_nm, force_pN, camera, random)
+        return position_nm
+
+    @property
+    def words(self) -> str:
+        """Power of the frequency, and the sizes."""
+        x, y, z = self.size_nm
+        return (
+            f"x, y and z have power that goes as f^−{self.slope:.1f}, {x:.2g}, {y:.2g} and "
+            f"{z:.2g} nm around 1 Hz at all forces"
+        )
+
+    @property
+    def sizes(self) -> list[tuple[str, float, str]]:
+        """Size of each axis, and the power."""
+        each = [(f"size_{a}_nm", size, "nm") for a, size in zip(AXES, self.size_nm, strict=True)]
+        return [*each, ("slope", self.slope, "")]
+
+
 def along(axis: int) -> Effect:
     """The term of one axis."""
     return of_axis(f"power_law_{AXES[axis]}", PowerLaw, axis, partial(_begun, axis))
+
+
+def of_all() -> Effect:
+    """The term of all axes."""
+    return of_axis("power_law", PowerLawOfAll, None, _begun_of_all)
 
 
 def times_of(experiment: Experiment) -> tuple[float, ...]:
@@ -104,3 +164,27 @@ def _begun(axis: int, experiment: Experiment, evidence: Evidence) -> list[Hypoth
             ),
         )
     ]
+
+
+def _begun_of_all(experiment: Experiment, evidence: Evidence) -> list[Hypothesis]:
+    start = PowerLawOfAll((START_NM,) * 3, times_of(experiment))
+    name, slope = "power law along", set_to(PowerLawOfAll, None, "slope")
+    return [
+        Hypothesis(
+            with_step(experiment, start),
+            (
+                *(
+                    variance(f"{name} {a}", "nm", START_NM, LARGEST_NM, partial(_sized, axis))
+                    for axis, a in enumerate(AXES)
+                ),
+                plain(f"slope of {name} all axes", "", START_SLOPE, SLOPES, 1e-3, slope),
+            ),
+        )
+    ]
+
+
+def _sized(axis: int, experiment: Experiment, square: float) -> Experiment:
+    step = step_of(experiment, PowerLawOfAll, None)
+    assert step is not None
+    sizes = with_root(step.size_nm, axis, square)
+    return with_step(experiment, replace(step, size_nm=sizes))

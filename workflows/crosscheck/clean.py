@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 
 from mtpipe.crosschecking.check import BeadCheck, check_bead
-from mtpipe.crosschecking.prepared_bead import prepare
+from mtpipe.crosschecking.prepared_bead import PreparedBead, prepare
 from mtpipe.drift import subtract_drift
 from mtpipe.experiment.description import Experiment, Rest
 from mtpipe.experiment.from_setup import experiment_of
@@ -125,14 +125,14 @@ def configured(
     return Clean(setup, experiment, "linear")
 
 
-def check(
+def prepared(
     clean: Clean,
     random: np.random.Generator,
     *,
     change: Change | None = None,
     spoil: Spoil | None = None,
-) -> BeadCheck:
-    """Simulate and cross-check.
+) -> PreparedBead:
+    """A simulated bead with the experiment that is fitted to it.
 
     Parameters
     ----------
@@ -142,7 +142,7 @@ def check(
     raw = simulate_experiment(experiment, clean.setup, random, engine=clean.engine)
     if spoil is not None:
         raw = spoil(raw, random)
-    return check_bead(prepare(subtract_drift(raw), "b1"), random)
+    return prepare(subtract_drift(raw), "b1")
 
 
 def measure(job: tuple[int, int]) -> dict[str, Any]:
@@ -150,7 +150,7 @@ def measure(job: tuple[int, int]) -> dict[str, Any]:
     random = np.random.default_rng(job)
     clean = draw(random)
     began = time.process_time()
-    found = check(clean, random)
+    found = check_bead(prepared(clean, random), random)
     return {
         "seed": job[0],
         "number": job[1],

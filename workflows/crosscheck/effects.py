@@ -15,6 +15,8 @@ from typing import Any
 import clean
 import numpy as np
 
+from mtpipe.crosschecking.check import check_bead
+from mtpipe.crosschecking.prepared_bead import PreparedBead
 from mtpipe.experiment import changes
 from mtpipe.experiment.description import Experiment, Rest
 from mtpipe.ground.types import FloatArray
@@ -81,11 +83,10 @@ def base(unlisted: str = "", rate_hz: float = 120.0) -> clean.Clean:
     return found
 
 
-def measure(job: tuple[str, float, int, int]) -> dict[str, Any]:
-    """One recording with an effect, given its name, strength, the study's seed and a number."""
-    name, strength, seed, number = job
+def prepared(job: tuple[str, float, int, int], random: np.random.Generator) -> PreparedBead:
+    """A bead with an effect, given its name, strength, the study's seed and a number."""
+    name, strength, _, _ = job
     effect = next(one for one in EFFECTS if one.name == name)
-    random = np.random.default_rng([seed, number, *map(ord, effect.name)])
 
     def change(experiment: Experiment, _: np.random.Generator) -> Experiment:
         return experiment if effect.change is None else effect.change(experiment, strength)
@@ -94,14 +95,26 @@ def measure(job: tuple[str, float, int, int]) -> dict[str, Any]:
         return raw if effect.spoil is None else effect.spoil(raw, strength, own)
 
     configured = replace(base(effect.unlisted, effect.rate_hz), engine=effect.engine)
-    found = clean.check(configured, random, change=change, spoil=spoil)
+    return clean.prepared(configured, random, change=change, spoil=spoil)
+
+
+def measure(job: tuple[str, float, int, int]) -> dict[str, Any]:
+    """Cross-check one recording with an effect."""
+    name, strength, seed, number = job
+    random = generator(job)
     return {
         "effect": name,
         "strength": strength,
         "seed": seed,
         "number": number,
-        "p_value": found.p_value,
+        "p_value": check_bead(prepared(job, random), random).p_value,
     }
+
+
+def generator(job: tuple[str, float, int, int]) -> np.random.Generator:
+    """Random numbers of one recording with an effect."""
+    name, _, seed, number = job
+    return np.random.default_rng([seed, number, *map(ord, name)])
 
 
 def _viscosity(experiment: Experiment, factor: float) -> Experiment:
