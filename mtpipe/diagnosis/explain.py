@@ -119,6 +119,9 @@ def concluded(
     causes, nearest, off = found.named, found.nearest, False
     if causes:
         causes, nearest, off = _held_by_heights(begun.case.fit, causes, random)
+        if off and causes and not agrees(causes[-1].after, before):
+            # a set is named as a whole or not at all
+            causes = []
     # what else could have been seen in time is not known; how likely it is by chance is
     by_chance = [
         replace(one, odds_against=odds_against_correction(one.found, one.before))
