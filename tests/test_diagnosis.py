@@ -25,7 +25,7 @@ from mtpipe.diagnosis.explain import concluded, explain
 from mtpipe.diagnosis.explanation import Alternative, Explanation, Named, agrees
 from mtpipe.diagnosis.forces_to_quote import diagnosed_forces
 from mtpipe.diagnosis.heldout import halves_of
-from mtpipe.diagnosis.mismatch import Mismatch
+from mtpipe.diagnosis.mismatch import Mismatch, _each_once
 from mtpipe.diagnosis.naming import Weighed
 from mtpipe.diagnosis.refit import other_formulas
 from mtpipe.drift.lowpass import low_pass
@@ -582,3 +582,27 @@ def test_pixel_locking_is_found_beside_an_effect_that_hides_what_it_does(
     found = mtpipe.diagnose(mtpipe.subtract_drift(concealed), seed=1).beads["b1"]
     assert {one.name for one in found.named} == {"pixel_locking", other}
     assert found.verdict == "explained"
+
+
+def test_what_is_seen_in_traces_and_in_spectra_is_one_cause():
+    """A look-up table is named by its curve within the bead's motion, and by its slopes."""
+
+    def entry(effect, delta_bic, p_values, **parameters):
+        before, after = p_values
+        return {
+            "effect": effect, "probability": 0.9, "sentence": f"{effect} {delta_bic}.",
+            "parameters": parameters, "delta_bic": delta_bic, "heldout_gain_nats": None,
+            "p_before": before, "p_after": after, "equivalent": [],
+        }  # fmt: skip
+
+    by_curve = entry("z_response", None, (1e-9, 1e-4), slope_error=0.1, curve=1.0)
+    by_fit = entry("z_response", -50.0, (1e-4, 0.3), slope_error=0.2, offset_nm=90.0)
+    drift = entry("drift", -20.0, (1e-4, 0.3), walk=1.0)
+    for effects in ([by_curve, drift, by_fit], [by_fit, drift, by_curve]):
+        first, second = _each_once(effects)
+        assert second == drift
+        assert first["effect"] == "z_response"
+        assert first["delta_bic"] == -50.0
+        assert first["parameters"] == {"slope_error": 0.2, "curve": 1.0, "offset_nm": 90.0}
+        assert first["sentence"] == "z_response -50.0. z_response None."
+        assert (first["p_before"], first["p_after"]) == (1e-9, 0.3)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from concurrent.futures import Executor
 from dataclasses import dataclass, field, replace
 from functools import partial
@@ -253,7 +253,9 @@ def bead_content(found: Explanation, forces: BeadForces, tolerance: float) -> di
     return {
         "verdict": found.verdict,
         "located": _located(found),
-        "effects": [_effect(found, one) for one in sorted(found.effects, key=_oddity_left)],
+        "effects": _each_once(
+            [_effect(found, one) for one in sorted(found.effects, key=_oddity_left)]
+        ),
         "terms": [_term(found, one) for one in sorted(found.terms, key=_oddity_left)],
         "force_bound_percent": forces.bound_percent,
         "material": forces.exceeds(tolerance),
@@ -283,6 +285,26 @@ def _effect(found: Explanation, one: Named) -> dict[str, Any]:
         **_size_and_gain(found, one),
         "equivalent": list(one.equivalent),
     }
+
+
+def _each_once(effects: Sequence[dict[str, Any]]) -> list[dict[str, Any]]:
+    """Effects with one entry for each name: what is seen in traces and in spectra is one cause.
+
+    Of two entries the one of the fit counts, with the sentences of both, and the parameters that
+    only the other has.
+    """
+    found: dict[str, dict[str, Any]] = {}
+    for one in effects:
+        other = found.setdefault(one["effect"], one)
+        if other is not one:
+            main, rest = (one, other) if other["delta_bic"] is None else (other, one)
+            found[one["effect"]] = main | {
+                "sentence": f"{main['sentence']} {rest['sentence']}",
+                "parameters": rest["parameters"] | main["parameters"],
+                "p_before": min(main["p_before"], rest["p_before"]),
+                "p_after": max(main["p_after"], rest["p_after"]),
+            }
+    return list(found.values())
 
 
 def _term(found: Explanation, one: Named) -> dict[str, Any]:
