@@ -522,6 +522,18 @@ def test_a_step_that_goes_too_far_is_shortened(parabola, share, most):
     assert len(looks) <= most
 
 
+@pytest.mark.parametrize("arrived", [1e-3, 0.05])
+@pytest.mark.parametrize("share", [0.7, 0.85, 1.0, 1.2, 1.4])
+def test_a_fit_ends_where_its_steps_leave_less_than_asked(parabola, share, arrived):
+    """How much a step leaves is known by how well its gain was foretold."""
+    model, looks = parabola(bound=10.0, expected_share=share)
+    found = fit_configured(model, np.array([3.0, 2.0]), arrived=arrived)
+    assert found.converged
+    assert SLOPE @ PEAK / 2 - found.log_likelihood < arrived
+    # start, one step, and the damping's rest: there is no need to see the last one gain nothing
+    assert share != 1.0 or len(looks) <= 3
+
+
 def test_a_fit_whose_steps_raise_nothing_ends(parabola, monkeypatch):
     """The slope promises more than there is: of the bend next to nothing is left to climb."""
     model, looks = parabola(bound=10.0)

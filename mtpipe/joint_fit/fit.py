@@ -191,15 +191,17 @@ def _left(
     """Gain that a change of θ leaves for later ones, in nats.
 
     The quadratic form foretells this change's gain, and that of the whole step of Fisher scoring,
-    of which it may be a damped or clipped part. Where the curvature is off by a share e, the
-    maximum is this share of the step off, and e² of its gain is left.
+    of which it may be a damped or clipped part. Where the change gains more than foretold by a
+    share e, the curvature is smaller by it, and e²/(1 − e) of the foretold gain is left.
     """
     foretold = float(gradient @ change - change @ information @ change / 2)
-    if foretold <= 0:
+    more = gained / foretold - 1 if foretold > 0 else np.inf
+    if abs(more) < LEAST_MISJUDGED:
+        more = LEAST_MISJUDGED
+    if more >= 1:
         return np.inf
-    misjudged = max(abs(gained / foretold - 1), LEAST_MISJUDGED)
     whole = float(gradient @ _step(gradient, information, free, 0.0)) / 2
-    return misjudged**2 * foretold + whole - foretold
+    return more**2 / (1 - more) * foretold + whole - foretold
 
 
 def _found_at(model: ConfiguredModel, theta: FloatArray) -> tuple[list[Expectation], float]:
