@@ -8,7 +8,9 @@ from mtpipe.experiment.description import Experiment
 from mtpipe.physics.tether import STRETCHING
 
 START_PN = 1000.0
-BOUNDS_PER_NN = (0.02, 20.0)
+# No double strand is known to be softer than 350 pN (RNA: Lipfert et al. 2014); what stretches
+# more than one of 200 pN is something else, as a bead that rocks.
+BOUNDS_PER_NN = (0.02, 5.0)
 
 
 def _change(experiment: Experiment, per_nN: float) -> Experiment:
