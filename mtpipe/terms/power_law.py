@@ -168,7 +168,7 @@ def _begun(axis: int, experiment: Experiment, evidence: Evidence) -> list[Hypoth
 
 def _begun_of_all(experiment: Experiment, evidence: Evidence) -> list[Hypothesis]:
     start = PowerLawOfAll((START_NM,) * 3, times_of(experiment))
-    name, slope = "power law along", set_to(PowerLawOfAll, None, "slope")
+    name, slope = "flicker along", set_to(PowerLawOfAll, None, "slope")
     return [
         Hypothesis(
             with_step(experiment, start),
