@@ -35,8 +35,9 @@ from mtpipe.joint_fit.known_forces import ln_off, relative_stderr
 # The number of simulations grows through these until the answer is clear.
 ROUNDS = (12, 24, 48, 120)
 ENOUGH = 48
-# By fewer than enough it is clear that recording and simulation agree from a larger p-value on, as
-# that scatters more, and that they do not only where they are far off.
+# p-values that make it clear. Those of fewer simulations scatter more: they have to be larger to
+# say that recording and simulation agree, by number of simulations, and far smaller to say that
+# they do not.
 CLEARLY_CONSISTENT, CLEARLY_NOT, FAR_OFF = 0.2, 1e-4, 1e-8
 CONSISTENT_BY_FEW = {12: 0.5, 24: 0.3}
 # Simulations whose curves are drawn.
