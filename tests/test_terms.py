@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 from mtpipe.effects import drift, reference_noise
+from mtpipe.effects.catalogue import OWN
 from mtpipe.experiment.changes import with_step
 from mtpipe.joint_fit.fit import fit_configured
 from mtpipe.joint_fit.hypotheses import try_effects, with_hypothesis
@@ -166,3 +167,27 @@ def test_a_reference_does_not_move_along_an_axis_that_records_a_share_of_another
         names = [parameter.name for parameter in one.parameters]
         assert [name[len(ALONG)] for name in names if name.startswith(ALONG)] == list(moving)
         assert any(name.startswith("reference at the start") for name in names) == ("z" in moving)
+
+
+@pytest.mark.parametrize(
+    ("name", "strength", "beside"),
+    [
+        ("gain_x", (0.2, -1.0), "lateral_scale"),
+        ("mixing_x_in_z", (0.15, -1.0), "z_crosstalk"),
+    ],
+)
+def test_what_changes_with_the_force_is_found_beside_what_does_the_same_at_all_forces(
+    name, strength, beside
+):
+    """A fit that starts from the same at all forces would stay there: the other does that."""
+    known = KnownTerm(name, strength, (0.0, 0.0))
+    model, _ = effects.model_of(known.changed, np.random.default_rng(6))
+    silent = fit_configured(effects.replace(model, experiment=known.base))
+    other = next(one for one in OWN if one.name == beside)
+    with_other = silent
+    if other.hypotheses(silent.model.experiment, known.evidence):
+        tried = try_effects(silent, [other], known.evidence)
+        with_other = tried[0].fit if tried else silent
+    chosen = most_promising(with_other, [known.effect], known.evidence, 3)
+    found = try_effects(with_other, [known.effect], known.evidence, beside=True, only=chosen)
+    assert chosen and found[0].net > 0

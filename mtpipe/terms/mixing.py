@@ -19,6 +19,7 @@ from mtpipe.ground.types import FloatArray
 from mtpipe.physics.camera import Camera
 from mtpipe.terms.term import (
     AXES,
+    STARTS,
     ByStretches,
     axis_name,
     grows,
@@ -143,7 +144,7 @@ def _gain(axis: int, experiment: Experiment, evidence: Evidence) -> list[Hypothe
     start = with_step(experiment, Gain(axis, typical_force_pN(evidence)))
     name, bounds = f"ln of the gain along {AXES[axis]}", (-LARGEST, LARGEST)
     size = plain(name, "", 0.0, bounds, 1e-3, set_to(Gain, axis, "ln_gain"))
-    return [Hypothesis(start, (size, law(Gain, axis)))]
+    return [Hypothesis(start, (size, law(Gain, axis, start=one))) for one in STARTS]
 
 
 def _share(pair: tuple[int, int], experiment: Experiment, evidence: Evidence) -> list[Hypothesis]:
@@ -151,4 +152,4 @@ def _share(pair: tuple[int, int], experiment: Experiment, evidence: Evidence) ->
     # the effect z_crosstalk has a share of its own
     name, bounds = f"share of {axis_name(pair)} (term)", (-LARGEST, LARGEST)
     size = plain(name, "", 0.0, bounds, 1e-3, set_to(Share, pair, "share"))
-    return [Hypothesis(start, (size, law(Share, pair)))]
+    return [Hypothesis(start, (size, law(Share, pair, start=one))) for one in STARTS]

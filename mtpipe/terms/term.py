@@ -26,6 +26,9 @@ OneOrPair = int | tuple[int, int]
 Axis = OneOrPair | None
 # Largest exponent of the force in a law: those of a tether lie within, squares of lengths as F^-3.
 STEEPEST = 4.0
+# Laws from which a fit starts, besides none: a gain that is the same at all forces is what a scale
+# does as well, one that changes with the force is not.
+STARTS = (0.0, -1.0, 1.0)
 
 
 class TermStep(StepOfAxis, Protocol):
@@ -165,10 +168,16 @@ class Modes(ByStretches):
         return moved
 
 
-def law(kind: type[Kind], axis: OneOrPair, field: str = "exponent", what: str = "law") -> Parameter:
+def law(
+    kind: type[Kind],
+    axis: OneOrPair,
+    field: str = "exponent",
+    what: str = "law",
+    start: float = 0.0,
+) -> Parameter:
     """The power of the force that a term goes with."""
     name = f"{what} of {kind.form} along {axis_name(axis)}"
-    return plain(name, "", 0.0, (-STEEPEST, STEEPEST), 1e-3, set_to(kind, axis, field))
+    return plain(name, "", start, (-STEEPEST, STEEPEST), 1e-3, set_to(kind, axis, field))
 
 
 def axis_name(axis: OneOrPair) -> str:
