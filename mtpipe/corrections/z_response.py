@@ -39,7 +39,8 @@ from mtpipe.ground.types import FloatArray
 NAME = EFFECT.name
 # Simulations without a curve, and as many with it: means and spreads are known to a fifth.
 SIMULATIONS = 24
-# p-values of the distribution and of how fast motion depends on height: of each, and of both.
+# p-values of the distribution and of how fast motion depends on height: of each, and of both in one
+# plateau at least. A table that is curved in one is likely to be in others.
 EACH_P, BOTH_P = 1e-2, 1e-5
 # With the curve of the distribution, half or less is left of how fast motion depends on height.
 LEFT_WITH_IT = 0.5
@@ -73,7 +74,8 @@ class PlateauCurve:
         """Whether steps show more than a tether's softness would, and rather all of it."""
         (share, stderr), (softness, its_stderr) = self.in_steps, self.of_softness
         p_value = self.plateaus * stats.norm.sf((share - softness) / math.hypot(stderr, its_stderr))
-        return bool(p_value < EACH_P and share > (1 + softness) / 2)
+        told = p_value < EACH_P and share > (1 + softness) / 2
+        return bool(told and self.p_value < BOTH_P)
 
 
 def find(check: BeadCheck, random: np.random.Generator) -> Correction | None:
@@ -162,9 +164,9 @@ def curves(case: PreparedBead, random: np.random.Generator) -> list[PlateauCurve
         )
         both = _odd_p(curve.recorded, each), _odd_p(fast, straight)
         p_value = len(case.positions_nm) * float(stats.combine_pvalues(both).pvalue)
-        certain = np.max(both) < EACH_P and p_value < BOTH_P
         # levels between which the bead jumps make other steps than the curve would
-        if not (certain and _far(fast, foretold) < LEFT_WITH_IT * _far(fast, straight)):
+        left = _far(fast, foretold) / _far(fast, straight)
+        if np.max(both) >= EACH_P or left >= LEFT_WITH_IT:
             continue
         # points of a straight one scatter too
         own = np.array([_slope_spread(Curve(curve.heights, one)) for one in each])
@@ -174,7 +176,7 @@ def curves(case: PreparedBead, random: np.random.Generator) -> list[PlateauCurve
         in_steps = share_of_way(fast, straight, foretold)
         number = len(case.positions_nm)
         seen.append(PlateauCurve(i, curve, slope, stderr, p_value, in_steps, softness, number))
-    return seen
+    return seen if any(one.p_value < BOTH_P for one in seen) else []
 
 
 def _odd_p(recorded: FloatArray, simulated: FloatArray) -> float:

@@ -22,6 +22,7 @@ from mtpipe.crosschecking.check import (
     comparable_p_values,
 )
 from mtpipe.diagnosis.bent_scale import Instead, bend_instead
+from mtpipe.diagnosis.causes import Causes
 from mtpipe.diagnosis.excerpt import in_all_plateaus
 from mtpipe.diagnosis.explanation import ALARM_P, ALIKE_NATS, Explanation, Named, agrees, ln_of
 from mtpipe.diagnosis.heights import gained_by_scatter, wanders
@@ -57,7 +58,9 @@ def explain(
     corrections, begun = corrected(before, random)
     tried: list[Weighed] = []
 
-    def without_late(check: BeadCheck, finds: Sequence[Find] = ()) -> Weighed | None:
+    def without_late(
+        check: BeadCheck, best: Causes | None = None, finds: Sequence[Find] = ()
+    ) -> Weighed | None:
         # what is seen in time has a test of its own, and effects of the spectrum may have hidden it
         if tried and not finds:
             return None
@@ -65,13 +68,13 @@ def explain(
         late = late_corrections(check, corrections, begun, random, finds, curves=not tried)
         if not late:
             return None
-        anew = several_causes(before, late[-1].after, effects, random, say)
+        anew = several_causes(before, late[-1].after, effects, random, say, known=best)
         tried.append(replace(anew, corrections=tuple(late)))
         return tried[-1] if anew.named or agrees(late[-1].after, before) else None
 
     found = several_causes(before, begun, effects, random, say, without_late)
     if not found.named and not agrees(found.check, before):
-        found = without_late(found.check, CORRECTIONS) or found
+        found = without_late(found.check, finds=CORRECTIONS) or found
         by_themselves = [one for one in tried if hold_by_themselves(one.corrections)]
         if not found.named and not found.corrections and by_themselves:
             found = by_themselves[0]

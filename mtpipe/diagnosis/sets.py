@@ -51,7 +51,7 @@ from mtpipe.diagnosis.why_not import gains_in_words, too_little
 from mtpipe.effects.effect import Effect
 from mtpipe.ground.errors import FitError
 from mtpipe.joint_fit.fit import ConfiguredFit
-from mtpipe.joint_fit.hypotheses import FittedEffect
+from mtpipe.joint_fit.hypotheses import FittedEffect, together
 from mtpipe.terms.catalogue import TERMS
 
 # A set whose next member gains 20 nats or more is not complete, and is not simulated yet.
@@ -63,7 +63,7 @@ MOST_STEPS = 12
 MOST_REFUSED = 4
 
 
-def _nothing_else(check: BeadCheck) -> Weighed | None:
+def _nothing_else(check: BeadCheck, best: Causes) -> Weighed | None:
     return None
 
 
@@ -73,7 +73,8 @@ def several_causes(
     effects: Sequence[Effect],
     random: np.random.Generator,
     say: Callable[[str], None],
-    instead: Callable[[BeadCheck], Weighed | None] = _nothing_else,
+    instead: Callable[[BeadCheck, Causes], Weighed | None] = _nothing_else,
+    known: Causes | None = None,
 ) -> Weighed:
     """Weigh causes as sets.
 
@@ -82,16 +83,20 @@ def several_causes(
     first : the bead's first check. begun : with what was taken off the traces in time, if anything.
     instead : what is found in another way, if anything, where simulations object to a set: asked
         before a cause is blamed for what may not be its own.
+    known : a set that was likeliest before something more was taken off the traces: followed
+        beside nothing.
     """
     without = begun.case.fit
     nothing = Causes((), without, 0.0)
     members: tuple[Effect, ...] = (*effects, *TERMS)
-    weighed: dict[frozenset[str], Causes] = {}
-    best, beam, check = nothing, [nothing], begun
+    beam = [nothing, *_again(known, without)]
+    best, check = beam[-1], begun
+    weighed = {one.names: one for one in beam[1:]}
     rivals: list[Causes] = []
     refused: list[Refused] = []
     first_tried: FittedEffect | None = None
     agreed: list[tuple[Causes, BeadCheck]] = []
+    doubted: list[Effect] = []
     for _ in range(MOST_STEPS):
         say("weighing causes beside " + (", ".join(sorted(best.names)) or "none"))
         # the better the fit, the more of what differs is seen as what it is
@@ -116,11 +121,15 @@ def several_causes(
                 if gained < FORM_NATS + ln_of(check.p_value) - ln_of(1.0):
                     agreed[-1] = better_judged(best, check, rivals, begun, random)[:2]
                     break
-            if not (wrong or agreed) and (other_way := instead(check)) is not None:
+            if not (wrong or agreed) and (other_way := instead(check, best)) is not None:
                 return other_way
             wrong = wrong or contradicted(begun, best, check, random)
             if wrong:
                 say(f"without {wrong}, which the traces contradict")
+                # what the set lacks may have hidden it, so it is tried once more
+                doubted = [one for one in doubted if one.name != wrong]
+                if not agrees(check, first):
+                    doubted += [one for one in members if one.name == wrong]
                 members = tuple(one for one in members if one.name != wrong)
                 weighed = {names: one for names, one in weighed.items() if wrong not in names}
                 beam = sorted([nothing, *weighed.values()], key=by_score, reverse=True)[:BEAM]
@@ -130,7 +139,8 @@ def several_causes(
                 why = f"recording and simulation differ (p {check.p_value:.1g})"
                 best = weighed[best.names] = judged(best, check)
                 say("looking for what it lacks")
-                larger = lacked_by(best, check, without, TERMS, evidence, weighed)
+                lacking = (*TERMS, *doubted)
+                larger = lacked_by(best, check, without, lacking, evidence, weighed)
                 if larger is not None:
                     best, beam, rivals = larger, [larger], []
                     continue
@@ -164,6 +174,16 @@ def several_causes(
         return named_of(best, others, begun, check, first, random, able)
 
     return last_named(agreed, told)
+
+
+def _again(known: Causes | None, without: ConfiguredFit) -> list[Causes]:
+    """The set, fitted to other traces; nothing where there is none or it cannot be."""
+    if known is None or not known.members:
+        return []
+    try:
+        return [causes_of(known.members, together(without, known.members, known.fit), without)]
+    except (FitError, ValueError):
+        return []
 
 
 @dataclass(frozen=True, eq=False)
