@@ -15,7 +15,7 @@ from pathlib import Path
 
 import numpy as np
 
-from mtpipe.corrections.catalogue import REMEDIES
+from mtpipe.diagnosis.corrections.catalogue import REMEDIES
 from mtpipe.diagnosis.size_words import capital
 from mtpipe.report.remedies import remedy
 from tests.test_effects import KNOWN, forces_of, model_of

@@ -10,8 +10,8 @@ import numpy as np
 import pytest
 from scipy import signal, stats
 
-from mtpipe.battery import shape, spectral, temporal
-from mtpipe.battery.observed import Fixed, Observed, bridged
+from mtpipe.crosschecking.battery import shape, spectral, temporal
+from mtpipe.crosschecking.battery.observed import Fixed, Observed, bridged
 from mtpipe.crosschecking.nulls import Nulls, rounds_correlation, second_round_p_value, together
 from mtpipe.joint_fit.data import plateau_data, whitening
 from mtpipe.joint_fit.expectation import Expectation

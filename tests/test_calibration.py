@@ -13,8 +13,8 @@ from mtpipe.calibration.calibration import calibrate
 from mtpipe.calibration.quality import trace_flags
 from mtpipe.curves.tether_curves import extension_points, tether_curves
 from mtpipe.physics.tether import Chain, mean_extension_nm
+from mtpipe.pipeline.verdict import bead_verdict, bead_verdicts
 from mtpipe.setup.setup import parse_setup
-from mtpipe.verdicts.verdict import bead_verdict, bead_verdicts
 from tests import simulated
 from tests.simulated import CHAIN, RATE_HZ, bead_nm, recording, setup_content
 

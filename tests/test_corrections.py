@@ -7,13 +7,19 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from mtpipe.corrections import height_curve, pixel_locking, softness, surface_sticking, z_response
-from mtpipe.corrections.catalogue import CORRECTIONS
-from mtpipe.corrections.correction import Correction
-from mtpipe.corrections.surface_sticking import bound_stretches
 from mtpipe.crosschecking.check import BeadCheck, check_bead
 from mtpipe.crosschecking.nulls import Together
 from mtpipe.diagnosis import time_corrections as corrected_module
+from mtpipe.diagnosis.corrections import (
+    height_curve,
+    pixel_locking,
+    softness,
+    surface_sticking,
+    z_response,
+)
+from mtpipe.diagnosis.corrections.catalogue import CORRECTIONS
+from mtpipe.diagnosis.corrections.correction import Correction
+from mtpipe.diagnosis.corrections.surface_sticking import bound_stretches
 from mtpipe.diagnosis.explain import explain
 from mtpipe.diagnosis.sentence import sentence
 from mtpipe.physics.camera import Camera

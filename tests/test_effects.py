@@ -24,6 +24,7 @@ from mtpipe.effects.catalogue import OWN, catalogue
 from mtpipe.effects.effect import Evidence
 from mtpipe.effects.hopping import Hopping
 from mtpipe.effects.reference_noise import LARGEST_NM
+from mtpipe.effects.terms.catalogue import TERMS
 from mtpipe.experiment.changes import with_step
 from mtpipe.experiment.description import (
     Bead,
@@ -66,7 +67,6 @@ from mtpipe.simulation.readout import (
     recorded,
     reference_motion,
 )
-from mtpipe.terms.catalogue import TERMS
 from tests.simulated import setup_content
 
 pytestmark = pytest.mark.slow

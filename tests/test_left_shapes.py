@@ -12,7 +12,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from mtpipe.battery.statistic import Statistic
+from mtpipe.crosschecking.battery.statistic import Statistic
 from mtpipe.crosschecking.check import check_bead, recorded_of
 from mtpipe.crosschecking.prepared_bead import prepare
 from mtpipe.diagnosis.left_in_distribution import independent_positions, left_in_distribution

@@ -8,10 +8,10 @@ import numpy as np
 import pandas as pd
 import pytest
 
+from mtpipe.curves.magnet_curve.curve import magnet_curve
+from mtpipe.curves.magnet_curve.measured import measured_forces
+from mtpipe.curves.magnet_curve.prediction import beside
 from mtpipe.ground.errors import MtpipeError
-from mtpipe.magnet_curve.curve import magnet_curve
-from mtpipe.magnet_curve.measured import measured_forces
-from mtpipe.magnet_curve.prediction import beside
 from mtpipe.pipeline import magnet_curve as files
 from mtpipe.setup.measured import Measured
 from mtpipe.setup.setup import parse_setup
@@ -125,7 +125,7 @@ def field_of_dipoles_T(at_mm, side_mm):
 
 def test_the_field_of_small_magnets_is_that_of_dipoles():
     pytest.importorskip("magpylib")
-    from mtpipe.magnet_curve.field import field_T, moment_share, predicted_pN
+    from mtpipe.curves.magnet_curve.field import field_T, moment_share, predicted_pN
 
     small = stated(width_mm=1.0, length_mm=1.0, height_mm=1.0, gap_mm=3.0)
     of = {n: getattr(small, n).value for n in MAGNETS if n != "magnetised"}
@@ -170,7 +170,7 @@ def day_of(force_of, seed=0):
 )
 def test_where_the_field_predicts_other_forces_it_is_said(changes, factor, says):
     pytest.importorskip("magpylib")
-    from mtpipe.magnet_curve.field import predicted_pN
+    from mtpipe.curves.magnet_curve.field import predicted_pN
 
     radius = Measured(value=500.0, stderr=5.0)
     every = day_of(lambda x: predicted_pN(x, stated(**changes), radius)[0] * factor)

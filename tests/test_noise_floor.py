@@ -8,9 +8,9 @@ import pytest
 import mtpipe
 from mtpipe.calibration.noise_floor import noise_floor_nm, noise_notices
 from mtpipe.pipeline.tables import beads_table
+from mtpipe.pipeline.verdict import BeadVerdict
 from mtpipe.recording.recording import Tracked
 from mtpipe.setup.setup import parse_setup
-from mtpipe.verdicts.verdict import BeadVerdict
 from tests.simulated import setup_content
 
 NOISE_NM = (20.0, 20.0, 20.0)

@@ -16,11 +16,11 @@ from mtpipe.calibration.quality import trace_flags
 from mtpipe.drift import subtract_drift
 from mtpipe.ingest import load
 from mtpipe.ingest.surface import put_surface_at_zero
+from mtpipe.pipeline.verdict import bead_verdict
 from mtpipe.recording.recording import Plateau
 from mtpipe.setup.conditions import conditions_of
 from mtpipe.setup.measured import Measured
 from mtpipe.setup.setup import read_setup
-from mtpipe.verdicts.verdict import bead_verdict
 
 ROOT = Path(__file__).parents[1]
 RECORDINGS = ROOT.parent / "shared" / "recordings"

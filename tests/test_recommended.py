@@ -21,8 +21,8 @@ from mtpipe.diagnosis.forces_from_heights import lever_ln_errors
 from mtpipe.diagnosis.forces_to_quote import bead_forces
 from mtpipe.ground.estimate import Estimate
 from mtpipe.physics.tether import Chain, mean_extension_nm
-from mtpipe.verdicts.diagnosed import with_diagnosis
-from mtpipe.verdicts.verdict import BeadVerdict
+from mtpipe.pipeline.verdict import BeadVerdict
+from mtpipe.pipeline.verdict_diagnosed import with_diagnosis
 from tests.simulated import recording
 
 FORCES_PN = (0.5, 2.0, 6.0)

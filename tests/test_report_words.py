@@ -8,8 +8,8 @@ from pathlib import Path
 
 import pytest
 
-from mtpipe.battery import spectral
-from mtpipe.battery.catalogue import KINDS
+from mtpipe.crosschecking.battery import spectral
+from mtpipe.crosschecking.battery.catalogue import KINDS
 from mtpipe.diagnosis.explanation import ALARM_P
 from mtpipe.report import crosscheck_words, words
 

@@ -9,6 +9,10 @@ import pandas as pd
 import pytest
 
 import mtpipe
+from mtpipe.curves.rotation.beads import turning
+from mtpipe.curves.rotation.kinds import KINDS, Known
+from mtpipe.curves.rotation.turned import turned_stretches
+from mtpipe.curves.rotation.verdict import CANNOT_TELL, verdict_of
 from mtpipe.drift import subtract_drift
 from mtpipe.ground.processes import executor
 from mtpipe.ground.steps import finished
@@ -18,10 +22,6 @@ from mtpipe.physics.turned_tethers import (
     shortened_by_coiling_nm,
     supercoiling,
 )
-from mtpipe.rotation.beads import turning
-from mtpipe.rotation.kinds import KINDS, Known
-from mtpipe.rotation.turned import turned_stretches
-from mtpipe.rotation.verdict import CANNOT_TELL, verdict_of
 from mtpipe.setup.conditions import conditions_of
 from mtpipe.setup.setup import parse_setup
 

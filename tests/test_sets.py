@@ -8,8 +8,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from mtpipe.battery.statistic import Statistic
-from mtpipe.corrections.correction import Correction
+from mtpipe.crosschecking.battery.statistic import Statistic
 from mtpipe.crosschecking.check import check_bead
 from mtpipe.crosschecking.lines import with_lines_apart
 from mtpipe.crosschecking.prepared_bead import prepare
@@ -25,6 +24,7 @@ from mtpipe.diagnosis.causes import (
     objected,
     worth_in_any,
 )
+from mtpipe.diagnosis.corrections.correction import Correction
 from mtpipe.diagnosis.evidence import evidence_of
 from mtpipe.diagnosis.explain import explain
 from mtpipe.diagnosis.explanation import Alternative, Explanation, Named
@@ -43,12 +43,12 @@ from mtpipe.drift import subtract_drift
 from mtpipe.effects.catalogue import OWN
 from mtpipe.effects.effect import Evidence
 from mtpipe.effects.hopping import Hopping
+from mtpipe.effects.terms.catalogue import TERMS
+from mtpipe.effects.terms.course import FrictionCourse
 from mtpipe.experiment.changes import with_step
 from mtpipe.joint_fit.hypotheses import FittedEffect, try_effects
 from mtpipe.simulation.setup_experiment import stated_experiment
 from mtpipe.simulation.simulate import simulate_experiment
-from mtpipe.terms.catalogue import TERMS
-from mtpipe.terms.course import FrictionCourse
 from tests.curved_table import sloping, stepped, with_table
 from tests.small_case import FORCES_PN, FRAMES, NOISE_NM, generator, raw, setup
 

@@ -6,7 +6,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from mtpipe.corrections.catalogue import REMEDIES
+from mtpipe.diagnosis.corrections.catalogue import REMEDIES
 from mtpipe.effects.catalogue import OWN
 from mtpipe.ground.errors import MtpipeError, NoSetupError, SetupError
 from mtpipe.setup.setup import parse_setup, read_setup

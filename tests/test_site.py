@@ -11,8 +11,8 @@ import pytest
 
 from docs import make_gallery
 from mtpipe.ground.version import VERSION
+from mtpipe.pipeline.verdict import Verdict
 from mtpipe.report.contents import Verdict as Mismatch
-from mtpipe.verdicts.verdict import Verdict
 
 ROOT = Path(__file__).parents[1]
 DOCS = ROOT / "docs"

@@ -9,12 +9,12 @@ import pytest
 
 from mtpipe.effects import drift, reference_noise
 from mtpipe.effects.catalogue import OWN
+from mtpipe.effects.terms.catalogue import TERMS
+from mtpipe.effects.terms.mixing import Share
 from mtpipe.experiment.changes import with_step
 from mtpipe.joint_fit.fit import fit_configured
 from mtpipe.joint_fit.hypotheses import try_effects, with_hypothesis
 from mtpipe.joint_fit.score_test import _worth_beginning, most_promising, promised_gain
-from mtpipe.terms.catalogue import TERMS
-from mtpipe.terms.mixing import Share
 from tests import test_effects as effects
 
 pytestmark = pytest.mark.slow
@@ -190,4 +190,5 @@ def test_what_changes_with_the_force_is_found_beside_what_does_the_same_at_all_f
         with_other = tried[0].fit if tried else silent
     chosen = most_promising(with_other, [known.effect], known.evidence, 3)
     found = try_effects(with_other, [known.effect], known.evidence, beside=True, only=chosen)
-    assert chosen and found[0].net > 0
+    assert chosen
+    assert found[0].net > 0

@@ -14,8 +14,8 @@ from mtpipe.calibration.spectral_force import spectral_force
 from mtpipe.ground.estimate import Estimate
 from mtpipe.ground.notice import Notice
 from mtpipe.ground.status import P_POOR
+from mtpipe.pipeline.verdict import bead_verdict, tether_reasons
 from mtpipe.setup.setup import parse_setup
-from mtpipe.verdicts.verdict import bead_verdict, tether_reasons
 from tests.simulated import recording, setup_content
 
 STATED_NM = (1200.0, 50.0)

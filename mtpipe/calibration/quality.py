@@ -2,7 +2,7 @@
 
 A flag is a short code with a sentence. Limits are given with their reason; where a flag compares
 numbers, it needs both a size that matters and three standard errors. What they make of a bead is
-`mtpipe.verdicts.verdict`'s matter.
+`mtpipe.pipeline.verdict`'s matter.
 """
 
 from __future__ import annotations

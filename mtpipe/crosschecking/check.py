@@ -8,10 +8,10 @@ from typing import Any
 
 import numpy as np
 
-from mtpipe.battery import agreement, shape, spectral
-from mtpipe.battery.catalogue import GROUPS, KINDS
-from mtpipe.battery.observed import Fixed, Observed
-from mtpipe.battery.statistic import Statistic
+from mtpipe.crosschecking.battery import agreement, shape, spectral
+from mtpipe.crosschecking.battery.catalogue import GROUPS, KINDS
+from mtpipe.crosschecking.battery.observed import Fixed, Observed
+from mtpipe.crosschecking.battery.statistic import Statistic
 from mtpipe.crosschecking.curves import Curve, CurveSet
 from mtpipe.crosschecking.nulls import (
     SMALLEST_P,
@@ -188,12 +188,20 @@ def comparable_p_values(one: BeadCheck, other: BeadCheck) -> tuple[float, float]
     return first, second
 
 
-def p_value_but_moments(check: BeadCheck) -> float:
+def p_value_but_moments(check: BeadCheck, along: str = "") -> float:
     """p-value of a check by all statistics but skewness and kurtosis.
 
     One swing of a slow trace makes either large, and some fifty simulations may have none.
+
+    Parameters
+    ----------
+    along : only statistics that are about this axis, alone or with another.
     """
-    rest = [i for i, statistic in enumerate(check.statistics) if statistic.kind not in MOMENTS]
+    rest = [
+        i
+        for i, statistic in enumerate(check.statistics)
+        if statistic.kind not in MOMENTS and along in statistic.axis
+    ]
     left = tuple(check.statistics[i] for i in rest)
     return _judged(left, check.observed[rest], check.simulated[:, rest])[1].p_value
 

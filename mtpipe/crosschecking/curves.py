@@ -12,7 +12,7 @@ from typing import Literal
 
 import numpy as np
 
-from mtpipe.battery.observed import Observed
+from mtpipe.crosschecking.battery.observed import Observed
 from mtpipe.ground.types import FloatArray
 
 Kind = Literal["spectrum", "histogram", "allan"]

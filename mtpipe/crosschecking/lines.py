@@ -8,8 +8,8 @@ from dataclasses import replace
 
 import numpy as np
 
-from mtpipe.battery.observed import whitened
-from mtpipe.battery.spectral import local_level, same_line
+from mtpipe.crosschecking.battery.observed import whitened
+from mtpipe.crosschecking.battery.spectral import local_level, same_line
 from mtpipe.crosschecking.check import recorded_of
 from mtpipe.crosschecking.prepared_bead import PreparedBead
 from mtpipe.ground.types import FloatArray

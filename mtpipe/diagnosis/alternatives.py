@@ -16,11 +16,11 @@ from mtpipe.diagnosis.heldout import heldout_gain
 from mtpipe.diagnosis.probability import odds_against
 from mtpipe.diagnosis.refit import begun_again
 from mtpipe.effects.effect import Effect
+from mtpipe.effects.terms.catalogue import TERMS
 from mtpipe.ground.errors import FitError
 from mtpipe.joint_fit.fit import ConfiguredFit
 from mtpipe.joint_fit.hypotheses import FittedEffect, happens, together, try_effects
 from mtpipe.joint_fit.score_test import MOST_FORMS, most_promising
-from mtpipe.terms.catalogue import TERMS
 
 # Held-out gains are compared of causes whose net gains differ by less than 20 nats: ordinates that
 # are not quite independent can make that much of a difference where they were fitted.

@@ -12,11 +12,11 @@ from dataclasses import replace
 
 import numpy as np
 
-from mtpipe.corrections.catalogue import CORRECTIONS
-from mtpipe.corrections.correction import Correction
 from mtpipe.crosschecking.check import BeadCheck
 from mtpipe.diagnosis.alternatives import SEEN_NATS
 from mtpipe.diagnosis.causes import Causes, begun_afresh, causes_of
+from mtpipe.diagnosis.corrections.catalogue import CORRECTIONS
+from mtpipe.diagnosis.corrections.correction import Correction
 from mtpipe.diagnosis.evidence import evidence_of
 from mtpipe.diagnosis.explanation import Alternative, Explanation, Named, agrees
 from mtpipe.diagnosis.judging import checked_with, rejected

@@ -13,8 +13,6 @@ from dataclasses import replace
 
 import numpy as np
 
-from mtpipe.corrections.catalogue import CORRECTIONS, Find
-from mtpipe.corrections.correction import Correction
 from mtpipe.crosschecking.check import (
     CLEARLY_CONSISTENT,
     BeadCheck,
@@ -23,6 +21,8 @@ from mtpipe.crosschecking.check import (
 )
 from mtpipe.diagnosis.bent_scale import Instead, bend_instead
 from mtpipe.diagnosis.causes import Causes
+from mtpipe.diagnosis.corrections.catalogue import CORRECTIONS, Find
+from mtpipe.diagnosis.corrections.correction import Correction
 from mtpipe.diagnosis.excerpt import in_all_plateaus
 from mtpipe.diagnosis.explanation import ALARM_P, ALIKE_NATS, Explanation, Named, agrees, ln_of
 from mtpipe.diagnosis.heights import gained_by_scatter, wanders

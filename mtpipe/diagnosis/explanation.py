@@ -8,9 +8,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from mtpipe.corrections.correction import Correction
 from mtpipe.crosschecking.check import CLEARLY_CONSISTENT, BeadCheck
 from mtpipe.crosschecking.prepared_bead import support
+from mtpipe.diagnosis.corrections.correction import Correction
 from mtpipe.diagnosis.mixture import Mixture
 from mtpipe.diagnosis.refit import other_formulas
 from mtpipe.diagnosis.unexplained import Rejected, Unexplained, unexplained

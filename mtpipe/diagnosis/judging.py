@@ -8,7 +8,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from mtpipe.battery.statistic import Statistic
+from mtpipe.crosschecking.battery.statistic import Statistic
 from mtpipe.crosschecking.check import (
     CLEARLY_NOT,
     ENOUGH,

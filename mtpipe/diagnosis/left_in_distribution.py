@@ -14,8 +14,8 @@ from typing import Literal
 import numpy as np
 from scipy import stats
 
-from mtpipe.battery.observed import Observed
-from mtpipe.battery.statistic import Statistic
+from mtpipe.crosschecking.battery.observed import Observed
+from mtpipe.crosschecking.battery.statistic import Statistic
 from mtpipe.crosschecking.check import BeadCheck, recorded_of
 from mtpipe.diagnosis.left_in_time import clearest_plateau
 from mtpipe.diagnosis.smooth_correction import WORTH_NATS

@@ -9,8 +9,8 @@ from typing import Literal
 
 import numpy as np
 
-from mtpipe.battery.statistic import Statistic
-from mtpipe.battery.temporal import WINDOWS, in_windows, stderr_of_windows
+from mtpipe.crosschecking.battery.statistic import Statistic
+from mtpipe.crosschecking.battery.temporal import WINDOWS, in_windows, stderr_of_windows
 from mtpipe.crosschecking.check import BeadCheck, recorded_of
 from mtpipe.crosschecking.prepared_bead import PreparedBead
 from mtpipe.diagnosis.heldout import halves_of

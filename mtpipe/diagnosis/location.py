@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 
-from mtpipe.battery.statistic import Statistic
+from mtpipe.crosschecking.battery.statistic import Statistic
 from mtpipe.crosschecking.check import BeadCheck
 from mtpipe.diagnosis.bent_scale import Beside
 from mtpipe.recording.recording import AXES

@@ -13,11 +13,11 @@ import numpy as np
 import pandas as pd
 
 from mtpipe.calibration.recommended_force import BeadForces
-from mtpipe.corrections.correction import Strength
 from mtpipe.crosschecking.beads import Outcomes, check_of, per_bead
 from mtpipe.crosschecking.crosscheck import CrossCheck
 from mtpipe.diagnosis import before_after, unexplained_content
 from mtpipe.diagnosis.beads_together import beads_together
+from mtpipe.diagnosis.corrections.correction import Strength
 from mtpipe.diagnosis.excerpt import excerpt
 from mtpipe.diagnosis.explain import explain, explain_by_excerpt
 from mtpipe.diagnosis.explanation import Explanation, Named

@@ -10,8 +10,8 @@ from __future__ import annotations
 import math
 from collections.abc import Collection, Sequence
 
-from mtpipe.corrections.correction import Correction
 from mtpipe.crosschecking.check import BeadCheck
+from mtpipe.diagnosis.corrections.correction import Correction
 from mtpipe.diagnosis.explanation import IMITATED, TEMPERATURE
 from mtpipe.diagnosis.smooth_correction import smooth_correction, spectra_of
 from mtpipe.effects.catalogue import OWN

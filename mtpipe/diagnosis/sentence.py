@@ -7,7 +7,7 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
-from mtpipe.battery.statistic import Statistic
+from mtpipe.crosschecking.battery.statistic import Statistic
 from mtpipe.crosschecking.check import BeadCheck
 from mtpipe.diagnosis.explanation import Explanation, Named
 from mtpipe.diagnosis.location import concerned

@@ -49,10 +49,10 @@ from mtpipe.diagnosis.single_events import unseen_member
 from mtpipe.diagnosis.unexplained import Rejected
 from mtpipe.diagnosis.why_not import gains_in_words, too_little
 from mtpipe.effects.effect import Effect
+from mtpipe.effects.terms.catalogue import TERMS
 from mtpipe.ground.errors import FitError
 from mtpipe.joint_fit.fit import ConfiguredFit
 from mtpipe.joint_fit.hypotheses import FittedEffect, together
-from mtpipe.terms.catalogue import TERMS
 
 # A set whose next member gains 20 nats or more is not complete, and is not simulated yet.
 UNDISPUTED_NATS = 20.0

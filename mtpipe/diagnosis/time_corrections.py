@@ -9,10 +9,10 @@ from functools import partial
 
 import numpy as np
 
-from mtpipe.corrections.catalogue import CORRECTIONS, LATE_CORRECTIONS, Find
-from mtpipe.corrections.correction import Correction
-from mtpipe.corrections.retraced import with_positions
 from mtpipe.crosschecking.check import BeadCheck, check_bead, comparable_p_values, foreseen_p_value
+from mtpipe.diagnosis.corrections.catalogue import CORRECTIONS, LATE_CORRECTIONS, Find
+from mtpipe.diagnosis.corrections.correction import Correction
+from mtpipe.diagnosis.corrections.retraced import with_positions
 from mtpipe.diagnosis.explanation import ALARM_P, Named
 
 # A correction is kept where it halves ln p; one that a test of its own tells from all else, where
@@ -89,6 +89,7 @@ def hold_by_themselves(corrections: Sequence[Named]) -> bool:
     if the rest were what that test has seen.
     """
     tested = any(
-        isinstance(one.found, Correction) and one.found.chance_p is not None for one in corrections
+        isinstance(one.found, Correction) and one.found.chance_p is not None and not one.form
+        for one in corrections
     )
     return tested and corrections[-1].after.p_value >= corrections[0].before.p_value

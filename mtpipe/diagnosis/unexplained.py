@@ -18,7 +18,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from mtpipe.battery.catalogue import KINDS
+from mtpipe.crosschecking.battery.catalogue import KINDS
 from mtpipe.crosschecking.check import BeadCheck
 from mtpipe.diagnosis.bent_scale import Bend, Beside, bend_beside
 from mtpipe.diagnosis.heldout import MOST_OF_IT, share_gone

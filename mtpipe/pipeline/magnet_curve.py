@@ -10,14 +10,14 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
+from mtpipe.curves.magnet_curve.curve import MagnetCurve, magnet_curve
+from mtpipe.curves.magnet_curve.measured import measured_forces
+from mtpipe.curves.magnet_curve.outliers import TESTS
+from mtpipe.curves.magnet_curve.prediction import Prediction, beside
 from mtpipe.experiment.known_force import known_force
 from mtpipe.ground.errors import MtpipeError
 from mtpipe.ground.files import write_atomically
 from mtpipe.ground.spreadsheets import as_csv
-from mtpipe.magnet_curve.curve import MagnetCurve, magnet_curve
-from mtpipe.magnet_curve.measured import measured_forces
-from mtpipe.magnet_curve.outliers import TESTS
-from mtpipe.magnet_curve.prediction import Prediction, beside
 from mtpipe.report.magnet_curve_figure import magnet_curve_figure
 from mtpipe.report.marked import read_marked_run
 from mtpipe.report.plotly_json import PlainArrays
@@ -172,7 +172,7 @@ def _result(curve: MagnetCurve, said: str) -> dict[str, Any]:
         for n, (recording, bead) in enumerate(curve.forces.beads)
     ]
     return {
-        "schema": "mtpipe.magnet_curve/1",
+        "schema": "mtpipe.curves.magnet_curve/1",
         "sentence": said,
         "form": fit.form.name,
         "origin_mm": fit.origin_mm,

@@ -14,16 +14,16 @@ from mtpipe.calibration.comparison import MethodResult
 from mtpipe.calibration.recommended_force import BeadForces
 from mtpipe.crosschecking.crosscheck import CrossCheck
 from mtpipe.curves.extension_curve import ForceExtension
+from mtpipe.curves.rotation.beads import TurnedBead
 from mtpipe.effects.catalogue import catalogue
 from mtpipe.experiment.known_force import known_force_notices
 from mtpipe.ground.notice import Notice
 from mtpipe.ground.shown import Shown
 from mtpipe.pipeline.tables import beads_table
+from mtpipe.pipeline.verdict import BeadVerdict
 from mtpipe.recording.recording import Recording
 from mtpipe.report.marks import Mark
-from mtpipe.rotation.beads import TurnedBead
 from mtpipe.setup.tables import ANHARMONIC, ROTATION
-from mtpipe.verdicts.verdict import BeadVerdict
 
 CHECK_FAILED = "crosscheck_failed"
 TO_COME = Notice(

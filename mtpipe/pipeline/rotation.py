@@ -6,9 +6,9 @@ from collections.abc import Sequence
 
 import pandas as pd
 
+from mtpipe.curves.rotation.beads import TurnedBead
 from mtpipe.report.plotly_json import PlainArrays
 from mtpipe.report.rotation_figure import rotation_figure
-from mtpipe.rotation.beads import TurnedBead
 
 
 def rotation_table(beads: Sequence[TurnedBead]) -> pd.DataFrame:

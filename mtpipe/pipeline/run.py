@@ -21,6 +21,7 @@ from mtpipe.calibration.comparison import MethodResult, by_methods
 from mtpipe.calibration.noise_floor import noise_notices
 from mtpipe.calibration.quality import trace_flags
 from mtpipe.calibration.recommended_force import named_forces
+from mtpipe.curves.rotation.beads import TurnedBead, turning
 from mtpipe.curves.tether_curves import tether_curves
 from mtpipe.diagnosis.forces_to_quote import recommended_forces
 from mtpipe.diagnosis.mismatch import Examined, examining
@@ -34,6 +35,8 @@ from mtpipe.ground.types import NamedProgress
 from mtpipe.ingest import load
 from mtpipe.pipeline.identity import Asked, identity
 from mtpipe.pipeline.results import Run
+from mtpipe.pipeline.verdict import BeadVerdict, bead_verdicts
+from mtpipe.pipeline.verdict_diagnosed import with_diagnosis
 from mtpipe.pipeline.written import write_tables
 from mtpipe.recording.recording import Recording
 from mtpipe.report.marks import read_marks, without_stretches, write_marks
@@ -46,10 +49,7 @@ from mtpipe.report.run_folder import (
     refuse_to_erase,
     told,
 )
-from mtpipe.rotation.beads import TurnedBead, turning
 from mtpipe.states import with_states
-from mtpipe.verdicts.diagnosed import with_diagnosis
-from mtpipe.verdicts.verdict import BeadVerdict, bead_verdicts
 
 # Names of steps from whose progress beads are counted.
 KEPT_BEADS, CHECKED_BEADS = "beads kept from before", "cross-checking beads"

@@ -21,8 +21,8 @@ from mtpipe.curves.curve_tables import tether_columns
 from mtpipe.curves.extension_curve import ForceExtension
 from mtpipe.ground.estimate_columns import four, two
 from mtpipe.ground.notice import Notice
+from mtpipe.pipeline.verdict import BeadVerdict
 from mtpipe.recording.recording import AXES, Tracked
-from mtpipe.verdicts.verdict import BeadVerdict
 
 POSTERIOR_POINTS = 400
 

@@ -5,8 +5,8 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Any
 
-from mtpipe.battery.catalogue import KINDS
-from mtpipe.battery.statistic import Kind
+from mtpipe.crosschecking.battery.catalogue import KINDS
+from mtpipe.crosschecking.battery.statistic import Kind
 from mtpipe.report import words
 
 # p-values: from the first on the sentence says "agree"; below the second the diagnosis has an

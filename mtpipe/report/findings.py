@@ -95,7 +95,7 @@ def bead_finding(run: RunFolder, bead: Mapping[str, Any]) -> Finding:
     sources = [words.SOURCE.get(code, words.text(code)) for code in given["force_source"].unique()]
     reasons = tuple(words.sentence(r) for r in words.text(bead["reasons"]).split("|") if r.strip())
     if mismatch in DIFFERENT:
-        # the first is of the diagnosis (mtpipe.verdicts.diagnosed), of which more is said here
+        # the first is of the diagnosis (mtpipe.pipeline.verdict_diagnosed): more of it is said here
         reasons = reasons[1:]
     return Finding(
         kind=kind,

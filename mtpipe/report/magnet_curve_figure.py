@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
+from mtpipe.curves.magnet_curve.curve import MagnetCurve
+from mtpipe.curves.magnet_curve.prediction import Prediction
 from mtpipe.ground.types import FloatArray
-from mtpipe.magnet_curve.curve import MagnetCurve
-from mtpipe.magnet_curve.prediction import Prediction
 from mtpipe.report.plotly_json import (
     GREY,
     INK,

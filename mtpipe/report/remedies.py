@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import re
 
-from mtpipe.corrections.catalogue import REMEDIES
+from mtpipe.diagnosis.corrections.catalogue import REMEDIES
 from mtpipe.effects.catalogue import catalogue
 from mtpipe.setup.measured import Measured
 from mtpipe.setup.setup import Setup

@@ -6,8 +6,8 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from mtpipe.curves.rotation.beads import TurnedBead
 from mtpipe.report.plotly_json import PALETTE, Arrays, Figure, axis, escaped, layout
-from mtpipe.rotation.beads import TurnedBead
 
 
 def rotation_figure(arrays: Arrays, beads: Sequence[TurnedBead]) -> Figure:

@@ -17,7 +17,7 @@ from mtpipe.setup.measured import Finite, Measured, Positive, Section, within
 
 # An effect is one file, called as it is (a correction may have its name, for what is seen in time
 # only); the files beside them are these.
-PACKAGE, ROOMS = Path(__file__).parents[1], ("effects", "corrections")
+PACKAGE, ROOMS = Path(__file__).parents[1], ("effects", "diagnosis/corrections")
 NO_EFFECTS = (
     "__init__",
     "catalogue",

@@ -4,7 +4,8 @@
 
 Clean recordings of varied configurations (`clean.draw`) are looked at as they are; with z of one
 plateau as a curved table reads it; and with z of that plateau on a spring that is softer at some
-heights, of the same distribution. The limits are those of `mtpipe.corrections.z_response`.
+heights, of the same distribution. The limits are those of
+`mtpipe.diagnosis.corrections.z_response`.
 """
 
 from __future__ import annotations
@@ -16,11 +17,11 @@ from typing import Any
 import numpy as np
 from clean import draw
 
-from mtpipe.corrections.height_curve import SHARES, Curve, standardised
-from mtpipe.corrections.retraced import with_positions
-from mtpipe.corrections.softness import following_of, relaxation_s, tether_like
-from mtpipe.corrections.z_response import curves
 from mtpipe.crosschecking.prepared_bead import PreparedBead, prepare
+from mtpipe.diagnosis.corrections.height_curve import SHARES, Curve, standardised
+from mtpipe.diagnosis.corrections.retraced import with_positions
+from mtpipe.diagnosis.corrections.softness import following_of, relaxation_s, tether_like
+from mtpipe.diagnosis.corrections.z_response import curves
 from mtpipe.drift import subtract_drift
 from mtpipe.ground.errors import FitError
 from mtpipe.ground.processes import executor

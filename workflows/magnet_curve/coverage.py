@@ -12,8 +12,8 @@ import numpy as np
 
 sys.path.insert(0, str(Path(__file__).parents[2]))
 
-from mtpipe.magnet_curve.curve import magnet_curve
-from mtpipe.magnet_curve.measured import measured_forces
+from mtpipe.curves.magnet_curve.curve import magnet_curve
+from mtpipe.curves.magnet_curve.measured import measured_forces
 from tests.test_magnet_curve import AT, BAD, BEADS, SPREAD, table, truth
 
 

@@ -17,7 +17,7 @@ import pandas as pd
 from published import ROTATION
 from staircase import ROWS, chosen, untold
 
-from mtpipe.battery.temporal import WINDOWS
+from mtpipe.crosschecking.battery.temporal import WINDOWS
 from mtpipe.crosschecking.crosscheck import crosscheck
 from mtpipe.drift import subtract_drift
 from mtpipe.recording.recording import Plateau, Recording

@@ -15,10 +15,10 @@ import sys
 import numpy as np
 from simulated import KINDS, PERSISTENCE_NM, RADIUS_NM, TEMPERATURE_K, recording
 
+from mtpipe.curves.rotation.kinds import Known
+from mtpipe.curves.rotation.turned import turned_stretches
+from mtpipe.curves.rotation.verdict import CANNOT_TELL, verdict_of
 from mtpipe.physics.buffer import thermal_energy_pN_nm
-from mtpipe.rotation.kinds import Known
-from mtpipe.rotation.turned import turned_stretches
-from mtpipe.rotation.verdict import CANNOT_TELL, verdict_of
 
 RANGES_PN = ((0.15, 0.6), (0.6, 2.0), (2.0, 6.0))
 

@@ -32,11 +32,11 @@ from mtpipe.physics.friction import (
 from mtpipe.physics.langevin import simulate_axis
 from mtpipe.physics.modes import SINGLE_MODE, rotating_bead
 from mtpipe.physics.tether import Chain, mean_extension_nm, stiffness_pN_per_nm
+from mtpipe.pipeline.verdict import BeadVerdict, bead_verdicts
 from mtpipe.recording.plateaus import find_plateaus
 from mtpipe.recording.recording import Recording
 from mtpipe.setup.setup import parse_setup
 from mtpipe.setup.usual_errors import exact
-from mtpipe.verdicts.verdict import BeadVerdict, bead_verdicts
 
 FRAMES = 4096
 FORCES_PN = np.geomspace(0.3, 15.0, 6)

@@ -1,1 +1,0 @@
-"""The verdict on a bead, before and after its diagnosis."""
