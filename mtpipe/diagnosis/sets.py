@@ -96,7 +96,6 @@ def several_causes(
     refused: list[Refused] = []
     first_tried: FittedEffect | None = None
     agreed: list[tuple[Causes, BeadCheck]] = []
-    doubted: list[Effect] = []
     for _ in range(MOST_STEPS):
         say("weighing causes beside " + (", ".join(sorted(best.names)) or "none"))
         # the better the fit, the more of what differs is seen as what it is
@@ -126,10 +125,6 @@ def several_causes(
             wrong = wrong or contradicted(begun, best, check, random)
             if wrong:
                 say(f"without {wrong}, which the traces contradict")
-                # what the set lacks may have hidden it, so it is tried once more
-                doubted = [one for one in doubted if one.name != wrong]
-                if not agrees(check, first):
-                    doubted += [one for one in members if one.name == wrong]
                 members = tuple(one for one in members if one.name != wrong)
                 weighed = {names: one for names, one in weighed.items() if wrong not in names}
                 beam = sorted([nothing, *weighed.values()], key=by_score, reverse=True)[:BEAM]
@@ -139,8 +134,7 @@ def several_causes(
                 why = f"recording and simulation differ (p {check.p_value:.1g})"
                 best = weighed[best.names] = judged(best, check)
                 say("looking for what it lacks")
-                lacking = (*TERMS, *doubted)
-                larger = lacked_by(best, check, without, lacking, evidence, weighed)
+                larger = lacked_by(best, check, without, TERMS, evidence, weighed)
                 if larger is not None:
                     best, beam, rivals = larger, [larger], []
                     continue
