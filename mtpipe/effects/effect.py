@@ -58,6 +58,7 @@ class Hypothesis:
         more than that, and `learned_nats`, by how much narrower than it data make them at most.
     own : of an effect that all beads share (`Effect.shared`), a form that each bead may have by
         itself.
+    otherwise : another beginning, for where the one before promises nothing.
     """
 
     experiment: Experiment
@@ -67,6 +68,7 @@ class Hypothesis:
     given: int = 0
     own: bool = False
     learned_nats: float = 0.0
+    otherwise: bool = False
 
     @property
     def numbers(self) -> int:

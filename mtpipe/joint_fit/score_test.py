@@ -43,7 +43,7 @@ def most_promising(
     untold: dict[str, tuple[int, ...]] = {}
     for effect in effects:
         hypotheses = effect.hypotheses(fit.model.experiment, evidence)
-        gains = [promised_gain(fit, one) for one in hypotheses]
+        gains = _promised(fit, hypotheses)
         best = max((gain for gain in gains if gain is not None), default=0.0)
         if best > 0:
             promising[effect.name] = best, _worth_beginning(gains, NEARLY_AS_MUCH * best)
@@ -53,6 +53,15 @@ def most_promising(
     first = sorted(promising, key=lambda name: -promising[name][0])[:most]
     chosen = {name: promising[name][1] for name in first}
     return {name: chosen.get(name, ()) + untold.get(name, ()) for name in {**chosen, **untold}}
+
+
+def _promised(fit: ConfiguredFit, hypotheses: Sequence[Hypothesis]) -> list[float | None]:
+    """What each promises; other beginnings promise nothing where those before promise something."""
+    gains: list[float | None] = []
+    for one in hypotheses:
+        needless = one.otherwise and any(gains)
+        gains.append(0.0 if needless else promised_gain(fit, one))
+    return gains
 
 
 def _worth_beginning(gains: Sequence[float | None], enough: float) -> tuple[int, ...]:

@@ -14,9 +14,9 @@ import numpy as np
 from mtpipe.effects.effect import Effect, Evidence, Hypothesis, plain
 from mtpipe.effects.terms.term import (
     AXES,
-    STARTS,
     ByStretches,
     axis_name,
+    begun_by_laws,
     grows,
     law,
     of_axis,
@@ -144,7 +144,7 @@ def _gain(axis: int, experiment: Experiment, evidence: Evidence) -> list[Hypothe
     start = with_step(experiment, Gain(axis, typical_force_pN(evidence)))
     name, bounds = f"ln of the gain along {AXES[axis]}", (-LARGEST, LARGEST)
     size = plain(name, "", 0.0, bounds, 1e-3, set_to(Gain, axis, "ln_gain"))
-    return [Hypothesis(start, (size, law(Gain, axis, start=one))) for one in STARTS]
+    return begun_by_laws(start, size, partial(law, Gain, axis))
 
 
 def _share(pair: tuple[int, int], experiment: Experiment, evidence: Evidence) -> list[Hypothesis]:
@@ -152,4 +152,4 @@ def _share(pair: tuple[int, int], experiment: Experiment, evidence: Evidence) ->
     # the effect z_crosstalk has a share of its own
     name, bounds = f"share of {axis_name(pair)} (term)", (-LARGEST, LARGEST)
     size = plain(name, "", 0.0, bounds, 1e-3, set_to(Share, pair, "share"))
-    return [Hypothesis(start, (size, law(Share, pair, start=one))) for one in STARTS]
+    return begun_by_laws(start, size, partial(law, Share, pair))

@@ -26,9 +26,9 @@ OneOrPair = int | tuple[int, int]
 Axis = OneOrPair | None
 # Largest exponent of the force in a law: those of a tether lie within, squares of lengths as F^-3.
 STEEPEST = 4.0
-# Laws from which a fit starts, besides none: a gain that is the same at all forces is what a scale
-# does as well, one that changes with the force is not.
-STARTS = (0.0, -1.0, 1.0)
+# Laws from which a fit starts where it promises nothing to start from the same at all forces, as
+# that is what something else does already: a gain beside a scale.
+OTHER_LAWS = (-1.0, 1.0)
 
 
 class TermStep(StepOfAxis, Protocol):
@@ -178,6 +178,19 @@ def law(
     """The power of the force that a term goes with."""
     name = f"{what} of {kind.form} along {axis_name(axis)}"
     return plain(name, "", start, (-STEEPEST, STEEPEST), 1e-3, set_to(kind, axis, field))
+
+
+def begun_by_laws(
+    experiment: Experiment, size: Parameter, law: Callable[..., Parameter]
+) -> list[Hypothesis]:
+    """A size with a law in the force, begun as the same at all forces; otherwise with other laws.
+
+    Parameters
+    ----------
+    law : the law's parameter, by its `start`.
+    """
+    others = [Hypothesis(experiment, (size, law(start=one)), otherwise=True) for one in OTHER_LAWS]
+    return [Hypothesis(experiment, (size, law(start=0.0))), *others]
 
 
 def axis_name(axis: OneOrPair) -> str:
