@@ -27,8 +27,9 @@ Axis = OneOrPair | None
 # Largest exponent of the force in a law: those of a tether lie within, squares of lengths as F^-3.
 STEEPEST = 4.0
 # Laws from which a fit starts where it promises nothing to start from the same at all forces, as
-# that is what something else does already: a gain beside a scale.
-OTHER_LAWS = (-1.0, 1.0)
+# that is what something else does already: a gain beside a scale. Nearer to none than the second
+# numbers the two would cancel each other at any size.
+OTHER_LAWS = ((-1.0, (-STEEPEST, -0.5)), (1.0, (0.5, STEEPEST)))
 
 
 class TermStep(StepOfAxis, Protocol):
@@ -174,10 +175,11 @@ def law(
     field: str = "exponent",
     what: str = "law",
     start: float = 0.0,
+    bounds: tuple[float, float] = (-STEEPEST, STEEPEST),
 ) -> Parameter:
     """The power of the force that a term goes with."""
     name = f"{what} of {kind.form} along {axis_name(axis)}"
-    return plain(name, "", start, (-STEEPEST, STEEPEST), 1e-3, set_to(kind, axis, field))
+    return plain(name, "", start, bounds, 1e-3, set_to(kind, axis, field))
 
 
 def begun_by_laws(
@@ -187,10 +189,13 @@ def begun_by_laws(
 
     Parameters
     ----------
-    law : the law's parameter, by its `start`.
+    law : the law's parameter, by its `start` and `bounds`.
     """
-    others = [Hypothesis(experiment, (size, law(start=one)), otherwise=True) for one in OTHER_LAWS]
-    return [Hypothesis(experiment, (size, law(start=0.0))), *others]
+    others = [
+        Hypothesis(experiment, (size, law(start=start, bounds=bounds)), otherwise=True)
+        for start, bounds in OTHER_LAWS
+    ]
+    return [Hypothesis(experiment, (size, law())), *others]
 
 
 def axis_name(axis: OneOrPair) -> str:
