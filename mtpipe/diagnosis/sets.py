@@ -127,6 +127,8 @@ def several_causes(
                 say(f"without {wrong}, which the traces contradict")
                 members = tuple(one for one in members if one.name != wrong)
                 weighed = {names: one for names, one in weighed.items() if wrong not in names}
+                rest = tuple(one for one in best.members if one.effect.name != wrong)
+                weighed |= {one.names: one for one in _again(replace(best, members=rest), without)}
                 beam = sorted([nothing, *weighed.values()], key=by_score, reverse=True)[:BEAM]
                 best = beam[0]
                 continue
@@ -171,7 +173,9 @@ def several_causes(
 
 
 def _again(known: Causes | None, without: ConfiguredFit) -> list[Causes]:
-    """The set, fitted to other traces; nothing where there is none or it cannot be."""
+    """The set, fitted again, as to other traces or with fewer members; nothing where there is none
+    or it cannot be.
+    """
     if known is None or not known.members:
         return []
     try:
