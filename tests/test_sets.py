@@ -8,7 +8,6 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from mtpipe.crosschecking.battery.statistic import Statistic
 from mtpipe.crosschecking.check import check_bead
 from mtpipe.crosschecking.lines import with_lines_apart
 from mtpipe.crosschecking.prepared_bead import prepare
@@ -352,35 +351,19 @@ def test_of_sets_that_are_nearly_as_likely_the_battery_decides(
     assert check is checks[taken]
 
 
-@pytest.mark.parametrize(
-    ("statistic", "without", "gone"),
-    [("kurtosis", 3.0, "drift"), ("kurtosis", 3.8, ""), ("correlation", 3.0, "")],
-)
-def test_a_member_is_contradicted_by_what_likelihood_does_not_know(
-    monkeypatch, statistic, without, gone
-):
-    """Without it positions would be as recorded, and not only scatter more; what axes have in
-    common others may mend.
+@pytest.mark.parametrize(("smooth", "gone"), [(False, ""), (True, "hopping")])
+def test_a_member_is_contradicted_by_how_positions_are_distributed(smooth, gone):
+    """Hops crowd heights at two levels. Gaussian motion of their power is fitted by them as well as
+    they are, and is not distributed so.
     """
-    look = Statistic(statistic, "z", (0,))
-    member = SimpleNamespace(effect=SimpleNamespace(name="drift"))
-    model = SimpleNamespace(all_expected=lambda theta: [], log_likelihood=lambda *_: 0.0)
-    monkeypatch.setattr(judging, "model_with", lambda *_: (model, np.zeros(1)))
-    monkeypatch.setattr(judging, "replace", lambda case, fit: case)
-    monkeypatch.setattr(judging, "ConfiguredFit", lambda *_, **__: None)
-
-    def check(p_value, simulated):
-        return SimpleNamespace(
-            statistics=(look,),
-            p_values=np.array([p_value]),
-            observed=np.array([3.0]),
-            simulated=np.full((24, 1), simulated),
-        )
-
-    monkeypatch.setattr(judging, "check_bead", lambda *_, **__: check(0.4, without))
-    odd = check(1e-12, 4.0)
-    begun, causes = SimpleNamespace(case=SimpleNamespace(fit=None)), Causes((member,), None, 9.0)
-    assert judging.contradicted(begun, causes, odd, None) == gone
+    experiment, _ = stated_experiment(setup(), FORCES_PN, 2 * FRAMES, noise_nm=NOISE_NM)
+    hopping = with_step(experiment, Hopping(50.0, FORCES_PN[1], 5.0, smooth))
+    recording = subtract_drift(simulate_experiment(hopping, setup(), 4))
+    begun = check_bead(prepare(recording, "b1"), generator(5), rounds=(24,))
+    (one,) = try_effects(begun.case.fit, [BY_NAME["hopping"]], evidence_of(begun))
+    causes = causes_of((one,), one.fit, begun.case.fit)
+    check = check_bead(replace(begun.case, fit=one.fit), generator(6))
+    assert judging.contradicted(begun, causes, check, generator(7)) == gone
 
 
 @pytest.mark.parametrize("smooth", [False, True])
