@@ -15,8 +15,8 @@ from mtpipe.diagnosis.corrections.correction import Correction
 from mtpipe.diagnosis.corrections.retraced import with_positions
 from mtpipe.diagnosis.explanation import ALARM_P, Named
 
-# A correction is kept where it halves ln p; one that a test of its own tells from all else, where
-# it does not double ln p. One of the first kind is simulated only if, beside the simulations of the
+# A correction is kept where it halves ln p; one that a test of its own has seen, where it does not
+# double ln p. One of the first kind is simulated only if, beside the simulations of the
 # uncorrected traces, ln p falls to 0.8 of what it was.
 MOST_OF_THE_ODDITY, HARDLY_LESS_ODD = 0.5, 0.8
 

@@ -58,7 +58,7 @@ class Hypothesis:
         more than that, and `learned_nats`, by how much narrower than it data make them at most.
     own : of an effect that all beads share (`Effect.shared`), a form that each bead may have by
         itself.
-    otherwise : another beginning, for where the one before promises nothing.
+    otherwise : another beginning, for where those before it promise nothing.
     """
 
     experiment: Experiment

@@ -27,8 +27,8 @@ Axis = OneOrPair | None
 # Largest exponent of the force in a law: those of a tether lie within, squares of lengths as F^-3.
 STEEPEST = 4.0
 # Laws from which a fit starts where it promises nothing to start from the same at all forces, as
-# that is what something else does already: a gain beside a scale. Nearer to none than the second
-# numbers the two would cancel each other at any size.
+# that is what something else does already: a gain beside a scale. With each its bounds: near 0 the
+# two could cancel each other at any size.
 OTHER_LAWS = ((-1.0, (-STEEPEST, -0.5)), (1.0, (0.5, STEEPEST)))
 
 
