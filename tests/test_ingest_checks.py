@@ -181,6 +181,22 @@ def test_coarse_positions_come_back_by_chance_and_are_not_told(tmp_path):
     assert "repeated_rows" not in codes(read(tmp_path, positions))
 
 
+def test_positions_in_steps_coarser_than_the_motion_are_told(tmp_path):
+    positions = motion(900, beads=("b1", "b2", "ref1"))
+    change = np.std(np.diff(positions["b1"][:, 0]))
+    for share, told in ((0.2, False), (2.0, True)):
+        step = round(share * change, 1)
+        coarse = {bead: xyz.copy() for bead, xyz in positions.items()}
+        coarse["b1"][:, :2] = step * np.round(coarse["b1"][:, :2] / step)
+        coarse["b1"][300] = coarse["b1"][299]  # a copy of a frame is no coarse step
+        said = [n for n in read(tmp_path, coarse).notices if n.code == "coarse_positions"]
+        assert [n.bead for n in said] == ["b1"] * told
+        if told:
+            assert said[0].message.startswith(
+                f"x and y of bead b1 are stored in steps of {step:.2g}"
+            )
+
+
 @pytest.mark.parametrize(("factor", "unit"), [(1e3, "ms"), (1e6, "µs"), (1e9, "ns")])
 def test_stamps_that_are_not_in_seconds_are_named(tmp_path, factor, unit):
     time = [repr(factor * i / RATE) for i in range(400)]

@@ -28,6 +28,12 @@ MOVING_SHARE = 0.5
 MOVING_NM = 5.0
 MOST_SAMPLED = 2_000_000
 ZERO_ROWS = 2
+# Share of the frames in which a coordinate is that of the frame before: with steps of half the
+# standard deviation of its change from frame to frame, a fifth. Rounding then adds some 4 % of that
+# change's variance.
+COARSE_SHARE = 0.2
+# Differences of the same number of steps are equal up to this (nm).
+ROUNDING_NM = 1e-6
 MOST_LOST = 1_000_000
 MOST_LOST_SHARE = 20
 
@@ -73,6 +79,7 @@ def check_beads(positions_nm: Mapping[str, FloatArray], setup: Setup, rate_hz: f
     notices += _check_heights({b: xyz for b, xyz in kept.items() if b not in reference}, setup)
     notices += _check_references(spread, reference)
     notices += [n for bead, xyz in kept.items() for n in _lost(bead, xyz)]
+    notices += [n for b, xyz in kept.items() if b not in reference for n in _coarse(b, xyz)]
     return Sound(kept, tuple(notices))
 
 
@@ -251,6 +258,30 @@ def _lost(bead: str, xyz: FloatArray) -> list[Notice]:
         level = "warning" if share > LOST_WARNING else "caution"
     said = f"The tracker lost bead {bead} in {100 * share:.2g} % of the frames."
     return [Notice("lost_frames", level, said, bead=bead)]
+
+
+def _coarse(bead: str, xyz: FloatArray) -> list[Notice]:
+    """Axes along which a bead mostly rests where it was, and moves by whole steps."""
+    change = np.abs(np.diff(xyz, axis=0))
+    # where no axis changes, the whole frame is a copy
+    moves = np.any(change > 0, axis=1)
+    found: list[tuple[float, float, str]] = []
+    for axis, name in enumerate(AXES):
+        known = change[moves & np.isfinite(change[:, axis]), axis]
+        steps = known[known > ROUNDING_NM]
+        rests = 1 - len(steps) / max(len(known), 1)
+        if len(steps) and rests > COARSE_SHARE:
+            found.append((rests, float(np.min(steps)), name))
+    if not found:
+        return []
+    rests, step_nm, _ = max(found)
+    axes = " and ".join(name for _, _, name in found)
+    said = (
+        f"{axes} of bead {bead} are stored in steps of {step_nm:.2g} nm, which is coarse beside "
+        f"its motion: in {100 * rests:.2g} % of the frames nothing changes. Forces are wrong by "
+        "that, most of all high ones. Export positions with more digits."
+    )
+    return [Notice("coarse_positions", "caution", said, bead=bead)]
 
 
 def _block_spread(xyz: FloatArray, rate_hz: float) -> float:
