@@ -184,10 +184,8 @@ def test_what_changes_with_the_force_is_found_beside_what_does_the_same_at_all_f
     model, _ = effects.model_of(known.changed, np.random.default_rng(6))
     silent = fit_configured(effects.replace(model, experiment=known.base))
     other = next(one for one in OWN if one.name == beside)
-    with_other = silent
-    if other.hypotheses(silent.model.experiment, known.evidence):
-        tried = try_effects(silent, [other], known.evidence)
-        with_other = tried[0].fit if tried else silent
+    (tried,) = try_effects(silent, [other], known.evidence)
+    with_other = tried.fit
     chosen = most_promising(with_other, [known.effect], known.evidence, 3)
     found = try_effects(with_other, [known.effect], known.evidence, beside=True, only=chosen)
     assert chosen

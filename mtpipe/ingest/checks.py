@@ -261,7 +261,7 @@ def _lost(bead: str, xyz: FloatArray) -> list[Notice]:
 
 
 def _coarse(bead: str, xyz: FloatArray) -> list[Notice]:
-    """Axes along which a bead mostly rests where it was, and moves by whole steps."""
+    """Axes along which a bead often rests where it was, and else moves by whole steps."""
     change = np.abs(np.diff(xyz, axis=0))
     # where no axis changes, the whole frame is a copy
     moves = np.any(change > 0, axis=1)

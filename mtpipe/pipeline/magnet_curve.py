@@ -172,7 +172,7 @@ def _result(curve: MagnetCurve, said: str) -> dict[str, Any]:
         for n, (recording, bead) in enumerate(curve.forces.beads)
     ]
     return {
-        "schema": "mtpipe.curves.magnet_curve/1",
+        "schema": "mtpipe.magnet_curve/1",
         "sentence": said,
         "form": fit.form.name,
         "origin_mm": fit.origin_mm,

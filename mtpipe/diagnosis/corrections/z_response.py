@@ -168,8 +168,8 @@ def curves(case: PreparedBead, random: np.random.Generator) -> list[PlateauCurve
         both = _odd_p(curve.recorded, each), _odd_p(fast, straight)
         p_value = len(case.positions_nm) * float(stats.combine_pvalues(both).pvalue)
         # levels between which the bead jumps make other steps than the curve would
-        left = _far(fast, foretold) / _far(fast, straight)
-        if np.max(both) >= EACH_P or left >= LEFT_WITH_IT:
+        foreseen = _far(fast, foretold) < LEFT_WITH_IT * _far(fast, straight)
+        if not (np.max(both) < EACH_P and foreseen):  # nor where a height has no step (NaN)
             continue
         # points of a straight one scatter too
         own = np.array([_slope_spread(Curve(curve.heights, one)) for one in each])
