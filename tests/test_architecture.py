@@ -18,6 +18,14 @@ PACKAGE = Path(mtpipe.__file__).parent
 DOCUMENT = PACKAGE.parent / "docs" / "architecture.md"
 # Of a file, so that it is read in one sitting (the house's rule).
 MOST_LINES = 400
+# What files say that they are. Other programs read it, so it stays when code is moved.
+SCHEMAS = {
+    "mtpipe.lookup_table/1",
+    "mtpipe.magnet_curve/1",
+    "mtpipe.mismatch/1",
+    "mtpipe.tracking/1",
+    "mtpipe.truth/1",
+}
 # Names of effects that are words for something else too: a flag and a file of a run, keys of a
 # setup and of a plan, a parameter of a tether's fit.
 OTHER_MEANINGS = {"drift", "exposure", "viscosity", "contour_length"}
@@ -97,6 +105,11 @@ def test_no_module_is_called_by_its_name_as_text():
         if text.split(".")[1] != path.relative_to(PACKAGE).parts[0]  # its own room's files
     }
     assert by_text == {("ground/shown.py", DRAWING_ROOM), ("setup/tables.py", EFFECTS_GROUP)}
+
+
+def test_files_keep_the_names_of_their_formats():
+    written = {text for path in MODULES.values() for text in texts(path)}
+    assert {text for text in written if re.fullmatch(r"mtpipe\.[\w.]+/\d+", text)} == SCHEMAS
 
 
 def test_no_circle():
