@@ -7,9 +7,10 @@ from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
+from scipy.ndimage import uniform_filter1d
 
-from mtpipe.crosschecking.battery.observed import whitened
-from mtpipe.crosschecking.battery.spectral import local_level, same_line
+from mtpipe.crosschecking.battery.observed import Observed, Whitened, whitened
+from mtpipe.crosschecking.battery.spectral import NEIGHBOURS, local_level, same_line
 from mtpipe.crosschecking.check import recorded_of
 from mtpipe.crosschecking.prepared_bead import PreparedBead
 from mtpipe.ground.types import FloatArray
@@ -23,8 +24,18 @@ SLOWEST = 3
 # Frequencies searched per ordinate of the longest spectrum, and the points to each side of the best
 # one at which the line is then placed exactly.
 STEPS, FINER_STEPS = 2, 20
-# Peak power of a sine wave in Hann-tapered ordinates, over amplitude² × duration.
-TAPERED_WAVE = 1 / 3
+# Power of a sine wave in Hann-tapered ordinates, over amplitude² × duration: at its peak where it
+# is steady; where its phase diffuses, half of its power a²/2 lies within the peak's width.
+TAPERED_WAVE, WITHIN_WIDTH = 1 / 3, 1 / 4
+# Each width that is searched is this many times the one before, up to a tenth of the frequency:
+# what is wider has lost its phase within three periods and is no line.
+WIDER, WIDEST = 4, 0.1
+# Ordinates whose median is the level beside a peak, over those in the peak.
+PEAKS_APART = 8
+# Variance of a mean of many ordinates over that of independent ones: Hann-tapered neighbours have
+# much in common (Σw⁴/(Σw²)² of the taper); and a median that the mean is divided by adds its own.
+HANN, MEDIAN = 35 / 18, 1 / math.log(2) ** 2
+IN_COMMON = HANN * (1 + MEDIAN / PEAKS_APART)
 # Number of tried amplitudes² of a line: from 0.1 of the local level to the largest ordinate itself.
 SIZES = 16
 LEAST_SEEN = 0.1
@@ -62,51 +73,85 @@ def distinct_lines(lines_hz: Sequence[float], known_hz: Sequence[float] = ()) ->
 
 
 def strongest_lines(case: PreparedBead) -> list[tuple[float, float]]:
-    """The strongest narrow lines, best first: ln likelihood gained (nats), and frequency.
+    """The strongest lines, best first: ln likelihood gained (nats), and frequency.
 
     A wave has one amplitude per axis in all plateaus and stands out of its neighbours in the
-    spectrum, whatever their level there; the axes' gains are summed. The first is there always, be
-    it chance or not.
+    spectrum, whatever their level there; the axes' gains are summed. Where its phase diffuses, or
+    jumps as frames are lost, its peak has a width. The first line is there always, be it chance or
+    not.
     """
     seen = recorded_of(case)
     spectra = [whitened(one) for one in seen]
     first = max(SLOWEST * float(one.frequency_hz[0]) for one in spectra)
     last = min(float(one.frequency_hz[-1]) for one in spectra)
-    step = min(float(one.frequency_hz[0]) for one in spectra) / STEPS
+    finest = min(float(one.frequency_hz[0]) for one in spectra)
+    step = finest / STEPS
     frequency = np.arange(first + step, last, step)
-    gains = np.zeros((len(AXES), len(frequency)))
-    for axis in range(len(AXES)):
-        over, wave = [], []
-        for one, spectrum in zip(seen, spectra, strict=True):
-            power = np.abs(spectrum.bead[axis]) ** 2
-            level = local_level(power)
-            nearest = np.rint(frequency / spectrum.frequency_hz[0]).astype(int) - 1
-            nearest = np.clip(nearest, 0, len(power) - 1)
-            over.append((power / level)[nearest])
-            expected = np.interp(frequency, one.data.spectrum.frequency_hz, one.level[axis])
-            here = expected * level[nearest]
-            wave.append(TAPERED_WAVE * one.duration_s / here)
-        gains[axis] = _gains(np.array(over), np.array(wave))
-    total = gains.sum(axis=0)
+    widths_hz = _widths_hz(finest, WIDEST * last)
+    gains = np.array(
+        [[_axis_gains(seen, spectra, a, frequency, w) for a in range(len(AXES))] for w in widths_hz]
+    )
+    # (widths, frequencies)
+    total = np.where(widths_hz[:, None] < WIDEST * frequency, gains.sum(axis=1), 0.0)
     found: list[tuple[float, float]] = []
     while len(found) < MOST_LINES and total.max() > 0:
-        at = int(np.argmax(total))
-        nats, line_hz = float(total[at]), float(frequency[at])
-        axis = int(np.argmax(gains[:, at]))
-        found.append((nats, _exactly(case, axis, line_hz, STEPS * step)))
-        total[same_line(frequency, line_hz)] = 0.0
+        of_width, at = np.unravel_index(np.argmax(total), total.shape)
+        nats, line_hz, width_hz = float(total[of_width, at]), float(frequency[at]), 0.0
+        if of_width == 0:
+            line_hz = _exactly(case, int(np.argmax(gains[0, :, at])), line_hz, STEPS * step)
+        else:
+            width_hz = float(widths_hz[of_width])
+        found.append((nats, line_hz))
+        # a wide peak beside it has the line itself within its width
+        near = np.abs(frequency - line_hz) <= width_hz + widths_hz[:, None]
+        total[same_line(frequency, line_hz) | near] = 0.0
     return found
 
 
-def _gains(over: FloatArray, wave: FloatArray) -> FloatArray:
+def _widths_hz(finest_hz: float, widest_hz: float) -> FloatArray:
+    """Widths of peaks that are searched: 0 of a steady wave, then from a few ordinates on."""
+    count = max(math.ceil(math.log(widest_hz / finest_hz, WIDER)), 1)
+    return np.array([0.0, *(finest_hz * WIDER**k for k in range(1, count))])
+
+
+def _axis_gains(
+    seen: Sequence[Observed],
+    spectra: Sequence[Whitened],
+    axis: int,
+    frequency_hz: FloatArray,
+    width_hz: float,
+) -> FloatArray:
+    """(frequencies,) ln likelihood that a wave of the best amplitude gains along one axis.
+
+    Parameters
+    ----------
+    width_hz : of its peak, at half of its height; 0 of a steady wave.
+    """
+    over, wave, counts = [], [], []
+    for one, spectrum in zip(seen, spectra, strict=True):
+        power = np.abs(spectrum.bead[axis]) ** 2
+        spacing_hz = float(spectrum.frequency_hz[0])
+        count = max(round(width_hz / spacing_hz), 1)
+        level = local_level(power, max(NEIGHBOURS, PEAKS_APART * count))
+        nearest = np.rint(frequency_hz / spacing_hz).astype(int) - 1
+        nearest = np.clip(nearest, 0, len(power) - 1)
+        over.append(uniform_filter1d(power / level, count)[nearest])
+        expected = np.interp(frequency_hz, one.data.spectrum.frequency_hz, one.level[axis])
+        size = TAPERED_WAVE * one.duration_s if width_hz == 0 else WITHIN_WIDTH / width_hz
+        wave.append(size / (expected * level[nearest]))
+        counts.append(max(count / IN_COMMON, 1.0))
+    return _gains(np.array(over), np.array(wave), np.array(counts))
+
+
+def _gains(over: FloatArray, wave: FloatArray, counts: FloatArray) -> FloatArray:
     """(frequencies,) ln likelihood that a wave of the best size gains in the plateaus together.
 
     Ordinates are exponential variates of mean 1 + a² wave, against mean 1.
 
     Parameters
     ----------
-    over : (plateaus, frequencies) ordinates over their neighbours' level.
-    wave : the same of a wave of 1 nm.
+    over : (plateaus, frequencies) ordinates over their neighbours' level, means over the peak.
+    wave : the same of a wave of 1 nm. counts : (plateaus,) independent ordinates in the peak.
     """
     low = LEAST_SEEN / wave.max(axis=0)
     high = np.maximum((over / wave).max(axis=0), 2 * low)
@@ -114,7 +159,7 @@ def _gains(over: FloatArray, wave: FloatArray) -> FloatArray:
     for square in np.geomspace(low, high, SIZES):
         raised = square * wave
         gain = over * raised / (1 + raised) - np.log1p(raised)
-        best = np.maximum(best, gain.sum(axis=0))
+        best = np.maximum(best, counts @ gain)
     return np.asarray(best)
 
 

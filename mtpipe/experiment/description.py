@@ -139,7 +139,8 @@ class Stage:
 
 @dataclass(frozen=True)
 class Line:
-    """A vibration as recorded: its frequency after aliasing and amplitude after blur.
+    """A vibration as recorded: its frequency in the file's rows, after aliasing, where frames are
+    lost unseen its mean one, and its amplitude after blur.
 
     Its phase diffuses: the wave at one time and a time t later have e^(−t/coherence) in common.
     """

@@ -17,6 +17,7 @@ from mtpipe.experiment.recorded_modes import BeadState, recorded_modes
 from mtpipe.experiment.step import Place, Seen, nothing_seen
 from mtpipe.ground.types import FloatArray
 from mtpipe.physics.camera import Camera, frame_variance, lag_one_covariance
+from mtpipe.physics.lost_frames import between_rows
 
 # Number of forces at which heights are computed where the force changes; others are interpolated.
 COURSE_POINTS = 5
@@ -137,7 +138,7 @@ def _with_dropped_frames(
     of the new relaxation time.
     """
     q = np.exp(-camera.frame_s / tau_s)
-    slower = (1 - share) * q / (1 - share * q)
+    slower = between_rows(q, share)
     changed_s = -camera.frame_s / np.log(np.maximum(slower, 1e-300))
     unit = np.ones_like(tau_s)
     lag_one = lag_one_covariance(unit, tau_s, camera) * (1 - share) / (1 - share * q)

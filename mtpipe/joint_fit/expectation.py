@@ -15,7 +15,7 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from mtpipe.drift.lowpass import response
-from mtpipe.experiment.description import Experiment, ForceCourse, Line, Triple, changes_bead
+from mtpipe.experiment.description import Experiment, ForceCourse, Triple, changes_bead
 from mtpipe.experiment.readout import recorded_height_nm
 from mtpipe.experiment.recorded_modes import recorded_modes
 from mtpipe.ground.errors import FitError
@@ -27,6 +27,7 @@ from mtpipe.joint_fit.motions import DIAGONAL, Motion, motions
 from mtpipe.joint_fit.random_walk import line_of
 from mtpipe.joint_fit.spectra import Transform
 from mtpipe.joint_fit.three_axes import inverses
+from mtpipe.joint_fit.vibrations import add_line, of_mean_nm2
 from mtpipe.physics.camera import Camera, power_spectrum
 from mtpipe.physics.walk import walk_variance_s
 from mtpipe.spectra.window_power import with_noise
@@ -251,11 +252,11 @@ def _with_lines(
     """What is expected with lines, which are added to the power (n_bins, 3, 3) of all else."""
     stage = experiment.stage
     for line in stage.lines:
-        _add_line(power, line, data)
+        add_line(power, line, data, experiment.clock.dropped_share)
     # what is slow in the reference passes the subtraction whole
     slow = stage.reference_nm[2] ** 2 * min(2 * stage.reference_s / data.duration_s, 1)
     noise_nm2 = experiment.tracker.noise_nm[2] ** 2 + subtraction.noise_nm[2] ** 2
-    waves = sum(_of_mean(line, data) for line in stage.lines)
+    waves = sum(of_mean_nm2(line, data) for line in stage.lines)
     height_variance = motion.height_variance_nm2 + slow + waves + noise_nm2 / data.frames
     return Expectation(
         power,
@@ -265,12 +266,6 @@ def _with_lines(
         motion.walked_nm2,
         line_of(data).power if motion.walked_nm2.any() else None,
     )
-
-
-def _of_mean(line: Line, data: PlateauData) -> float:
-    """Variance of the mean height by a vibration of unknown phase, at most that of a steady one."""
-    periods = line.frequency_hz * data.duration_s
-    return float(line.amplitude_nm[2] ** 2 / 2 * np.sinc(periods) ** 2)
 
 
 @functools.lru_cache(maxsize=1024)
@@ -313,27 +308,6 @@ def _unit_walk(data: PlateauData, frame_s: float) -> FloatArray:
 @functools.lru_cache(maxsize=1024)
 def _subtraction_gain(data: PlateauData, cutoff_hz: float | None) -> FloatArray:
     return response(data.spectrum.frequency_hz, cutoff_hz)
-
-
-def _add_line(power: FloatArray, line: Line, data: PlateauData) -> None:
-    """Add a vibration's power, in place.
-
-    In what phase the axes vibrate is not known, so each has it by itself.
-    """
-    wave = _wave(data, line.frequency_hz, line.coherence_s)
-    power[:, DIAGONAL, DIAGONAL] += np.square(line.amplitude_nm) * wave
-
-
-@functools.lru_cache(maxsize=1024)
-def _wave(data: PlateauData, frequency_hz: float, coherence_s: float) -> FloatArray:
-    """(n_bins, 3) power of a wave of 1 nm, the mean over its phase.
-
-    A wave between two ordinates is in several, and so in two bins where it is at the edge of one.
-    """
-    spectrum = data.spectrum
-    lag_s = spectrum.windows[0].frame_s * np.arange(spectrum.used.shape[1] + 1)
-    covariance = np.cos(2 * np.pi * frequency_hz * lag_s) * np.exp(-lag_s / coherence_s) / 2
-    return spectrum.expected_power(covariance)
 
 
 def changed_spectra(

@@ -23,6 +23,7 @@ from mtpipe.experiment.state import all_states
 from mtpipe.experiment.step import Place, by_plateau
 from mtpipe.ground.types import FloatArray
 from mtpipe.physics.langevin import simulate_mode
+from mtpipe.physics.lost_frames import wave_hz_by_frames
 from mtpipe.physics.normal_numbers import standard_normal
 
 # Most and least stretches of constant force for a plateau whose force changes, and the change in ln
@@ -99,12 +100,14 @@ def recorded(
         steps *= math.sqrt(camera.frame_s) * walk
         seen += np.cumsum(steps, axis=0, out=steps)
     time_s = camera.frame_s * np.arange(frames)[:, None]
+    share = experiment.clock.dropped_share
     for line in experiment.stage.lines:
         phase = 2 * np.pi * random.random(3)
         if math.isfinite(line.coherence_s):
             step = math.sqrt(2 * camera.frame_s / line.coherence_s)
             phase = phase + np.cumsum(step * standard_normal(random, seen.shape), axis=0)
-        wave = np.sin(2 * np.pi * line.frequency_hz * time_s + phase)
+        hz = wave_hz_by_frames(line.frequency_hz, camera.frame_s, share)
+        wave = np.sin(2 * np.pi * hz * time_s + phase)
         # near half the frame rate a wave's phase decides how much of it is recorded, and a line's
         # amplitude is of what is recorded
         wave /= np.sqrt(2 * np.mean(wave**2, axis=0))

@@ -124,9 +124,9 @@ def same_line(frequency_hz: FloatArray, line_hz: float) -> NDArray[np.bool_]:
     return np.asarray(np.abs(frequency_hz - line_hz) <= 0.02 * line_hz + 0.1)
 
 
-def local_level(power: FloatArray) -> FloatArray:
+def local_level(power: FloatArray, neighbours: int = NEIGHBOURS) -> FloatArray:
     """(n,) mean of the ordinates about each, from their medians, which a line does not move."""
-    blocks = max(len(power) // NEIGHBOURS, 1)
+    blocks = max(len(power) // neighbours, 1)
     length = len(power) // blocks
     parts = power[: blocks * length].reshape(blocks, length)
     centre = (np.arange(blocks) + 0.5) * length
