@@ -1,4 +1,4 @@
-"""What a vibration adds to a plateau's expected spectra, and to how far its mean height is known."""
+"""What a vibration adds to a plateau's expected spectra, and to how far its mean is known."""
 
 from __future__ import annotations
 
