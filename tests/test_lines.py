@@ -84,6 +84,18 @@ def test_how_long_a_line_keeps_its_phase_is_found():
     assert 1.0 < sizes["coherence_s"] < 4.0
 
 
+@pytest.mark.parametrize("seed", range(4))
+def test_a_line_that_wanders_is_placed_within_its_width(seed):
+    """A coherence of 6 s is a width of 0.053 Hz. Where a line was half a width off, what was fitted
+    left most of it. Three standard errors of its frequency, √(2/(6 s · 51 s))/2π, and half a step
+    of the search.
+    """
+    case = ready(vibrating(raw(seed), 31.7, 12.0, coherence_s=6.0, seed=seed))
+    nats, line_hz = strongest_lines(case)[0]
+    assert nats > 50
+    assert line_hz == pytest.approx(31.7, abs=0.04 + 0.25 * RATE_HZ / FRAMES)
+
+
 def _steady(experiment, evidence):
     return VIBRATION.hypotheses(experiment, evidence)[:1]
 

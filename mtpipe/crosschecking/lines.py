@@ -24,18 +24,21 @@ SLOWEST = 3
 # Frequencies searched per ordinate of the longest spectrum, and the points to each side of the best
 # one at which the line is then placed exactly.
 STEPS, FINER_STEPS = 2, 20
-# Power of a sine wave in Hann-tapered ordinates, over amplitude² × duration: at its peak where it
-# is steady; where its phase diffuses, half of its power a²/2 lies within the peak's width.
-TAPERED_WAVE, WITHIN_WIDTH = 1 / 3, 1 / 4
+# Power of a steady sine wave in Hann-tapered ordinates, over amplitude² × duration, at its peak.
+TAPERED_WAVE = 1 / 3
+# Mean power of a wave whose phase diffuses, over amplitude²/width: of a²/2 in a Lorentzian peak
+# (2 arctan 2 − ½ ln 5)/π, weighted with a triangle of the same width at half of its height.
+DIFFUSING_WAVE = (2 * math.atan(2.0) - math.log(5.0) / 2) / (2 * math.pi)
 # Each width that is searched is this many times the one before, up to a tenth of the frequency:
 # what is wider has lost its phase within three periods and is no line.
 WIDER, WIDEST = 4, 0.1
 # Ordinates whose median is the level beside a peak, over those in the peak.
 PEAKS_APART = 8
-# Variance of a mean of many ordinates over that of independent ones: Hann-tapered neighbours have
-# much in common (Σw⁴/(Σw²)² of the taper); and a median that the mean is divided by adds its own.
-HANN, MEDIAN = 35 / 18, 1 / math.log(2) ** 2
-IN_COMMON = HANN * (1 + MEDIAN / PEAKS_APART)
+# Independent ordinates under a triangle, over those in its width: its weights are for 3/2 as many
+# equal ones; Hann-tapered neighbours have much in common (Σw⁴/(Σw²)² of the taper); and the median
+# that the mean is divided by has an error of its own.
+TRIANGLE, HANN, MEDIAN = 3 / 2, 35 / 18, 1 / math.log(2) ** 2
+INDEPENDENT = TRIANGLE / HANN / (1 + TRIANGLE * MEDIAN / PEAKS_APART)
 # Number of tried amplitudes² of a line: from 0.1 of the local level to the largest ordinate itself.
 SIZES = 16
 LEAST_SEEN = 0.1
@@ -86,7 +89,8 @@ def strongest_lines(case: PreparedBead) -> list[tuple[float, float]]:
     last = min(float(one.frequency_hz[-1]) for one in spectra)
     finest = min(float(one.frequency_hz[0]) for one in spectra)
     step = finest / STEPS
-    frequency = np.arange(first + step, last, step)
+    # the last one too: mains are often at half the frame rate
+    frequency = np.arange(first + step, last + step, step)
     widths_hz = _widths_hz(finest, WIDEST * last)
     gains = np.array(
         [[_axis_gains(seen, spectra, a, frequency, w) for a in range(len(AXES))] for w in widths_hz]
@@ -131,16 +135,26 @@ def _axis_gains(
     for one, spectrum in zip(seen, spectra, strict=True):
         power = np.abs(spectrum.bead[axis]) ** 2
         spacing_hz = float(spectrum.frequency_hz[0])
-        count = max(round(width_hz / spacing_hz), 1)
+        # odd, so that what is smoothed stays where it is
+        count = 2 * int(width_hz / spacing_hz / 2) + 1
         level = local_level(power, max(NEIGHBOURS, PEAKS_APART * count))
         nearest = np.rint(frequency_hz / spacing_hz).astype(int) - 1
         nearest = np.clip(nearest, 0, len(power) - 1)
-        over.append(uniform_filter1d(power / level, count)[nearest])
+        over.append(_under_triangle(power / level, count)[nearest])
         expected = np.interp(frequency_hz, one.data.spectrum.frequency_hz, one.level[axis])
-        size = TAPERED_WAVE * one.duration_s if width_hz == 0 else WITHIN_WIDTH / width_hz
+        size = TAPERED_WAVE * one.duration_s if width_hz == 0 else DIFFUSING_WAVE / width_hz
         wave.append(size / (expected * level[nearest]))
-        counts.append(max(count / IN_COMMON, 1.0))
+        counts.append(max(INDEPENDENT * count, 1.0))
     return _gains(np.array(over), np.array(wave), np.array(counts))
+
+
+def _under_triangle(ordinates: FloatArray, count: int) -> FloatArray:
+    """(n,) means about each, weighted with a triangle that is `count` wide at half of its height;
+    beyond both ends there is no line.
+    """
+    for _ in range(2):
+        ordinates = uniform_filter1d(ordinates, count, mode="constant", cval=1.0)
+    return ordinates
 
 
 def _gains(over: FloatArray, wave: FloatArray, counts: FloatArray) -> FloatArray:
