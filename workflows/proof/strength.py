@@ -100,8 +100,10 @@ def difference(true: Experiment, configured: Experiment, sizes: Sequence[Size] =
             for ln_force, rest in zip(theta[:plateaus], configured.rests, strict=True)
         ]
         parts = [np.array([zero, friction, variance])]
-        for expected, here in zip(truth, _plateaus(described, rests, lines), strict=True):
-            parts.append(_residuals(expected, here, Z_ZERO_NM * zero))
+        those = _plateaus(described, rests, lines)
+        for rest, expected, here in zip(rests, truth, those, strict=True):
+            course = _course_power(expected, here, rest, true.camera.frame_s, lines)
+            parts.append(_residuals(expected, here, course, Z_ZERO_NM * zero))
         return np.concatenate(parts)
 
     start = np.concatenate(
@@ -164,14 +166,15 @@ def size_for(
 @dataclass(frozen=True, eq=False)
 class _Expected:
     """Power matrices (bins, 3, 3) of what is left to chance, how many ordinates each stands for,
-    the mean height, and the power of its course where the force changes (bins,).
+    the mean height, and the Fourier transform of its course (frames/2 + 1,), nm, where the force
+    changes.
     """
 
     power: FloatArray
     ordinates: FloatArray
     height_nm: float
     height_stderr_nm: float
-    course_power: FloatArray | float = 0.0
+    course: NDArray[np.complex128] | float = 0.0
 
 
 def _plateaus(
@@ -212,17 +215,17 @@ def _plateau(
     share = np.array([np.interp(course, nodes, row).mean() for row in np.eye(COURSE_NODES)])
     heights = np.interp(course, nodes, [one.height_nm for one in each])
     power = np.tensordot(share, [one.power for one in each], 1)
-    frame_s = experiment.camera.frame_s
-    moving = np.abs(np.fft.rfft(heights - heights.mean())) ** 2 * 2 * frame_s / rest.frames
-    course_power = _binned(moving, rest, frame_s, lines_hz)
+    moving = np.asarray(np.fft.rfft(heights - heights.mean()))
     error = float(share @ [one.height_stderr_nm for one in each])
-    return _Expected(power, each[0].ordinates, float(heights.mean()), error, course_power)
+    return _Expected(power, each[0].ordinates, float(heights.mean()), error, moving)
 
 
-def _binned(
-    power: FloatArray, rest: Rest, frame_s: float, lines_hz: tuple[float, ...]
+def _course_power(
+    true: _Expected, other: _Expected, rest: Rest, frame_s: float, lines_hz: tuple[float, ...]
 ) -> FloatArray:
-    """Means over bins of a power (ordinates from zero frequency on)."""
+    """(bins,) power of the difference of two courses of the height."""
+    apart = np.atleast_1d(np.abs(true.course - other.course))
+    power = np.broadcast_to(apart**2 * 2 * frame_s / rest.frames, rest.frames // 2 + 1)
     edges = _edges(rest)
     of_lines = np.rint(np.array(lines_hz) * rest.frames * frame_s).astype(int)
     own = np.add.outer(of_lines, ABOUT_A_LINE).ravel()
@@ -271,7 +274,9 @@ def _at(experiment: Experiment, rest: Rest, lines_hz: tuple[float, ...]) -> _Exp
     return _Expected(power, ordinates, parts.extension_nm, math.hypot(math.sqrt(spread), HEIGHT_NM))
 
 
-def _residuals(true: _Expected, other: _Expected, z_zero_nm: float) -> FloatArray:
+def _residuals(
+    true: _Expected, other: _Expected, course_power: FloatArray, z_zero_nm: float
+) -> FloatArray:
     """Numbers, half the sum of whose squares is what two expectations differ by, in nats."""
     found = []
     correlation = [_correlation(one.power) for one in (true, other)]
@@ -282,8 +287,8 @@ def _residuals(true: _Expected, other: _Expected, z_zero_nm: float) -> FloatArra
         for b in range(a):
             apart = correlation[0][:, a, b] - correlation[1][:, a, b]
             found.append(np.sqrt(2 * true.ordinates) * apart)
-    # the course is no matter of chance: what is recorded of it counts in full
-    found.append(np.sqrt(2 * true.ordinates * true.course_power / other.power[:, 2, 2]))
+    # a course is no matter of chance: what two courses differ by counts in full
+    found.append(np.sqrt(2 * true.ordinates * course_power / other.power[:, 2, 2]))
     pull = (true.height_nm - other.height_nm - z_zero_nm) / other.height_stderr_nm
     return np.concatenate([*found, [pull]])
 
