@@ -500,6 +500,17 @@ def test_what_is_not_seen_by_itself_is_no_alternative():
     assert not indistinguishable(named, [named, other], {"axial_scale"}, lambda one, two: math.nan)
 
 
+def test_a_cause_of_traces_and_of_spectra_is_said_once():
+    random = bead_generator(0, "b1")
+    before = check_bead(prepare(recording("viscosity", 2), "b1"), random)
+    viscosity = next(effect for effect in OWN if effect.name == "viscosity")
+    tried = best_of(before.case.fit, viscosity, Evidence((), FORCES_PN))
+    named = Named(tried, (), before, before, math.nan)
+    found = Explanation(before, before, (named, named), "explained", None)
+    assert found.names == ("viscosity",)
+    assert repr(found).count("viscosity") == 1
+
+
 def test_what_alternatives_make_of_a_force_is_in_its_error():
     """The interval about the mean over the chain's formulas holds 68 % of what is left possible."""
     random = bead_generator(0, "b1")

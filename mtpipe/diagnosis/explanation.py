@@ -130,12 +130,17 @@ class Explanation:
     nearest: Rejected | None
 
     def __repr__(self) -> str:
-        causes = " and ".join(one.name for one in self.named)
+        causes = " and ".join(self.names)
         by = f" by {causes}" if causes else ""
         p_values = (number(check.p_value, 2) for check in (self.before, self.after))
         return (
             f"Explanation of {self.before.case.bead}: {self.verdict}{by}; p {' → '.join(p_values)}"
         )
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """What is named, each once: what is seen in traces and in spectra is one cause."""
+        return tuple(dict.fromkeys(one.name for one in self.named))
 
     @property
     def effects(self) -> tuple[Named, ...]:
