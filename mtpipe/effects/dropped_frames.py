@@ -2,14 +2,13 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
-
 from mtpipe.effects.effect import Effect, Evidence, Hypothesis, plain
+from mtpipe.experiment.changed import changed
 from mtpipe.experiment.description import Experiment
 
 
 def _change(experiment: Experiment, share: float) -> Experiment:
-    return replace(experiment, clock=replace(experiment.clock, dropped_share=max(share, 0.0)))
+    return changed(experiment, clock=changed(experiment.clock, dropped_share=max(share, 0.0)))
 
 
 def _hypotheses(experiment: Experiment, evidence: Evidence) -> list[Hypothesis]:

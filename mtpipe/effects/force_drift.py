@@ -12,6 +12,7 @@ from dataclasses import replace
 from functools import partial
 
 from mtpipe.effects.effect import Effect, Evidence, Hypothesis, Read, plain
+from mtpipe.experiment.changed import changed
 from mtpipe.experiment.changes import with_magnets
 from mtpipe.experiment.description import Experiment, ForceCourse
 from mtpipe.experiment.parameter import Change, Parameter
@@ -24,13 +25,13 @@ KINDS, COMMON_KINDS = 3, 2
 
 
 def _change_all(experiment: Experiment, relative: float) -> Experiment:
-    courses = [replace(c, relative_change=relative) for c in experiment.magnets.courses]
+    courses = [changed(c, relative_change=relative) for c in experiment.magnets.courses]
     return with_magnets(experiment, courses=tuple(courses))
 
 
 def _change_one(plateau: int, experiment: Experiment, relative: float) -> Experiment:
     courses = list(experiment.magnets.courses)
-    courses[plateau] = replace(courses[plateau], relative_change=relative)
+    courses[plateau] = changed(courses[plateau], relative_change=relative)
     return with_magnets(experiment, courses=tuple(courses))
 
 

@@ -12,6 +12,7 @@ import numpy as np
 from scipy.ndimage import uniform_filter1d
 
 from mtpipe.effects.effect import Effect, Evidence, Hypothesis, SingleEvents, logarithm, plain
+from mtpipe.experiment.changed import changed
 from mtpipe.experiment.changes import step_of, with_step
 from mtpipe.experiment.description import Experiment
 from mtpipe.experiment.parameter import Change, Parameter
@@ -66,7 +67,7 @@ class Hopping:
         """One more mode of z, and the mean of the two lengths."""
         variance, tau_s, mean = self.moments(force_pN, thermal_energy_pN_nm)
         hops = seen.with_modes(np.array([tau_s]), np.diag([0.0, 0.0, variance])[None])
-        return replace(hops, height_nm=seen.height_nm + mean)
+        return changed(hops, height_nm=seen.height_nm + mean)
 
     def played(
         self,
@@ -190,8 +191,7 @@ def _set(field: str) -> Change:
 
 def _change(field: str, experiment: Experiment, value: float) -> Experiment:
     hopping = step_of(experiment, Hopping) or Hopping(STEP_NM, 1.0, RATE_HZ)
-    changed = replace(hopping, **{field: value})  # type: ignore[arg-type]
-    return with_step(experiment, changed)
+    return with_step(experiment, changed(hopping, **{field: value}))
 
 
 def _cause(experiment: Experiment) -> str:

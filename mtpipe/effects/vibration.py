@@ -8,7 +8,7 @@ from functools import partial
 from typing import Any
 
 from mtpipe.effects.effect import Effect, Evidence, Hypothesis, Read, logarithm, variance
-from mtpipe.experiment.changed import with_root
+from mtpipe.experiment.changed import changed, with_root
 from mtpipe.experiment.changes import with_stage
 from mtpipe.experiment.description import Experiment, Line
 from mtpipe.experiment.parameter import Parameter
@@ -80,7 +80,7 @@ def _with_coherence(number: int, experiment: Experiment, coherence_s: float) -> 
 
 def _with(experiment: Experiment, number: int, **changes: Any) -> Experiment:
     lines = list(experiment.stage.lines)
-    lines[number] = replace(lines[number], **changes)
+    lines[number] = changed(lines[number], **changes)
     return with_stage(experiment, lines=tuple(lines))
 
 

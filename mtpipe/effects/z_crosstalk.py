@@ -6,12 +6,13 @@ x and y at once, at every frequency alike.
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import ClassVar
 
 import numpy as np
 
 from mtpipe.effects.effect import Effect, Evidence, Hypothesis, plain
+from mtpipe.experiment.changed import changed
 from mtpipe.experiment.changes import step_of, with_step
 from mtpipe.experiment.description import Experiment
 from mtpipe.experiment.step import Place, Seen
@@ -57,11 +58,11 @@ def _of(experiment: Experiment) -> Crosstalk:
 
 
 def _from_x(experiment: Experiment, share: float) -> Experiment:
-    return with_step(experiment, replace(_of(experiment), from_x=share))
+    return with_step(experiment, changed(_of(experiment), from_x=share))
 
 
 def _from_y(experiment: Experiment, share: float) -> Experiment:
-    return with_step(experiment, replace(_of(experiment), from_y=share))
+    return with_step(experiment, changed(_of(experiment), from_y=share))
 
 
 def _hypotheses(experiment: Experiment, evidence: Evidence) -> list[Hypothesis]:

@@ -9,13 +9,14 @@ moved, as a line that is wrong all along is a wrong scale (`axial_scale`).
 from __future__ import annotations
 
 import functools
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import ClassVar
 
 import numpy as np
 
 from mtpipe.effects.drift import along
 from mtpipe.effects.effect import Effect, Evidence, Hypothesis
+from mtpipe.experiment.changed import changed
 from mtpipe.experiment.changes import step_of, with_step
 from mtpipe.experiment.description import Experiment
 from mtpipe.experiment.parameter import Parameter
@@ -49,7 +50,7 @@ class OnePlateau:
     def expected(self, seen: Seen, force_pN: float, thermal_energy_pN_nm: float) -> Seen:
         """Power of z, what it has in common with x and y, and its mean."""
         scaled = seen.through(np.diag([1.0, 1.0, self.scale]))
-        return replace(scaled, height_nm=seen.height_nm + self.offset_nm)
+        return changed(scaled, height_nm=seen.height_nm + self.offset_nm)
 
     def played(
         self,
@@ -95,7 +96,7 @@ def _sized(experiment: Experiment, value: float, *, form: int) -> Experiment:
     step = step_of(experiment, Response)
     assert step is not None
     sizes = (*step.sizes[:form], value, *step.sizes[form + 1 :])
-    return with_step(experiment, replace(step, sizes=sizes))
+    return with_step(experiment, changed(step, sizes=sizes))
 
 
 def smooth_curves(heights_nm: FloatArray, focus: tuple[int, ...], length_nm: float) -> FloatArray:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import dataclasses
-import functools
 import math
 from typing import Any, TypeVar
 
@@ -21,8 +20,10 @@ def changed(description: Described, **values: Any) -> Described:
         _COPIED[kind] = _copied(kind)
     if not values.keys() <= _COPIED[kind]:
         return dataclasses.replace(description, **values)  # type: ignore[type-var]
-    other = object.__new__(kind)
-    other.__dict__.update(description.__dict__)
+    other, own = object.__new__(kind), description.__dict__
+    # what was worked out of the fields (`functools.cached_property`) stays behind
+    kept = own if len(own) == len(_COPIED[kind]) else {name: own[name] for name in _COPIED[kind]}
+    other.__dict__.update(kept)
     other.__dict__.update(values)
     return other
 
@@ -40,11 +41,8 @@ def with_root(
 
 
 def _copied(kind: type[Any]) -> frozenset[str]:
-    """The fields of a dataclass that is its fields and nothing else; none where it checks them, or
-    keeps what was worked out of them.
-    """
-    of_all = {name: value for one in kind.__mro__ for name, value in vars(one).items()}
-    kept = any(isinstance(value, functools.cached_property) for value in of_all.values())
-    if kept or "__post_init__" in of_all or "__slots__" in of_all:
+    """The fields of a dataclass; none where it checks them."""
+    of_all = {name for one in kind.__mro__ for name in vars(one)}
+    if "__post_init__" in of_all or "__slots__" in of_all:
         return frozenset()
     return frozenset(field.name for field in dataclasses.fields(kind))

@@ -8,10 +8,11 @@ closed forms (PHYSICS section 3).
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 
+from mtpipe.experiment.changed import changed
 from mtpipe.experiment.description import Experiment, ForceCourse
 from mtpipe.experiment.recorded_modes import BeadState, recorded_modes
 from mtpipe.experiment.step import Place, Seen, nothing_seen
@@ -57,12 +58,12 @@ def readout(experiment: Experiment, state: BeadState, duration_s: float) -> Read
     noise = np.diag(np.square(experiment.tracker.noise_nm))
     before = len(seen.tau_s)
     seen = _behind(
-        replace(seen, white_nm2=seen.white_nm2 + noise), "tracker", state.force_pN, experiment
+        changed(seen, white_nm2=seen.white_nm2 + noise), "tracker", state.force_pN, experiment
     )
     if walks and len(seen.tau_s) > before:
         # the walk stays the last of all modes
         order = [*range(before - 1), *range(before, len(seen.tau_s)), before - 1]
-        seen = replace(seen, tau_s=seen.tau_s[order], covariance_nm2=seen.covariance_nm2[order])
+        seen = changed(seen, tau_s=seen.tau_s[order], covariance_nm2=seen.covariance_nm2[order])
     tau_s, covariance, white = seen.tau_s, seen.covariance_nm2, seen.white_nm2
     if experiment.clock.dropped_share > 0:
         tau_s, covariance, lost = _with_dropped_frames(

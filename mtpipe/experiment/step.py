@@ -8,11 +8,12 @@ any number of them; within one place they act in the order in which they were ad
 from __future__ import annotations
 
 from collections.abc import Iterable
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import ClassVar, Literal, Protocol, TypeGuard
 
 import numpy as np
 
+from mtpipe.experiment.changed import changed
 from mtpipe.ground.types import FloatArray
 from mtpipe.physics.camera import Camera
 
@@ -39,7 +40,7 @@ class Seen:
 
     def with_modes(self, tau_s: FloatArray, covariance_nm2: FloatArray) -> Seen:
         """With more modes: times (k,), covariances (k, 3, 3)."""
-        return replace(
+        return changed(
             self,
             tau_s=np.concatenate([self.tau_s, tau_s]),
             covariance_nm2=np.concatenate([self.covariance_nm2, covariance_nm2]),

@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import math
-from dataclasses import replace
 
+from mtpipe.experiment.changed import changed
 from mtpipe.experiment.changes import (
     scaled_contour_length,
     scaled_exposure,
@@ -13,6 +13,7 @@ from mtpipe.experiment.changes import (
     scaled_temperature,
     scaled_viscosity,
     scaled_x_and_y,
+    with_optics,
 )
 from mtpipe.experiment.description import Experiment
 from mtpipe.experiment.parameter import EXPOSURE, SHORTEST_EXPOSURE, Change, Parameter
@@ -92,17 +93,17 @@ def z_zero_parameter(stderr_nm: float) -> Parameter:
 
 
 def _z_zero(experiment: Experiment, value: float) -> Experiment:
-    return replace(experiment, optics=replace(experiment.optics, z_zero_nm=value))
+    return with_optics(experiment, z_zero_nm=value)
 
 
 def _upward_friction(experiment: Experiment, ln_factor: float) -> Experiment:
-    allowance = replace(experiment.allowance, upward_friction=math.exp(ln_factor))
-    return replace(experiment, allowance=allowance)
+    allowance = changed(experiment.allowance, upward_friction=math.exp(ln_factor))
+    return changed(experiment, allowance=allowance)
 
 
 def _upward_variance(experiment: Experiment, ln_factor: float) -> Experiment:
-    allowance = replace(experiment.allowance, upward_variance=math.exp(ln_factor))
-    return replace(experiment, allowance=allowance)
+    allowance = changed(experiment.allowance, upward_variance=math.exp(ln_factor))
+    return changed(experiment, allowance=allowance)
 
 
 def allowance_parameters() -> tuple[Parameter, ...]:

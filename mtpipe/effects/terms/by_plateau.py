@@ -18,6 +18,7 @@ from mtpipe.effects.terms.power_law import LARGEST_NM, START_NM, START_SLOPE, Po
 from mtpipe.effects.terms.step import STEEPNESS
 from mtpipe.effects.terms.term import AXES, of_axis, set_to
 from mtpipe.effects.z_response import BENT_SLOPE, SLOPE
+from mtpipe.experiment.changed import changed
 from mtpipe.experiment.changes import step_of, with_step
 from mtpipe.experiment.description import Experiment
 from mtpipe.experiment.step import NothingByItself, Place
@@ -160,4 +161,4 @@ def _with_one(
     step = step_of(experiment, kind, axis)
     assert step is not None
     each = (*step.each[:plateau], value, *step.each[plateau + 1 :])
-    return with_step(experiment, replace(step, each=each))
+    return with_step(experiment, changed(step, each=each))

@@ -5,7 +5,7 @@ A gain acts on the motion about the mean: where a plateau lies is a matter of sc
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import partial
 from typing import ClassVar
 
@@ -24,6 +24,7 @@ from mtpipe.effects.terms.term import (
     set_to,
     typical_force_pN,
 )
+from mtpipe.experiment.changed import changed
 from mtpipe.experiment.changes import with_step
 from mtpipe.experiment.description import Experiment
 from mtpipe.experiment.step import Place, Seen
@@ -55,7 +56,7 @@ class Gain(ByStretches):
         """Powers and cross-powers of the axis; not the mean height."""
         matrix = np.eye(3)
         matrix[self.axis, self.axis] = float(self.factor(force_pN))
-        return replace(seen.through(matrix), height_nm=seen.height_nm)
+        return changed(seen.through(matrix), height_nm=seen.height_nm)
 
     def in_stretch(
         self, position_nm: FloatArray, force_pN: float, camera: Camera, random: np.random.Generator
@@ -103,7 +104,7 @@ class Share(ByStretches):
         """Powers and cross-powers."""
         matrix = np.eye(3)
         matrix[self.axis] = float(self.at(force_pN))
-        return replace(seen.through(matrix), height_nm=seen.height_nm)
+        return changed(seen.through(matrix), height_nm=seen.height_nm)
 
     def in_stretch(
         self, position_nm: FloatArray, force_pN: float, camera: Camera, random: np.random.Generator

@@ -7,7 +7,7 @@ with one power of the frequency is the instrument's, and is the same at all forc
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import partial
 from typing import ClassVar
 
@@ -26,7 +26,7 @@ from mtpipe.effects.terms.term import (
     set_to,
     typical_force_pN,
 )
-from mtpipe.experiment.changed import with_root
+from mtpipe.experiment.changed import changed, with_root
 from mtpipe.experiment.changes import step_of, with_step
 from mtpipe.experiment.description import Experiment, Triple
 from mtpipe.experiment.step import Place, Seen
@@ -187,4 +187,4 @@ def _sized(axis: int, experiment: Experiment, square: float) -> Experiment:
     step = step_of(experiment, PowerLawOfAll, None)
     assert step is not None
     sizes = with_root(step.size_nm, axis, square)
-    return with_step(experiment, replace(step, size_nm=sizes))
+    return with_step(experiment, changed(step, size_nm=sizes))

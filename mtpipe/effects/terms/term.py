@@ -5,13 +5,13 @@ from __future__ import annotations
 import itertools
 import math
 from collections.abc import Callable, Iterator
-from dataclasses import replace
 from functools import partial
 from typing import Protocol, TypeVar
 
 import numpy as np
 
 from mtpipe.effects.effect import Effect, Evidence, Hypothesis, plain
+from mtpipe.experiment.changed import changed
 from mtpipe.experiment.changes import step_of, with_step
 from mtpipe.experiment.description import Experiment
 from mtpipe.experiment.parameter import Parameter
@@ -218,8 +218,7 @@ def of_square(
 def _changed(
     kind: type[Kind], axis: Axis, field: str, experiment: Experiment, value: float
 ) -> Experiment:
-    changed = replace(_step(kind, axis, experiment), **{field: value})  # type: ignore[type-var]
-    return with_step(experiment, changed)
+    return with_step(experiment, changed(_step(kind, axis, experiment), **{field: value}))
 
 
 def _changed_square(

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import partial
 from typing import ClassVar
 
@@ -18,6 +18,7 @@ from mtpipe.effects.terms.term import (
     relative,
     typical_force_pN,
 )
+from mtpipe.experiment.changed import changed
 from mtpipe.experiment.changes import with_step
 from mtpipe.experiment.description import Experiment
 from mtpipe.experiment.step import Place, Seen
@@ -45,7 +46,7 @@ class WhitePower:
         white[self.axis, self.axis] += self.size_nm**2 * float(
             relative(force_pN, self.at_pN, self.exponent)
         )
-        return replace(seen, white_nm2=white)
+        return changed(seen, white_nm2=white)
 
     def played(
         self,
