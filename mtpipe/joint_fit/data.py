@@ -13,6 +13,7 @@ import numpy as np
 
 from mtpipe.ground.types import FloatArray
 from mtpipe.joint_fit.spectra import MatrixSpectrum, matrix_periodogram
+from mtpipe.spectra.correlation import lag_one_correlation
 from mtpipe.spectra.spectrum import prewhitening
 
 
@@ -37,9 +38,7 @@ def whitening(position_nm: FloatArray, frame_s: float) -> tuple[float, ...]:
     """Prewhitening of each axis, from its correlation of successive frames."""
     phi = []
     for x in position_nm.T:
-        deviation = x - np.nanmean(x)
-        variance = float(np.nanmean(deviation**2))
-        ratio = float(np.nanmean(deviation[1:] * deviation[:-1])) / variance if variance else 0.0
+        ratio = lag_one_correlation(x - np.nanmean(x))
         tau_s = -frame_s / math.log(ratio) if 0 < ratio < 1 else 0.0
         phi.append(prewhitening(tau_s, frame_s) if tau_s > 0 else 0.0)
     return tuple(phi)

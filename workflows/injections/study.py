@@ -1,6 +1,7 @@
 """Known effects put into real recordings: are they named on top of what nature put there?
 
     python workflows/injections/study.py --results runs/injections --count 12 --seed 1
+    python workflows/injections/study.py --results runs/injections --beads cmaddry-run2/b1
 
 Each bead is diagnosed as it was recorded, and with one effect of `injections.py` at one of three
 strengths. Named rightly is one whose name is there and was not before, or whose size has changed by
@@ -12,12 +13,13 @@ nothing of these is kept but names and numbers.
 from __future__ import annotations
 
 import argparse
+import functools
 import json
 import math
 import os
 import sys
 from collections import Counter
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -33,8 +35,13 @@ from staircase import alone, series_of  # noqa: E402
 from mtpipe.diagnosis.mismatch import diagnose  # noqa: E402
 from mtpipe.recording.recording import Recording  # noqa: E402
 
-# Sound tethers of a recording that has a setup in the repository.
-RECORDING, BEADS = "cmaddry-run2", ("b1", "b2", "b4")
+# Tethers that are described as they were recorded (docs/real-recordings.md), and so have names to
+# which one may be added; their recordings have setups in the repository.
+BEADS = (
+    "cmaddry-run2/b1", "cmaddry-run1/b1", "cmaddry-run1/b2", "cmaddry-march/b1", "cmaddry-march/b2",
+    "cmaddry-march/b3",
+)  # fmt: skip
+STRENGTHS = ("weak", "moderate", "strong")
 # Sizes this many standard errors from what was put in are not recovered.
 NEAR = 2.0
 
@@ -45,36 +52,46 @@ def main() -> None:
     parser.add_argument("--results", type=Path, required=True)
     parser.add_argument("--count", type=int, default=12, help="injections, drawn by the seed")
     parser.add_argument("--seed", type=int, default=1)
+    parser.add_argument("--beads", nargs="+", choices=BEADS, default=BEADS)
+    parser.add_argument("--strengths", nargs="+", choices=STRENGTHS, default=STRENGTHS)
     shared = CHECKOUT.parent / "shared" / "recordings"
     parser.add_argument("--recordings", type=Path, default=shared)
     choice = parser.parse_args()
     choice.results.mkdir(parents=True, exist_ok=True)
-    drawn = list(_drawn(choice.seed, choice.count))
-    recording: Recording | None = None
-    for bead, kind, strength in [*((bead, "", 0.0) for bead in BEADS), *drawn]:
-        path = _path(choice.results, bead, kind, strength)
+    drawn = list(_drawn(choice.seed, choice.count, choice.beads, choice.strengths))
+    unchanged = [(bead, "", 0.0) for bead in dict.fromkeys(bead for bead, _, _ in drawn)]
+    for of_recording, kind, strength in [*unchanged, *drawn]:
+        path = _path(choice.results, of_recording, kind, strength)
         if path.exists():
             continue
-        recording = recording or series_of(RECORDING, choice.recordings)
+        name, bead = of_recording.split("/")
+        recording = _recorded(name, choice.recordings)
         changed = injected(recording, bead, kind, strength, choice.seed) if kind else recording
         found = diagnose(alone(changed, bead))
         path.write_text(json.dumps(found.as_dict()["beads"].get(bead, {"effects": []})))
     print("\n".join(_table(choice.results, drawn)))
 
 
-def _drawn(seed: int, count: int) -> Iterator[tuple[str, str, float]]:
+@functools.lru_cache(maxsize=1)
+def _recorded(name: str, recordings: Path) -> Recording:
+    return series_of(name, recordings)
+
+
+def _drawn(
+    seed: int, count: int, beads: Sequence[str], strengths: Sequence[str]
+) -> Iterator[tuple[str, str, float]]:
     every = [
-        (bead, kind, strength)
+        (bead, kind, one.strengths[STRENGTHS.index(strength)])
         for kind, one in INJECTIONS.items()
-        for strength in one.strengths
-        for bead in BEADS
+        for strength in strengths
+        for bead in beads
     ]
     for i in np.random.default_rng(seed).permutation(len(every))[:count]:
         yield every[i]
 
 
 def _path(results: Path, bead: str, kind: str, strength: float) -> Path:
-    return results / f"{bead}_{kind or 'as_recorded'}_{strength:g}.json"
+    return results / f"{bead.replace('/', '_')}_{kind or 'as_recorded'}_{strength:g}.json"
 
 
 def _table(results: Path, drawn: list[tuple[str, str, float]]) -> list[str]:
@@ -104,8 +121,7 @@ def _table(results: Path, drawn: list[tuple[str, str, float]]) -> list[str]:
             f"| {after.get('verdict', 'refused')} | {'yes' if right else 'no'} | {size} "
             f"| {', '.join(new) or '–'} |"
         )
-    levels = ("weak", "moderate", "strong")
-    shares = ", ".join(f"{levels[k]} {named[k]} of {asked[k]}" for k in sorted(asked))
+    shares = ", ".join(f"{STRENGTHS[k]} {named[k]} of {asked[k]}" for k in sorted(asked))
     return [*lines, "", f"Named: {shares}. With a new name that was not put in: {wrong}."]
 
 

@@ -11,6 +11,7 @@ from mtpipe.crosschecking.battery.observed import Fixed, Observed
 from mtpipe.crosschecking.battery.statistic import Group, Kind, Statistic, Values
 from mtpipe.ground.types import FloatArray
 from mtpipe.recording.recording import AXES
+from mtpipe.spectra.correlation import lag_one_correlation
 
 WINDOWS = 16
 QUIET_S = 1.0
@@ -122,8 +123,7 @@ def irreversibility(seen: Sequence[Observed], fixed: Fixed) -> Values:
         series = series / series.std(axis=1, keepdims=True)
         for axis, name in enumerate(AXES):
             x = series[axis]
-            # of a slow trace the estimate may exceed 1
-            ratio = min(float(np.mean(x[1:] * x[:-1])), 1 - 1e-6)
+            ratio = min(lag_one_correlation(x), 1 - 1e-6)
             lag = 1 if ratio < 0.5 else min(int(np.log(0.5) / np.log(ratio)) + 1, len(x) // 8)
             value = float(np.mean(x[lag:] * x[:-lag] * (x[:-lag] - x[lag:])))
             values.append((Statistic("irreversibility", name, (i,)), value))

@@ -19,6 +19,7 @@ from mtpipe.diagnosis.corrections.correction import Correction, Strength
 from mtpipe.diagnosis.corrections.retraced import with_positions
 from mtpipe.ground.errors import FitError
 from mtpipe.ground.types import FloatArray
+from mtpipe.spectra.correlation import lag_one_correlation
 
 REMEDY = "passivate the surface better, or leave out the plateaus of low force."
 
@@ -135,7 +136,7 @@ class _Sums:
         known = np.isfinite(pairs)
         self.count = _running(known.astype(float))
         variance = float(np.nanmean(deviation**2))
-        ratio = float(np.clip(np.nanmean(pairs) / variance, 0.0, 0.9999))
+        ratio = float(np.clip(lag_one_correlation(deviation), 0.0, 0.9999))
         kick = variance * (1 - ratio**2)
         bound = [(ratio**k, variance / k * (1 - ratio ** (2 * k)) / kick) for k in STIFFER] + [
             (0.0, share) for share in STILL
