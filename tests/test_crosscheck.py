@@ -169,6 +169,25 @@ def test_twins_lose_the_frames_that_the_recording_lost(clean):
         assert np.nanstd(simulated, axis=0) == pytest.approx(spread, rel=0.08)
 
 
+def test_a_reference_that_is_not_simulated_is_the_recorded_one(clean):
+    """A loose reference has a motion that no experiment has. In simulations it did not move at all,
+    so that any correlation with it had a probability of 1e-95.
+    """
+    one = case(clean)
+    cutoff_hz = one.fit.model.subtraction.cutoff_hz
+    model = replace(one.fit.model, subtraction=Subtraction(cutoff_hz, (0.0, 2.0, 0.0)))
+    one = replace(one, fit=replace(one.fit, model=model))
+    twin = TwinMaker(one).draw(generator(2))
+    for simulated, recorded in zip(twin.references_nm, one.references_nm, strict=True):
+        np.testing.assert_array_equal(simulated[:, [0, 2]], recorded[:, [0, 2]])
+        assert not np.array_equal(simulated[:, 1], recorded[:, 1], equal_nan=True)
+    found = check_bead(one, generator(1), rounds=ROUNDS)
+    coherences = [p for s, p in zip(found.statistics, found.p_values, strict=True)
+                  if s.kind == "reference_coherence" and s.axis in "xz"]  # fmt: skip
+    assert coherences
+    assert min(coherences) > 1e-4
+
+
 def test_stage_is_measured_from_the_reference(clean):
     # the typical stage of the simulation; some hundred cosine coefficients below the cutoff
     assert case(clean).fit.model.subtraction.stage_nm_per_root_s == pytest.approx(

@@ -88,6 +88,7 @@ class TwinMaker:
         motion = recorded(motion, self.force_pN, experiment, random, self.slices)
         own = reference_motion(experiment, len(motion), random)
         rest = np.zeros_like(motion)
+        still = [True] * 3
         subtraction = case.fit.model.subtraction
         rate = 1 / case.frame_s
         for axis in range(3):
@@ -95,6 +96,7 @@ class TwinMaker:
             walk_nm = subtraction.stage_nm_per_root_s[axis]
             if noise_nm == 0 and walk_nm == 0 and not own[:, axis].any():
                 continue
+            still[axis] = False
             stage = standard_normal(random, len(motion))
             np.cumsum(stage, out=stage)
             stage *= walk_nm * math.sqrt(case.frame_s)
@@ -108,7 +110,8 @@ class TwinMaker:
         positions = []
         references = []
         dropped = experiment.clock.dropped_share
-        for piece, lost, middle_nm in zip(self.slices, self.lost, self.middles_nm, strict=True):
+        pieces = zip(self.slices, self.lost, self.middles_nm, strict=True)
+        for i, (piece, lost, middle_nm) in enumerate(pieces):
             rows = np.minimum(kept_frames(len(lost), dropped, random), piece.stop - piece.start - 1)
             seen = motion[piece][rows]
             seen[lost] = np.nan
@@ -117,6 +120,10 @@ class TwinMaker:
             seen[:, 2] += LEAST_HEIGHT_STDERR_NM * random.normal()
             positions.append(seen)
             references.append(rest[piece][rows])
+            if case.references_nm is not None:
+                # of what a reference does that the experiment does not have, its simulations say
+                # nothing; what was recorded of it has nothing to do with their bead
+                references[i][:, still] = case.references_nm[i][:, still]
         return Twin(
             tuple(positions),
             None if case.references_nm is None else tuple(references),
