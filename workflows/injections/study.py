@@ -142,14 +142,29 @@ def _pull(
     one: Injection, strength: float, own: dict[str, Any] | None, found: dict[str, Any]
 ) -> float:
     """How far the size is from nature's own and the injected together, in standard errors."""
-    size = found.get(one.size)
-    if size is None or not size["stderr"]:
+    value, stderr = _size(found, one.size)
+    if not stderr:
         return math.nan
-    natural, unsure = one.none, 0.0
-    if own is not None and one.size in own:
-        natural, unsure = own[one.size]["value"], own[one.size]["stderr"]
-    expected = one.together(natural, strength)
-    return float((size["value"] - expected) / math.hypot(size["stderr"], unsure))
+    natural, unsure = (one.none, 0.0) if own is None else _size(own, one.size)
+    if math.isnan(natural):
+        natural, unsure = one.none, 0.0
+    return float((value - one.together(natural, strength)) / math.hypot(stderr, unsure))
+
+
+def _size(found: dict[str, Any], name: str) -> tuple[float, float]:
+    """Value and standard error of a parameter; of the scale along y, that over the one along x, as
+    an injected scale is seen by their ratio alone. nan and 0 where it is not there.
+    """
+    size = found.get(name)
+    if size is None:
+        return math.nan, 0.0
+    if name != "factor_y":
+        return size["value"], size["stderr"]
+    other = found["factor_x"]
+    ratio = size["value"] / other["value"]
+    return ratio, ratio * math.hypot(
+        size["stderr"] / size["value"], other["stderr"] / other["value"]
+    )
 
 
 if __name__ == "__main__":
