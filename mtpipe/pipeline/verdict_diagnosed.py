@@ -61,5 +61,5 @@ def _left(found: Explanation, forces: BeadForces) -> str:
 
 
 def _names(found: Explanation) -> str:
-    by_name = {one.name: one for one in found.named}
-    return " and ".join(" or ".join((name, *by_name[name].equivalent)) for name in found.names)
+    each_once = {one.name: one for one in found.named}.values()
+    return " and ".join(" or ".join((one.name, *one.equivalent)) for one in each_once)
