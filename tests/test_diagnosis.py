@@ -507,7 +507,7 @@ def test_a_cause_of_traces_and_of_spectra_is_said_once():
     tried = best_of(before.case.fit, viscosity, Evidence((), FORCES_PN))
     named = Named(tried, (), before, before, math.nan)
     found = Explanation(before, before, (named, named), "explained", None)
-    assert found.names == ("viscosity",)
+    assert [one.name for one in found.named_once] == ["viscosity"]
     assert repr(found).count("viscosity") == 1
 
 

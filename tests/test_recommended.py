@@ -66,6 +66,7 @@ def diagnosed(verdict, *, before=FORCES_PN, after=None, pulls=0.0, moved=None, p
     return SimpleNamespace(
         verdict=verdict,
         named=named,
+        named_once=named,
         before=SimpleNamespace(case=SimpleNamespace(plateaus=plateaus, fit=first)),
         after=SimpleNamespace(case=SimpleNamespace(plateaus=plateaus, fit=last), p_value=p_value),
         fit=last,

@@ -19,6 +19,7 @@ from mtpipe.diagnosis.causes import (
     causes_of,
     exchanged,
     grown,
+    likelier_by_exchange,
     likeliest_left,
     objected,
     worth_in_any,
@@ -189,6 +190,22 @@ def test_another_member_takes_the_place_of_one_that_explains_less(checked):
     assert better.names == {"z_crosstalk", "lateral_scale"}
     assert better.score > wrong.score + 20
     assert likeliest_left(weighed, [wrong, better]) is None
+
+
+def test_a_likelier_set_by_exchange_is_found_once_and_only_where_there_is_one(checked):
+    """Before time that was not fitted blames a cause, its company may be what is wrong."""
+    members = [BY_NAME[name] for name in NAMES]
+
+    def likelier(one, weighed):
+        without = checked.case.fit
+        return likelier_by_exchange(one, without, members, evidence_of(checked), weighed)
+
+    wrong = begun_with(checked, ("z_crosstalk", "axial_scale"))
+    weighed = {wrong.names: wrong}
+    better = likelier(wrong, weighed)
+    assert better.names == {"z_crosstalk", "lateral_scale"}
+    assert likelier(wrong, weighed) is None  # what was weighed already is nothing new
+    assert likelier(better, {better.names: better}) is None
 
 
 def test_a_set_is_weighed_beside_those_refused_by_what_simulations_say_against_them():

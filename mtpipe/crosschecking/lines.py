@@ -100,14 +100,12 @@ def strongest_lines(case: PreparedBead) -> list[tuple[float, float]]:
     found: list[tuple[float, float]] = []
     while len(found) < MOST_LINES and total.max() > 0:
         of_width, at = np.unravel_index(np.argmax(total), total.shape)
-        nats, line_hz, width_hz = float(total[of_width, at]), float(frequency[at]), 0.0
+        nats, line_hz = float(total[of_width, at]), float(frequency[at])
         if of_width == 0:
             line_hz = _exactly(case, int(np.argmax(gains[0, :, at])), line_hz, STEPS * step)
-        else:
-            width_hz = float(widths_hz[of_width])
         found.append((nats, line_hz))
         # a wide peak beside it has the line itself within its width
-        near = np.abs(frequency - line_hz) <= width_hz + widths_hz[:, None]
+        near = np.abs(frequency - line_hz) <= widths_hz[of_width] + widths_hz[:, None]
         total[same_line(frequency, line_hz) | near] = 0.0
     return found
 

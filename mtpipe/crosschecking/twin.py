@@ -88,7 +88,6 @@ class TwinMaker:
         motion = recorded(motion, self.force_pN, experiment, random, self.slices)
         own = reference_motion(experiment, len(motion), random)
         rest = np.zeros_like(motion)
-        still = [True] * 3
         subtraction = case.fit.model.subtraction
         rate = 1 / case.frame_s
         for axis in range(3):
@@ -96,7 +95,6 @@ class TwinMaker:
             walk_nm = subtraction.stage_nm_per_root_s[axis]
             if noise_nm == 0 and walk_nm == 0 and not own[:, axis].any():
                 continue
-            still[axis] = False
             stage = standard_normal(random, len(motion))
             np.cumsum(stage, out=stage)
             stage *= walk_nm * math.sqrt(case.frame_s)
@@ -110,6 +108,7 @@ class TwinMaker:
         positions = []
         references = []
         dropped = experiment.clock.dropped_share
+        still = ~rest.any(axis=0)
         pieces = zip(self.slices, self.lost, self.middles_nm, strict=True)
         for i, (piece, lost, middle_nm) in enumerate(pieces):
             rows = np.minimum(kept_frames(len(lost), dropped, random), piece.stop - piece.start - 1)

@@ -252,6 +252,27 @@ def exchanged(
     grown(fewer, without, members, evidence, weighed)
 
 
+def likelier_by_exchange(
+    best: Causes,
+    without: ConfiguredFit,
+    members: Sequence[Effect],
+    evidence: Evidence,
+    weighed: dict[frozenset[str], Causes],
+) -> Causes | None:
+    """The likeliest set that was not weighed yet and has another member in the place of one of the
+    two weakest, if it is likelier than the best set.
+
+    Parameters
+    ----------
+    weighed : all sets as yet; new ones are added.
+    """
+    known = set(weighed)
+    exchanged(best, without, members, evidence, weighed)
+    news = [one for names, one in weighed.items() if names not in known]
+    other = max(news, key=by_score, default=best)
+    return other if other.score > best.score else None
+
+
 def likeliest_left(
     weighed: Mapping[frozenset[str], Causes], refused: Sequence[Causes]
 ) -> Causes | None:

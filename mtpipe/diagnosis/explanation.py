@@ -130,7 +130,7 @@ class Explanation:
     nearest: Rejected | None
 
     def __repr__(self) -> str:
-        causes = " and ".join(self.names)
+        causes = " and ".join(one.name for one in self.named_once)
         by = f" by {causes}" if causes else ""
         p_values = (number(check.p_value, 2) for check in (self.before, self.after))
         return (
@@ -138,9 +138,9 @@ class Explanation:
         )
 
     @property
-    def names(self) -> tuple[str, ...]:
-        """What is named, each once: what is seen in traces and in spectra is one cause."""
-        return tuple(dict.fromkeys(one.name for one in self.named))
+    def named_once(self) -> tuple[Named, ...]:
+        """What is named, each name once: what is seen in traces and in spectra is one cause."""
+        return tuple({one.name: one for one in self.named}.values())
 
     @property
     def effects(self) -> tuple[Named, ...]:

@@ -61,7 +61,7 @@ class Mismatch(Shown):
     def __repr__(self) -> str:
         found = []
         for bead, one in self.beads.items():
-            causes = " and ".join(one.names)
+            causes = " and ".join(named.name for named in one.named_once)
             found.append(f"{bead} {one.verdict}{f' by {causes}' if causes else ''}")
         refused = [f"{bead} not simulated" for bead in self.refused]
         return f"Mismatch of {self.recording}: {', '.join([*found, *refused]) or 'no beads'}"
@@ -71,7 +71,8 @@ class Mismatch(Shown):
         """A row per bead and plateau: verdict, causes, and forces (pN) as in `mismatch.json`."""
         rows: list[dict[str, Any]] = []
         for bead, one in self.beads.items():
-            said = {"bead": bead, "verdict": one.verdict, "effects": ";".join(one.names)}
+            causes = ";".join(named.name for named in one.named_once)
+            said = {"bead": bead, "verdict": one.verdict, "effects": causes}
             rows += [said | force for force in _forces(one, self.forces[bead])]
         return pd.DataFrame(rows)
 

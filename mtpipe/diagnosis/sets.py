@@ -23,6 +23,7 @@ from mtpipe.diagnosis.causes import (
     causes_of,
     exchanged,
     grown,
+    likelier_by_exchange,
     likeliest_left,
     objected,
     price,
@@ -48,7 +49,7 @@ from mtpipe.diagnosis.naming import (
 from mtpipe.diagnosis.single_events import unseen_member
 from mtpipe.diagnosis.unexplained import Rejected
 from mtpipe.diagnosis.why_not import gains_in_words, too_little
-from mtpipe.effects.effect import Effect, Evidence
+from mtpipe.effects.effect import Effect
 from mtpipe.effects.terms.catalogue import TERMS
 from mtpipe.ground.errors import FitError
 from mtpipe.joint_fit.fit import ConfiguredFit
@@ -115,7 +116,9 @@ def several_causes(
             wrong = unseen_member(begun.case, best, weighed.values(), random)
             if not wrong and agrees(check, first):
                 wrong = of_fitted_time_only(begun, best, check)
-                if wrong and (other := _likelier(best, without, members, evidence, weighed)):
+                if wrong and (
+                    other := likelier_by_exchange(best, without, members, evidence, weighed)
+                ):
                     # what is amiss may be the company
                     best, beam, rivals = other, [other], []
                     continue
@@ -174,27 +177,6 @@ def several_causes(
         return named_of(best, others, begun, check, first, random, able)
 
     return last_named(agreed, told)
-
-
-def _likelier(
-    best: Causes,
-    without: ConfiguredFit,
-    members: Sequence[Effect],
-    evidence: Evidence,
-    weighed: dict[frozenset[str], Causes],
-) -> Causes | None:
-    """The likeliest set that was not weighed yet and has another member in the place of one of the
-    two weakest, if it is likelier than the best set.
-
-    Parameters
-    ----------
-    weighed : all sets as yet; new ones are added.
-    """
-    known = set(weighed)
-    exchanged(best, without, members, evidence, weighed)
-    news = [one for names, one in weighed.items() if names not in known]
-    other = max(news, key=by_score, default=best)
-    return other if other.score > best.score else None
 
 
 def _again(known: Causes | None, without: ConfiguredFit) -> list[Causes]:

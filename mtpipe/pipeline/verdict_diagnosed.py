@@ -61,5 +61,4 @@ def _left(found: Explanation, forces: BeadForces) -> str:
 
 
 def _names(found: Explanation) -> str:
-    each_once = {one.name: one for one in found.named}.values()
-    return " and ".join(" or ".join((one.name, *one.equivalent)) for one in each_once)
+    return " and ".join(" or ".join((one.name, *one.equivalent)) for one in found.named_once)
