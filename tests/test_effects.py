@@ -629,7 +629,13 @@ def test_turning_is_seen_in_z_and_y_together_where_the_whole_potential_is_follow
 @pytest.mark.parametrize("walk_nm_per_root_s", [0.0, 3.0])
 @pytest.mark.parametrize(
     ("step_nm", "half_force_pN", "rate_hz", "apart"),
-    [(15.0, 5.0, 6.0, 4.0), (15.8, 1.15, 0.77, 2.0), (5.0, 2.0, 3.0, 0.5), (8.0, 3.0, 20.0, 2.0)],
+    [
+        (15.0, 5.0, 6.0, 4.0),
+        (15.8, 1.15, 0.77, 2.0),
+        (5.0, 2.0, 3.0, 0.5),
+        (8.0, 3.0, 20.0, 2.0),
+        (15.0, None, 2.0, 2.0),
+    ],
 )
 def test_hops_are_told_from_gaussian_motion_that_has_their_power(
     step_nm, half_force_pN, rate_hz, apart, walk_nm_per_root_s
@@ -725,8 +731,24 @@ def test_hopping_is_told_from_a_tether_that_is_longer_from_some_force_on(rate_hz
     assert (gained_by_motion(found) > ALIKE_NATS) == seen
 
 
-def test_expected_hops_are_those_that_are_played():
-    hopping, force, seconds = Hopping(12.0, 5.0, 2.0), 5.5, 400.0
+def test_hops_that_no_force_moves_are_found_with_their_step():
+    """Steps of 12 nm are fitted within a tenth; a step at one force only would miss most of them."""
+    hops = with_step(BASE, Hopping(12.0, None, 2.0))
+    fit = fitted(hops, np.random.default_rng(32))
+    found = best_of(fit, of_name("hopping"), EVIDENCE)
+    assert found.net > 50
+    assert gained_by_motion(found) > ALIKE_NATS
+    experiment = found.fit.model.described(found.fit.theta)
+    sizes = {name: value for name, value, _ in found.effect.strengths(experiment)}
+    assert set(sizes) == {"step_nm", "rate_hz"}
+    assert sizes["step_nm"] == pytest.approx(12.0, rel=0.1)
+    assert sizes["rate_hz"] == pytest.approx(2.0, rel=0.3)
+    assert "at all forces" in found.effect.cause(experiment)
+
+
+@pytest.mark.parametrize("half_force_pN", [5.0, None])
+def test_expected_hops_are_those_that_are_played(half_force_pN):
+    hopping, force, seconds = Hopping(12.0, half_force_pN, 2.0), 5.5, 400.0
     experiment = with_step(BASE, hopping)
     frames = round(seconds / BASE.camera.frame_s)
     random, kT = np.random.default_rng(8), BASE.fluid.thermal_energy_pN_nm

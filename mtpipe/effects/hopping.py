@@ -1,4 +1,4 @@
-"""Two-state telegraph motion of the tether's length (PHYSICS E19)."""
+"""Two-state telegraph motion of the tether's length, or of what is tracked (PHYSICS E19)."""
 
 from __future__ import annotations
 
@@ -37,13 +37,14 @@ PARTS = 24
 class Hopping:
     """Two states of the tether that differ by a step in length, the longer one at high force.
 
-    Both are equally likely at `half_force_pN`, where each is left at `rate_hz`. `smooth` : there is
+    Both are equally likely at `half_force_pN`, where each is left at `rate_hz`; if it is None they
+    are so at all forces, as of a tracker that reads one of two heights. `smooth` : there is
     Gaussian motion with the power of the hops in their place.
     """
 
     place: ClassVar[Place] = "tether"
     step_nm: float
-    half_force_pN: float
+    half_force_pN: float | None
     rate_hz: float
     smooth: bool = False
 
@@ -52,7 +53,8 @@ class Hopping:
 
         The longer state gains F·step; both rates change by half of it (a barrier half-way).
         """
-        half = (force_pN - self.half_force_pN) * self.step_nm / (2 * thermal_energy_pN_nm)
+        apart_pN = 0.0 if self.half_force_pN is None else force_pN - self.half_force_pN
+        half = apart_pN * self.step_nm / (2 * thermal_energy_pN_nm)
         half = min(max(half, -300.0), 300.0)
         share = 1 / (1 + math.exp(-2 * half))
         rate = 2 * self.rate_hz * math.cosh(half)
@@ -112,28 +114,31 @@ def _hypotheses(experiment: Experiment, evidence: Evidence) -> list[Hypothesis]:
     if step_of(experiment, Hopping) is not None:
         return []
     forces = sorted(evidence.force_pN)
+    step = plain("step", "nm", STEP_NM, (0.0, 400.0), 0.05, _set("step_nm"))
+    rate = logarithm("rate there", "Hz", RATE_HZ, (0.01, 200.0), _set("rate_hz"))
     found = []
     for force in forces[1:-1:2] or forces:
         start = with_step(experiment, Hopping(STEP_NM, force, RATE_HZ))
-        rate = logarithm("rate there", "Hz", RATE_HZ, (0.01, 200.0), _set("rate_hz"))
-        found.append(Hypothesis(start, (*_lengths(STEP_NM, force, forces), rate)))
-    return found
+        found.append(Hypothesis(start, (step, _half_force(force, forces), rate)))
+    unmoved = with_step(experiment, Hopping(STEP_NM, None, RATE_HZ))
+    return [*found, Hypothesis(unmoved, (step, rate))]
 
 
-def _lengths(step_nm: float, half_pN: float, forces: Sequence[float]) -> tuple[Parameter, ...]:
+def _half_force(half_pN: float, forces: Sequence[float]) -> Parameter:
     bounds = (0.5 * min(forces), 2 * max(forces))
-    return (
-        plain("step", "nm", step_nm, (0.0, 400.0), 0.05, _set("step_nm")),
-        logarithm("force of equal states", "pN", half_pN, bounds, _set("half_force_pN")),
-    )
+    return logarithm("force of equal states", "pN", half_pN, bounds, _set("half_force_pN"))
 
 
 def _still(experiment: Experiment) -> Hypothesis:
     """A tether that is longer at high force, and not seen to change."""
-    hopping = step_of(experiment, Hopping) or Hopping(STEP_NM, 1.0, RATE_HZ)
+    hopping = step_of(experiment, Hopping)
+    if hopping is None or hopping.half_force_pN is None:
+        # the same length at all forces is part of z = 0
+        return Hypothesis(with_step(experiment, Hopping(0.0, None, UNSEEN_HZ)), ())
     forces = [rest.force_pN for rest in experiment.rests]
+    step = plain("step", "nm", hopping.step_nm, (0.0, 400.0), 0.05, _set("step_nm"))
     start = with_step(experiment, replace(hopping, rate_hz=UNSEEN_HZ))
-    return Hypothesis(start, _lengths(hopping.step_nm, hopping.half_force_pN, forces))
+    return Hypothesis(start, (step, _half_force(hopping.half_force_pN, forces)))
 
 
 def _hops(experiment: Experiment, force_pN: Sequence[float], duration_s: Sequence[float]) -> float:
@@ -190,7 +195,7 @@ def _set(field: str) -> Change:
 
 
 def _change(field: str, experiment: Experiment, value: float) -> Experiment:
-    hopping = step_of(experiment, Hopping) or Hopping(STEP_NM, 1.0, RATE_HZ)
+    hopping = step_of(experiment, Hopping) or Hopping(STEP_NM, None, RATE_HZ)
     return with_step(experiment, changed(hopping, **{field: value}))
 
 
@@ -198,6 +203,12 @@ def _cause(experiment: Experiment) -> str:
     hopping = step_of(experiment, Hopping)
     if hopping is None:
         return "the tether hops"
+    if hopping.half_force_pN is None:
+        return (
+            f"the recorded height hops between two levels {hopping.step_nm:.1f} nm apart, "
+            f"{hopping.rate_hz:.2g} times a second at all forces, as if a tracker reads one of two "
+            "heights or the tether is held by something that the force does not move"
+        )
     return (
         f"the tether hops between two lengths {hopping.step_nm:.1f} nm apart, equally likely at "
         f"{hopping.half_force_pN:.2g} pN, {hopping.rate_hz:.2g} times a second there"
@@ -207,9 +218,11 @@ def _cause(experiment: Experiment) -> str:
 def _power(experiment: Experiment) -> str:
     hopping = step_of(experiment, Hopping)
     rate_hz = 0.0 if hopping is None else hopping.rate_hz
+    most = hopping is not None and hopping.half_force_pN is not None
     return (
-        f"z has additional power around {rate_hz:.2g} Hz, most at one force, as of a tether that "
-        f"changes its length; jumps between two lengths are not seen in the heights"
+        f"z has additional power around {rate_hz:.2g} Hz{', most at one force' if most else ''}, "
+        "as of a tether that changes its length; jumps between two lengths are not seen in the "
+        "heights"
     )
 
 
@@ -217,9 +230,10 @@ def _strengths(experiment: Experiment) -> list[tuple[str, float, str]]:
     hopping = step_of(experiment, Hopping)
     if hopping is None:
         return []
+    half_pN = hopping.half_force_pN
     return [
         ("step_nm", hopping.step_nm, "nm"),
-        ("half_force_pN", hopping.half_force_pN, "pN"),
+        *([] if half_pN is None else [("half_force_pN", half_pN, "pN")]),
         ("rate_hz", hopping.rate_hz, "Hz"),
     ]
 
