@@ -49,6 +49,17 @@ def test_motion_of_its_own_has_its_size():
     assert changes.sum() / TIME_S[-1] == pytest.approx(injections.HOPS_HZ, rel=0.15)
 
 
+def test_frames_that_are_dropped_are_followed_by_the_next():
+    """A fifth of 40 000 frames is known to 2 %."""
+    before = np.arange(3.0 * FRAMES).reshape(FRAMES, 3)
+    random = np.random.default_rng(1)
+    after = injections.INJECTIONS["dropped"].put(before, TIME_S, 0.2, random)
+    kept = after[~np.isnan(after).any(axis=1)]
+    assert len(kept) == pytest.approx(0.8 * FRAMES, rel=0.02)
+    assert np.isnan(after[len(kept) :]).all()
+    assert (np.diff(kept[:, 0]) > 0).all() and set(kept[:, 0]) <= set(before[:, 0])
+
+
 def test_what_is_put_in_has_a_name_of_the_catalogue_or_none():
     names = {one.name for one in OWN} | {""}
     assert {one.effect for one in injections.INJECTIONS.values()} <= names

@@ -36,7 +36,7 @@ from mtpipe.diagnosis.naming import (
     last_named,
     of_fitted_time_only,
 )
-from mtpipe.diagnosis.probability import odds_against
+from mtpipe.diagnosis.probability import CAUSE_NATS, odds_against
 from mtpipe.diagnosis.sets import several_causes
 from mtpipe.diagnosis.time_corrections import hold_by_themselves
 from mtpipe.drift import subtract_drift
@@ -479,10 +479,17 @@ def test_a_set_that_agrees_and_cannot_be_named_gives_way_to_a_smaller_one(nameab
 
 @pytest.mark.parametrize(
     ("name", "objection", "nats"),
-    [("white_z", 0.0, 0.0), ("white_z", 4.0, 4.0), ("white_z", 30.0, 10.0), ("drift", 30.0, 0.0)],
+    [
+        ("white_z", 0.0, 0.0),
+        ("white_z", 4.0, 4.0),
+        ("white_z", 30.0, 10.0),
+        ("drift", 1.0, 1.0),
+        ("drift", 30.0, CAUSE_NATS),
+    ],
 )
-def test_what_simulations_object_to_pays_for_a_term_and_for_no_name(name, objection, nats):
-    """A term costs 10 nats more than a name, unless it is known that something is lacking."""
+def test_what_simulations_object_to_pays_for_what_the_set_lacks(name, objection, nats):
+    """A term costs 10 nats more than a name, unless it is known that something is lacking; a name
+    always has to earn its numbers."""
     beside = Causes((), None, 0.0, objection)
     assert allowed(beside, BY_NAME[name]) == pytest.approx(nats)
 

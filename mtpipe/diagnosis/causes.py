@@ -87,10 +87,11 @@ def price(one: FittedEffect) -> float:
 
 
 def allowed(beside: Causes, one: Effect) -> float:
-    """Nats of its price that the next member of a set need not gain: the odds against a term, as
-    far as simulations object to the set, for then there is something that it lacks.
+    """Nats of its price that the next member of a set need not gain: the odds against it, as far as
+    simulations object to the set, for then there is something that it lacks. Of a term those remain
+    that each cause has.
     """
-    return min(beside.objection, TERM_NATS - CAUSE_NATS) if one.form else 0.0
+    return min(beside.objection, TERM_NATS - CAUSE_NATS if one.form else CAUSE_NATS)
 
 
 def by_score(one: Causes) -> float:

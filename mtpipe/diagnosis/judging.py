@@ -61,18 +61,18 @@ def lacked_by(
     best: Causes,
     check: BeadCheck,
     without: ConfiguredFit,
-    terms: Sequence[Effect],
+    members: Sequence[Effect],
     evidence: Evidence,
     weighed: dict[frozenset[str], Causes],
 ) -> Causes | None:
-    """The set with the term that it lacks most, where likelihood and simulations together speak
+    """The set with the cause or term that it lacks most, where likelihood and simulations together speak
     for that: its score is more than the worth of the set that simulations object to.
 
     Parameters
     ----------
     best : judged. check : of it. weighed : all sets as yet; new ones are added.
     """
-    larger, _ = grown([best], without, terms, evidence, weighed)
+    larger, _ = grown([best], without, members, evidence, weighed)
     larger = [
         one
         for one in larger

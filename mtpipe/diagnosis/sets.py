@@ -143,7 +143,7 @@ def several_causes(
                 why = f"recording and simulation differ (p {check.p_value:.1g})"
                 best = weighed[best.names] = judged(best, check)
                 say("looking for what it lacks")
-                larger = lacked_by(best, check, without, TERMS, evidence, weighed)
+                larger = lacked_by(best, check, without, members, evidence, weighed)
                 if larger is not None:
                     best, beam, rivals = larger, [larger], []
                     continue

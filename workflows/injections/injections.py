@@ -26,6 +26,7 @@ class Injection:
     strengths : weak, moderate, strong. put : into (n, 3) positions at (n,) times.
     size : the parameter that is compared; together : its value once nature's own (what the bead
         has without the injection, or none) and the injected strength are both there.
+    in_each_plateau : it is put into each plateau by itself, so that none gets frames of another.
     """
 
     effect: str
@@ -34,6 +35,7 @@ class Injection:
     size: str = ""
     none: float = 0.0
     together: Callable[[float, float], float] = lambda own, put: own + put
+    in_each_plateau: bool = False
 
 
 def _scaled(
@@ -85,6 +87,16 @@ def _hopping(
     return moved
 
 
+def _dropped(
+    position_nm: FloatArray, time_s: FloatArray, share: float, random: np.random.Generator
+) -> FloatArray:
+    """Later frames move up, as the file counts on; the bead is lost at the end."""
+    kept = position_nm[random.random(len(time_s)) >= share]
+    moved = np.full_like(position_nm, np.nan)
+    moved[: len(kept)] = kept
+    return moved
+
+
 INJECTIONS = {
     "scale": Injection(
         "lateral_scale", (0.04, 0.08, 0.16), _scaled, "factor_y", 1.0, lambda own, s: own * (1 + s)
@@ -101,6 +113,9 @@ INJECTIONS = {
         ),
     ),
     "hopping": Injection("hopping", (10.0, 20.0, 40.0), _hopping, "step_nm"),
+    "dropped": Injection("dropped_frames", (0.02, 0.08, 0.2), _dropped, "share", 0.0, lambda own, put: (
+        1 - (1 - own) * (1 - put)
+    ), in_each_plateau=True),
     "noise": Injection("", (1.0, 2.0, 4.0), _noisy),
 }  # fmt: skip
 
@@ -108,6 +123,13 @@ INJECTIONS = {
 def injected(recording: Recording, bead: str, kind: str, strength: float, seed: int) -> Recording:
     """A drift-subtracted recording with an effect in one bead's positions."""
     random = np.random.default_rng(seed)
-    positions = recording.positions_nm[bead]
-    moved = INJECTIONS[kind].put(positions, recording.time_s, strength, random)
+    positions, time_s = recording.positions_nm[bead], recording.time_s
+    one = INJECTIONS[kind]
+    if one.in_each_plateau:
+        moved = positions.copy()
+        for plateau in recording.plateaus:
+            rows = slice(plateau.start, plateau.stop)
+            moved[rows] = one.put(positions[rows], time_s[rows], strength, random)
+    else:
+        moved = one.put(positions, time_s, strength, random)
     return replace(recording, positions_nm={**recording.positions_nm, bead: moved})
