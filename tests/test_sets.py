@@ -106,6 +106,13 @@ def test_two_causes_are_named_together_with_their_sizes(seen):
     assert all(one.probability < 0.99 for one in named)
 
 
+def test_a_search_that_needs_too_many_causes_ends_and_names_none(seen, monkeypatch):
+    """Two are needed; a recording that no dozen explains would otherwise be searched for hours."""
+    monkeypatch.setattr(sets, "MOST_MEMBERS", 1)
+    _, named = found(seen, NAMES)
+    assert named == []
+
+
 @pytest.mark.parametrize(("table", "slope"), [(sloping, 0.3), (sloping, -0.3), (stepped, 1.0)])
 def test_what_a_curved_table_does_is_not_held_against_causes(seen, table, slope):
     """Heights are distributed by the table, and the causes beside it are right all the same."""

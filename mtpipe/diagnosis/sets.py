@@ -57,8 +57,8 @@ from mtpipe.joint_fit.hypotheses import FittedEffect, together
 
 # A set whose next member gains 20 nats or more is not complete, and is not simulated yet.
 UNDISPUTED_NATS = 20.0
-# Most members that are added; real recordings have up to six.
-MOST_STEPS = 12
+# Most steps of the search, and most members of a set; real recordings have up to ten.
+MOST_STEPS, MOST_MEMBERS = 12, 12
 # Sets that may be refused before nothing is named, each judged better than those before: one costs
 # as much as a step of the search.
 MOST_REFUSED = 4
@@ -157,7 +157,7 @@ def several_causes(
                     break
                 best, beam, rivals = other, [other], []
                 continue
-        if gained <= 0:
+        if gained <= 0 or len(next_best.members) > MOST_MEMBERS:
             break
         best = next_best
         rivals = [one for one in beam if one is not best and best.score - one.score < ALIKE_NATS]
