@@ -732,7 +732,7 @@ def test_hopping_is_told_from_a_tether_that_is_longer_from_some_force_on(rate_hz
 
 
 def test_hops_that_no_force_moves_are_found_with_their_step():
-    """Steps of 12 nm are fitted within a tenth; a step at one force only would miss most of them."""
+    """A step of 12 nm is fitted within a tenth; hops at one force would miss most of it."""
     hops = with_step(BASE, Hopping(12.0, None, 2.0))
     fit = fitted(hops, np.random.default_rng(32))
     found = best_of(fit, of_name("hopping"), EVIDENCE)

@@ -57,7 +57,8 @@ def test_frames_that_are_dropped_are_followed_by_the_next():
     kept = after[~np.isnan(after).any(axis=1)]
     assert len(kept) == pytest.approx(0.8 * FRAMES, rel=0.02)
     assert np.isnan(after[len(kept) :]).all()
-    assert (np.diff(kept[:, 0]) > 0).all() and set(kept[:, 0]) <= set(before[:, 0])
+    assert (np.diff(kept[:, 0]) > 0).all()
+    assert set(kept[:, 0]) <= set(before[:, 0])
 
 
 def test_what_is_put_in_has_a_name_of_the_catalogue_or_none():

@@ -65,8 +65,8 @@ def lacked_by(
     evidence: Evidence,
     weighed: dict[frozenset[str], Causes],
 ) -> Causes | None:
-    """The set with the cause or term that it lacks most, where likelihood and simulations together speak
-    for that: its score is more than the worth of the set that simulations object to.
+    """The set with the cause or term that it lacks most, where likelihood and simulations together
+    speak for that: its score is more than the worth of the set that simulations object to.
 
     Parameters
     ----------

@@ -113,9 +113,11 @@ INJECTIONS = {
         ),
     ),
     "hopping": Injection("hopping", (10.0, 20.0, 40.0), _hopping, "step_nm"),
-    "dropped": Injection("dropped_frames", (0.02, 0.08, 0.2), _dropped, "share", 0.0, lambda own, put: (
-        1 - (1 - own) * (1 - put)
-    ), in_each_plateau=True),
+    "dropped": Injection(
+        "dropped_frames", (0.02, 0.08, 0.2), _dropped, "share", 0.0, lambda own, put: (
+            1 - (1 - own) * (1 - put)
+        ), in_each_plateau=True,
+    ),
     "noise": Injection("", (1.0, 2.0, 4.0), _noisy),
 }  # fmt: skip
 
