@@ -73,7 +73,7 @@ def explain(
         return tried[-1] if anew.named or agrees(late[-1].after, before) else None
 
     found = several_causes(before, begun, effects, random, say, without_late)
-    if not found.named and not agrees(found.check, before):
+    if not found.named and not found.unfinished and not agrees(found.check, before):
         found = without_late(found.check, finds=CORRECTIONS) or found
         by_themselves = [one for one in tried if hold_by_themselves(one.corrections)]
         if not found.named and not found.corrections and by_themselves:

@@ -60,12 +60,14 @@ class Weighed:
     check : with the last set that was compared with simulations; where none was, without any.
     nearest : the cause that came nearest where none is named, and why; None if none could be tried.
     corrections : what is seen in time only beside causes, and was taken off before weighing these.
+    unfinished : whether there would have been ever more causes.
     """
 
     named: list[Named]
     check: BeadCheck
     nearest: Rejected | None = None
     corrections: tuple[Named, ...] = ()
+    unfinished: bool = False
 
 
 def last_named(

@@ -168,7 +168,8 @@ def several_causes(
         )
         return Weighed([], nearly.check, nearest)
     if not agreed:
-        return Weighed([], check, _nearest(first_tried, best, without))
+        nearest = _nearest(first_tried, best, without)
+        return Weighed([], check, nearest, unfinished=gained > 0)
     against = [one.causes for one in refused]
     able = [one for one in members if not one.form]
 
