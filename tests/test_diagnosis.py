@@ -20,13 +20,19 @@ from mtpipe.crosschecking.check import check_bead
 from mtpipe.crosschecking.prepared_bead import FORMULAS, prepare
 from mtpipe.diagnosis.alternatives import indistinguishable
 from mtpipe.diagnosis.before_after import content_of
-from mtpipe.diagnosis.evidence import BLOCK_S, noise_between_blocks_nm2, reference_moves
+from mtpipe.diagnosis.evidence import (
+    BLOCK_S,
+    evidence_of,
+    noise_between_blocks_nm2,
+    reference_moves,
+)
 from mtpipe.diagnosis.explain import concluded, explain
 from mtpipe.diagnosis.explanation import Alternative, Explanation, Named, agrees
 from mtpipe.diagnosis.forces_to_quote import diagnosed_forces
 from mtpipe.diagnosis.heldout import halves_of
 from mtpipe.diagnosis.mismatch import Mismatch, _each_once
 from mtpipe.diagnosis.naming import Weighed
+from mtpipe.diagnosis.prior import CAUSE_NATS, with_one_more
 from mtpipe.diagnosis.refit import other_formulas
 from mtpipe.drift.lowpass import low_pass
 from mtpipe.effects.catalogue import OWN
@@ -528,7 +534,10 @@ def test_what_alternatives_make_of_a_force_is_in_its_error():
     )
     both = replace(alone, named=(Named(one, (Alternative(other, 0.0),), before, after, math.nan),))
     (formula,) = other_formulas(one.fit)
-    nats = formula.log_likelihood - one.fit.log_likelihood
+    mine, others = (
+        fit.log_likelihood + with_one_more(fit, evidence_of(after)) for fit in (one.fit, formula)
+    )
+    nats = others - mine
     drawn = np.random.default_rng(3)
     other_chain = drawn.random(100_000) < np.exp(nats) / (1 + np.exp(nats))
     other_effect = drawn.random(100_000) < 0.5
@@ -550,6 +559,21 @@ def test_what_alternatives_make_of_a_force_is_in_its_error():
     again = together(before.case.fit, [one], formula)
     assert again.model.experiment.chain.formula == formula.model.experiment.chain.formula
     assert again.log_likelihood == pytest.approx(formula.log_likelihood, abs=0.1)
+
+
+def test_one_cause_more_is_worth_what_it_gains_beyond_its_price():
+    """Only the viscosity is amiss; where nothing is, no cause promises more than its price."""
+    worth = {}
+    for name in ("nothing", "viscosity"):
+        check = check_bead(prepare(recording(name, 2), "b1"), bead_generator(0, "b1"))
+        evidence = evidence_of(check)
+        worth[name] = with_one_more(check.case.fit, evidence)
+        if name != "nothing":
+            viscosity = next(effect for effect in OWN if effect.name == name)
+            gained = best_of(check.case.fit, viscosity, evidence).net - CAUSE_NATS
+    assert 0 < worth["nothing"] < 3
+    # a parabola foretells a gain of dozens to some tenths
+    assert worth["viscosity"] == pytest.approx(gained, rel=0.3)
 
 
 def test_second_halves_begin_in_the_middle_of_their_plateaus():

@@ -36,7 +36,8 @@ from mtpipe.diagnosis.naming import (
     last_named,
     of_fitted_time_only,
 )
-from mtpipe.diagnosis.probability import CAUSE_NATS, odds_against
+from mtpipe.diagnosis.prior import CAUSE_NATS
+from mtpipe.diagnosis.probability import odds_against
 from mtpipe.diagnosis.sets import several_causes
 from mtpipe.diagnosis.time_corrections import hold_by_themselves
 from mtpipe.drift import subtract_drift

@@ -13,7 +13,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
 from mtpipe.diagnosis.explanation import ALIKE_NATS
-from mtpipe.diagnosis.probability import CAUSE_NATS, TERM_NATS
+from mtpipe.diagnosis.prior import CAUSE_NATS, TERM_NATS
 from mtpipe.diagnosis.refit import begun_again, best_formula
 from mtpipe.effects.effect import Effect, Evidence
 from mtpipe.ground.errors import FitError

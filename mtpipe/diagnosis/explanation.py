@@ -11,7 +11,9 @@ import numpy as np
 from mtpipe.crosschecking.check import CLEARLY_CONSISTENT, BeadCheck
 from mtpipe.crosschecking.prepared_bead import support
 from mtpipe.diagnosis.corrections.correction import Correction
+from mtpipe.diagnosis.evidence import evidence_of
 from mtpipe.diagnosis.mixture import Mixture
+from mtpipe.diagnosis.prior import with_one_more
 from mtpipe.diagnosis.refit import other_formulas
 from mtpipe.diagnosis.unexplained import Rejected, Unexplained, unexplained
 from mtpipe.ground.types import FloatArray
@@ -200,12 +202,23 @@ class Explanation:
     def _other_formulas(self) -> list[tuple[ConfiguredFit, float]]:
         """Fits with the chain's other formulas, and by how many nats they are the likelier.
 
-        Beside terms none is: they stand for something that is not known, nor is what it does to
-        the heights by which the formulas are told apart.
+        A cause too weak to be named may make the wrong one the likelier, so each formula counts
+        with what one more cause promises beside it. Beside terms none is likelier: they stand for
+        something that is not known, nor is what it does to the heights by which the formulas are
+        told apart.
         """
-        mine = support(self.fit)
         others = other_formulas(self.fit)
-        return [(fit, 0.0 if self.terms else support(fit) - mine) for fit in others]
+        if self.terms:
+            return [(fit, 0.0) for fit in others]
+        mine = self._support_of(self.fit)
+        return [(fit, self._support_of(fit) - mine) for fit in others]
+
+    def _support_of(self, fit: ConfiguredFit) -> float:
+        alone = support(fit)
+        if self.verdict == "unexplained":
+            # what one cause promises of a large misfit is no measure
+            return alone
+        return alone + with_one_more(fit, evidence_of(self.after))
 
     @functools.cached_property
     def unexplained(self) -> Unexplained | None:

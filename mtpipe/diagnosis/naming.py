@@ -26,13 +26,8 @@ from mtpipe.diagnosis.causes import (
 from mtpipe.diagnosis.explanation import Named, agrees, ln_of
 from mtpipe.diagnosis.heldout import heldout_gain
 from mtpipe.diagnosis.judging import better_judged, checked_with, rejected
-from mtpipe.diagnosis.probability import (
-    CAUSE_NATS,
-    TERM_NATS,
-    smooth_gain,
-    unknown_nats,
-    weight,
-)
+from mtpipe.diagnosis.prior import CAUSE_NATS, TERM_NATS
+from mtpipe.diagnosis.probability import smooth_gain, unknown_nats, weight
 from mtpipe.diagnosis.single_events import odds_of_smooth
 from mtpipe.diagnosis.unexplained import Rejected
 from mtpipe.effects.effect import Effect

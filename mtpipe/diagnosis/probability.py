@@ -13,18 +13,10 @@ from collections.abc import Collection, Sequence
 from mtpipe.crosschecking.check import BeadCheck
 from mtpipe.diagnosis.corrections.correction import Correction
 from mtpipe.diagnosis.explanation import IMITATED, TEMPERATURE
+from mtpipe.diagnosis.prior import CAUSE_NATS, TERM_NATS, UNKNOWN
 from mtpipe.diagnosis.smooth_correction import smooth_correction, spectra_of
-from mtpipe.effects.catalogue import OWN
 from mtpipe.joint_fit.fit import ConfiguredFit
 from mtpipe.joint_fit.hypotheses import FittedEffect
-
-# Prior odds of a cause outside the catalogue against one inside it.
-UNKNOWN = 0.05
-# Prior cost of a cause, in nats: each effect of the catalogue is taken for equally likely.
-CAUSE_NATS = math.log(len(OWN))
-# Nats that a term costs: 10 more than a name, as a form with a free law in the force fits more
-# recordings than physics does.
-TERM_NATS = CAUSE_NATS + 10.0
 
 
 def odds_against(

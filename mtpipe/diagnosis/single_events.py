@@ -12,7 +12,8 @@ from mtpipe.crosschecking.prepared_bead import PreparedBead, described
 from mtpipe.crosschecking.twin import TwinMaker
 from mtpipe.diagnosis.causes import Causes
 from mtpipe.diagnosis.explanation import ALIKE_NATS
-from mtpipe.diagnosis.probability import CAUSE_NATS, TERM_NATS, weight
+from mtpipe.diagnosis.prior import CAUSE_NATS, TERM_NATS
+from mtpipe.diagnosis.probability import weight
 from mtpipe.effects.effect import SingleEvents
 from mtpipe.ground.errors import FitError
 from mtpipe.ground.types import FloatArray

@@ -218,10 +218,8 @@ def try_effects(
                 fitted = with_hypothesis(fit, hypothesis, rounds=FIRST_ROUNDS, afresh=afresh)
             except (FitError, ValueError):
                 continue
-            penalty = 0.5 * hypothesis.numbers * math.log(fit.model.ordinates)
-            penalty += math.log(hypothesis.chosen_from) + hypothesis.learned_nats
-            gain = fitted.log_likelihood - fit.log_likelihood
-            begun.append(FittedEffect(effect, hypothesis, fitted, gain, penalty, evidence, index))
+            gain, price = fitted.log_likelihood - fit.log_likelihood, penalty(fit, hypothesis)
+            begun.append(FittedEffect(effect, hypothesis, fitted, gain, price, evidence, index))
     best = max((one.gain for one in begun), default=0.0)
     worthwhile = best - max(WORTHWHILE_NATS, WORTHWHILE_SHARE * best)
     strongest: dict[str, FittedEffect] = {}
@@ -235,6 +233,12 @@ def try_effects(
         if one.effect.name not in strongest or one.net > strongest[one.effect.name].net:
             strongest[one.effect.name] = one
     return sorted(strongest.values(), key=lambda one: one.net, reverse=True)
+
+
+def penalty(fit: ConfiguredFit, hypothesis: Hypothesis) -> float:
+    """What the numbers of a hypothesis cost beside a fit, in nats (`FittedEffect.penalty`)."""
+    numbers = 0.5 * hypothesis.numbers * math.log(fit.model.ordinates)
+    return numbers + math.log(hypothesis.chosen_from) + hypothesis.learned_nats
 
 
 def best_of(fit: ConfiguredFit, effect: Effect, evidence: Evidence) -> FittedEffect | None:
