@@ -203,7 +203,7 @@ class Explanation:
         """Fits with the chain's other formulas, and by how many nats they are the likelier.
 
         A cause too weak to be named may make the wrong one the likelier, so each formula counts
-        with what one more cause promises beside it. Beside terms none is likelier: they stand for
+        with what one more cause would gain beside it. Beside terms none is likelier: they stand for
         something that is not known, nor is what it does to the heights by which the formulas are
         told apart.
         """
@@ -216,7 +216,7 @@ class Explanation:
     def _support_of(self, fit: ConfiguredFit) -> float:
         alone = support(fit)
         if self.verdict == "unexplained":
-            # what one cause promises of a large misfit is no measure
+            # of a large misfit one cause of several gains much by whatever it can
             return alone
         return alone + with_one_more(fit, evidence_of(self.after))
 
