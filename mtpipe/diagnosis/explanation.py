@@ -210,15 +210,13 @@ class Explanation:
         others = other_formulas(self.fit)
         if self.terms:
             return [(fit, 0.0) for fit in others]
-        mine = self._support_of(self.fit)
-        return [(fit, self._support_of(fit) - mine) for fit in others]
-
-    def _support_of(self, fit: ConfiguredFit) -> float:
-        alone = support(fit)
-        if self.verdict == "unexplained":
-            # of a large misfit one cause of several gains much by whatever it can
-            return alone
-        return alone + with_one_more(fit, evidence_of(self.after))
+        fits = [self.fit, *others]
+        nats = np.array([support(fit) for fit in fits])
+        # of a large misfit one cause of several gains much by whatever it can
+        if self.verdict != "unexplained":
+            evidence = evidence_of(self.after)
+            nats += [with_one_more(fit, evidence) for fit in fits]
+        return list(zip(others, (nats[1:] - nats[0]).tolist(), strict=True))
 
     @functools.cached_property
     def unexplained(self) -> Unexplained | None:

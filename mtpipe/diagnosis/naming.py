@@ -196,12 +196,12 @@ def _exchanged(
         rivals.sort(key=by_score, reverse=True)
         better, its_check, said = better_judged(best, check, rivals[:MOST_RIVALS], begun, random)
         objections |= said
-        if better is not best and of_fitted_time_only(begun, better, its_check):
-            objections[better.names] = math.inf
-            continue
         if better is best:
             return best, check, [_objected(place, best.names, objections) for place in places]
-        best, check = better, its_check
+        if of_fitted_time_only(begun, better, its_check):
+            objections[better.names] = math.inf
+        else:
+            best, check = better, its_check
 
 
 def _objected(
